@@ -1,0 +1,134 @@
+//! What a build file holds, in the quantised units it is stored in.
+//!
+//! Coordinates are integers in units of [`Header::quantum_um`]: comparison, sorting and sharing of nodes are exact, and a
+//! file means the same on every machine.
+
+use bincode::{Decode, Encode};
+
+/// How overlapping struts become one solid.
+#[derive(Clone, Copy, Debug, PartialEq, Encode, Decode)]
+pub enum Blend {
+    /// Convolution surface (Liu et al. 2021, §3): solid where the summed field reaches [`Blend::ISOVALUE`].
+    Convolution {
+        /// Kernel support R in micrometres, one for the whole part; greater than every strut radius / 0.95.
+        support_um: f64,
+    },
+    /// Exact union of beams and balls, as the 3MF beam lattice extension specifies.
+    Union,
+}
+
+impl Blend {
+    /// The isovalue C. Weights are proportional to it, so the solid does not depend on its value.
+    pub const ISOVALUE: f64 = 1.0;
+}
+
+/// The shape of one end of a strut under [`Blend::Union`]; a convolution surface rounds its ends by itself.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Encode, Decode)]
+pub enum Cap {
+    /// A whole ball of the end's radius round the node.
+    #[default]
+    Sphere,
+    /// The half of that ball which lies beyond the strut's end.
+    Hemisphere,
+    /// A flat end in the plane through the node, square to the strut.
+    Butt,
+}
+
+/// The two ends of a strut, `a` and `b`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Encode, Decode)]
+pub struct Caps {
+    /// The cap at node `a`.
+    pub a: Cap,
+    /// The cap at node `b`.
+    pub b: Cap,
+}
+
+/// One strut between two nodes; the radius varies linearly from `a` to `b`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Strut {
+    /// Node a, quanta. `a` is the lower end: `a[2] <= b[2]`.
+    pub a: [i32; 3],
+    /// Node b, quanta; equal to `a` only in a [`Ball`] seen as a strut.
+    pub b: [i32; 3],
+    /// Radius at `a`, quanta, at least 1.
+    pub radius_a: u32,
+    /// Radius at `b`, quanta, at least 1.
+    pub radius_b: u32,
+    /// End shapes.
+    pub caps: Caps,
+}
+
+impl Strut {
+    /// Whether this is a ball at a node (3MF balls): a strut of no length.
+    pub fn is_ball(&self) -> bool {
+        self.a == self.b
+    }
+}
+
+/// A ball at a node, as importers produce it; stored as a [`Strut`] of no length.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Ball {
+    /// Centre, quanta.
+    pub centre: [i32; 3],
+    /// Radius, quanta, at least 1.
+    pub radius: u32,
+}
+
+/// An axis-aligned box in quanta, both corners inside.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
+pub struct Bounds {
+    /// Lowest corner.
+    pub min: [i32; 3],
+    /// Highest corner.
+    pub max: [i32; 3],
+}
+
+/// Where the part stands on the plate.
+#[derive(Clone, Copy, Debug, PartialEq, Encode, Decode)]
+pub enum Placement {
+    /// The middle of the part's footprint at the middle of the plate.
+    Centred,
+    /// The middle of the part's footprint at this point, millimetres from the corner of the build area with the least x and y.
+    At {
+        /// Millimetres along x.
+        x_mm: f64,
+        /// Millimetres along y.
+        y_mm: f64,
+    },
+}
+
+/// The header of a build file: everything a plan needs before the first chunk is read.
+#[derive(Clone, Debug, PartialEq, Encode, Decode)]
+pub struct Header {
+    /// Length of one quantum in micrometres, e.g. 1.0.
+    pub quantum_um: f64,
+    /// How struts are joined.
+    pub blend: Blend,
+    /// Bounds of all struts with their radii: what stands on the plate. A blend may bulge past them at a node by less than
+    /// its support minus the largest radius.
+    pub bounds: Bounds,
+    /// Least and largest strut radius, quanta.
+    pub radius_range: [u32; 2],
+    /// Number of struts, balls not counted.
+    pub strut_count: u64,
+    /// Number of balls.
+    pub ball_count: u64,
+    /// Number of distinct nodes, or 0 where the importer could not know (out-of-core import of unindexed text).
+    pub node_count: u64,
+    /// Where the part stands.
+    pub placement: Placement,
+    /// SHA-256 of the source files' bytes, in the order they were given.
+    pub source_digest: [u8; 32],
+    /// Name of the source for people; at most 255 bytes.
+    pub source_name: String,
+}
+
+impl Header {
+    /// How far from its skeleton a strut can make anything solid, micrometres: the support, or the largest radius.
+    pub fn reach_um(&self) -> f64 {
+        match self.blend {
+            Blend::Convolution { support_um } => support_um,
+            Blend::Union => f64::from(self.radius_range[1]) * self.quantum_um,
+        }
+    }
+}

@@ -1,0 +1,88 @@
+//! The daemon's own settings, `config/layerd.toml`.
+
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+
+use super::{ConfigError, OutOfRange, parse, read_text, within};
+
+/// Settings of `layerd`. Relative paths are taken from the directory of the file they stand in.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DaemonConfig {
+    /// Control socket; default `/run/layerd/control.sock`.
+    #[serde(default = "default_socket")]
+    pub socket: PathBuf,
+    /// Directory of jobs and journals; default `/var/lib/layerd`.
+    #[serde(default = "default_spool")]
+    pub spool: PathBuf,
+    /// Ceiling of the print path's memory, e.g. `"64MiB"`.
+    #[serde(with = "byte_size")]
+    pub memory_budget: u64,
+    /// Threads that compute layers; default one for each core.
+    #[serde(default)]
+    pub threads: Option<usize>,
+    /// Machine file.
+    pub machine: PathBuf,
+    /// Recipe file used where a job names none.
+    pub recipe: PathBuf,
+}
+
+fn default_socket() -> PathBuf {
+    "/run/layerd/control.sock".into()
+}
+
+fn default_spool() -> PathBuf {
+    "/var/lib/layerd".into()
+}
+
+impl DaemonConfig {
+    /// Reads and checks the daemon's file.
+    ///
+    /// # Errors
+    /// [`ConfigError`] names file, key, value and the allowed range.
+    pub fn load(path: &Path) -> Result<Self, ConfigError> {
+        let mut config = parse(path, &read_text(path)?, Self::check)?;
+        let directory = path.parent().unwrap_or(Path::new("."));
+        for file in [&mut config.socket, &mut config.spool, &mut config.machine, &mut config.recipe] {
+            *file = directory.join(&*file);
+        }
+        Ok(config)
+    }
+
+    fn check(&self) -> Result<(), OutOfRange> {
+        within("memory_budget (bytes)", self.memory_budget, 8 << 20, 1 << 40)?;
+        within("threads", self.threads.unwrap_or(1), 1, 256)
+    }
+}
+
+/// Sizes such as `64MiB`.
+pub mod byte_size {
+    use serde::{Deserialize, Deserializer, de::Error};
+
+    /// Parses `"4096"`, `"64KiB"`, `"64MiB"`, `"2GiB"`.
+    ///
+    /// # Errors
+    /// A text that says what was found and what is expected.
+    pub fn parse(text: &str) -> Result<u64, String> {
+        let trimmed = text.trim();
+        let digits = trimmed.trim_end_matches(|c: char| !c.is_ascii_digit());
+        let unit = match trimmed[digits.len()..].trim() {
+            "" | "B" => 0,
+            "KiB" | "K" => 10,
+            "MiB" | "M" => 20,
+            "GiB" | "G" => 30,
+            _ => {
+                return Err(format!(
+                    "`{text}` is not a size; write bytes or a number with KiB, MiB or GiB, such as 64MiB"
+                ));
+            }
+        };
+        let count: u64 = digits.parse().map_err(|_| format!("`{text}` is not a size; write for example 64MiB"))?;
+        count.checked_mul(1 << unit).ok_or_else(|| format!("`{text}` is too large"))
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<u64, D::Error> {
+        parse(&String::deserialize(deserializer)?).map_err(D::Error::custom)
+    }
+}

@@ -1,0 +1,99 @@
+//! One machine: its line, its picture, its travel.
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use super::{ConfigError, OutOfRange, parse, read_text, within};
+use crate::slice::{Mirror, Raster};
+
+/// A DLP machine, `config/machines/*.toml`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Machine {
+    /// For people.
+    pub name: String,
+    /// What kind of machine this is.
+    pub kind: MachineKind,
+    /// Pixels a row.
+    pub width_px: u32,
+    /// Rows.
+    pub height_px: u32,
+    /// Pixel pitch along x and y, micrometres.
+    pub pixel_um: [f64; 2],
+    /// Largest part height, micrometres.
+    pub build_height_um: f64,
+    /// Plate height at which the plate is clear of the resin, micrometres above the bottom of the vat: where pause, stop and
+    /// abort bring it if the part is lower.
+    pub clear_height_um: f64,
+    /// Whether picture axes run against the build file's.
+    #[serde(default)]
+    pub mirror: Mirror,
+    /// The line.
+    pub link: LinkConfig,
+}
+
+/// Kinds of machine a configuration can describe.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum MachineKind {
+    /// Resin, a projector or masked panel.
+    Dlp,
+}
+
+/// The serial line to the device.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LinkConfig {
+    /// Device file, e.g. `/dev/serial/by-id/…`, or the pseudo-terminal of a simulated device.
+    pub path: PathBuf,
+    /// Line rate, 8N1.
+    pub baud: u32,
+    /// Flow control below the credit of the protocol.
+    #[serde(default)]
+    pub flow_control: FlowControl,
+}
+
+/// Flow control of the serial port itself.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FlowControl {
+    /// None: credit alone.
+    #[default]
+    None,
+    /// RTS/CTS.
+    RtsCts,
+    /// XON/XOFF; the frame codec then escapes both bytes.
+    XonXoff,
+}
+
+impl Machine {
+    /// Reads and checks a machine file.
+    ///
+    /// # Errors
+    /// [`ConfigError`] names file, key, value and the allowed range.
+    pub fn load(path: &Path) -> Result<Self, ConfigError> {
+        parse(path, &read_text(path)?, Self::check)
+    }
+
+    fn check(&self) -> Result<(), OutOfRange> {
+        within("width_px", self.width_px, 16, 32_768)?;
+        within("height_px", self.height_px, 16, 32_768)?;
+        within("pixel_um[0]", self.pixel_um[0], 1.0, 1000.0)?;
+        within("pixel_um[1]", self.pixel_um[1], 1.0, 1000.0)?;
+        within("build_height_um", self.build_height_um, 1000.0, 2_000_000.0)?;
+        within("clear_height_um", self.clear_height_um, 1000.0, 2_000_000.0)?;
+        within("link.baud", self.link.baud, 9600, 12_000_000)
+    }
+
+    /// What geometry must know of this machine.
+    pub fn raster(&self) -> Raster {
+        Raster {
+            width_px: self.width_px,
+            height_px: self.height_px,
+            pixel_um: self.pixel_um,
+            build_height_um: self.build_height_um,
+            mirror: self.mirror,
+        }
+    }
+}

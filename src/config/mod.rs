@@ -1,0 +1,91 @@
+//! Machines, recipes and the daemon's settings, read from TOML. An unknown or out-of-range key is an error that names the
+//! file, the key, the value and what is allowed.
+
+mod daemon;
+mod machine;
+mod recipe;
+
+use std::path::{Path, PathBuf};
+
+pub use daemon::DaemonConfig;
+pub use machine::{FlowControl, LinkConfig, Machine};
+pub use recipe::Recipe;
+
+/// A configuration file that cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigError {
+    /// The file could not be read.
+    #[error("cannot read {}: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// Not TOML, or an unknown, missing or mistyped key; the text names line and key.
+    #[error("{}: {message}", path.display())]
+    Parse {
+        /// The file.
+        path: PathBuf,
+        /// What the parser found, with line and column.
+        message: String,
+    },
+    /// A value out of its range.
+    #[error("{}: {key} = {value}: allowed is {allowed}", path.display())]
+    Range {
+        /// The file.
+        path: PathBuf,
+        /// The key, with its table.
+        key: String,
+        /// The value found.
+        value: String,
+        /// What is allowed.
+        allowed: String,
+    },
+}
+
+/// A key that is out of range; [`load`] adds the file's name.
+struct OutOfRange {
+    key: String,
+    value: String,
+    allowed: String,
+}
+
+/// Checks one value against an inclusive range.
+fn within<T: PartialOrd + std::fmt::Display>(key: &str, value: T, low: T, high: T) -> Result<(), OutOfRange> {
+    if value >= low && value <= high {
+        return Ok(());
+    }
+    Err(OutOfRange { key: key.into(), value: value.to_string(), allowed: format!("{low} to {high}") })
+}
+
+/// No configuration file is larger; a wrong path must not fill memory.
+const LARGEST_FILE_BYTES: u64 = 1 << 20;
+
+fn read_text(path: &Path) -> Result<String, ConfigError> {
+    let read = || {
+        let length = std::fs::metadata(path)?.len();
+        if length > LARGEST_FILE_BYTES {
+            let message = format!("{length} bytes are too many for a configuration file");
+            return Err(std::io::Error::new(std::io::ErrorKind::InvalidData, message));
+        }
+        std::fs::read_to_string(path)
+    };
+    read().map_err(|source| ConfigError::Read { path: path.into(), source })
+}
+
+fn parse<T: serde::de::DeserializeOwned>(
+    path: &Path,
+    text: &str,
+    check: impl FnOnce(&T) -> Result<(), OutOfRange>,
+) -> Result<T, ConfigError> {
+    let value: T = toml::from_str(text)
+        .map_err(|error| ConfigError::Parse { path: path.into(), message: error.to_string().trim_end().to_owned() })?;
+    check(&value).map_err(|OutOfRange { key, value, allowed }| ConfigError::Range {
+        path: path.into(),
+        key,
+        value,
+        allowed,
+    })?;
+    Ok(value)
+}

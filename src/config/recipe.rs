@@ -1,0 +1,103 @@
+//! One recipe: how a layer is exposed and the plate is moved.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use super::{ConfigError, OutOfRange, parse, read_text, within};
+
+/// A DLP recipe, `config/recipes/*.toml`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Recipe {
+    /// For people.
+    pub name: String,
+    /// Layer height, micrometres.
+    pub layer_height_um: f64,
+    /// Exposure of a normal layer, milliseconds.
+    pub exposure_ms: u32,
+    /// Exposure of a bottom layer, milliseconds.
+    pub bottom_exposure_ms: u32,
+    /// Number of bottom layers.
+    pub bottom_layers: u32,
+    /// Layers over which the exposure falls linearly from bottom to normal.
+    #[serde(default)]
+    pub transition_layers: u32,
+    /// How far the plate rises after a layer, micrometres.
+    pub lift_height_um: u32,
+    /// Speed of the lift, micrometres a second.
+    pub lift_speed_um_s: u32,
+    /// Speed of the way back, micrometres a second.
+    pub retract_speed_um_s: u32,
+    /// Wait between arrival of the plate and light, milliseconds, before `wait_before_exposure_ms`; resin comes to rest.
+    #[serde(default)]
+    pub light_off_delay_ms: u32,
+    /// Wait before light, milliseconds.
+    #[serde(default)]
+    pub wait_before_exposure_ms: u32,
+    /// Wait after light, before the lift, milliseconds.
+    #[serde(default)]
+    pub wait_after_exposure_ms: u32,
+    /// Wait at the top of the lift, milliseconds.
+    #[serde(default)]
+    pub wait_after_lift_ms: u32,
+    /// Light power, 1 to 255.
+    #[serde(default = "full_power")]
+    pub light_pwm: u8,
+    /// Whether edges are smoothed with 8-bit grey.
+    #[serde(default)]
+    pub antialias: bool,
+}
+
+fn full_power() -> u8 {
+    255
+}
+
+impl Recipe {
+    /// Reads and checks a recipe file.
+    ///
+    /// # Errors
+    /// [`ConfigError`] names file, key, value and the allowed range.
+    pub fn load(path: &Path) -> Result<Self, ConfigError> {
+        Self::parse(path, &read_text(path)?)
+    }
+
+    /// Checks a recipe's text; `path` is what errors name.
+    ///
+    /// # Errors
+    /// [`ConfigError`] names file, key, value and the allowed range.
+    pub fn parse(path: &Path, text: &str) -> Result<Self, ConfigError> {
+        parse(path, text, Self::check)
+    }
+
+    fn check(&self) -> Result<(), OutOfRange> {
+        // An exposure of ten minutes is far beyond any resin; moves are bounded so that a typing error cannot take hours.
+        within("layer_height_um", self.layer_height_um, 1.0, 1000.0)?;
+        within("exposure_ms", self.exposure_ms, 1, 600_000)?;
+        within("bottom_exposure_ms", self.bottom_exposure_ms, 1, 600_000)?;
+        within("bottom_layers", self.bottom_layers, 0, 10_000)?;
+        within("transition_layers", self.transition_layers, 0, 10_000)?;
+        within("lift_height_um", self.lift_height_um, 0, 100_000)?;
+        within("lift_speed_um_s", self.lift_speed_um_s, 10, 1_000_000)?;
+        within("retract_speed_um_s", self.retract_speed_um_s, 10, 1_000_000)?;
+        within("light_off_delay_ms", self.light_off_delay_ms, 0, 600_000)?;
+        within("wait_before_exposure_ms", self.wait_before_exposure_ms, 0, 600_000)?;
+        within("wait_after_exposure_ms", self.wait_after_exposure_ms, 0, 600_000)?;
+        within("wait_after_lift_ms", self.wait_after_lift_ms, 0, 600_000)?;
+        within("light_pwm", self.light_pwm, 1, 255)
+    }
+
+    /// Exposure of a layer: bottom layers, then a linear transition, then normal.
+    pub fn layer_exposure_ms(&self, layer: u32) -> u32 {
+        let Some(after_bottom) = layer.checked_sub(self.bottom_layers) else {
+            return self.bottom_exposure_ms;
+        };
+        if after_bottom >= self.transition_layers {
+            return self.exposure_ms;
+        }
+        // Layer i of n transition layers lies (i + 1)/(n + 1) of the way from bottom to normal.
+        let (step, steps) = (i64::from(after_bottom) + 1, i64::from(self.transition_layers) + 1);
+        let (bottom, normal) = (i64::from(self.bottom_exposure_ms), i64::from(self.exposure_ms));
+        u32::try_from(bottom + (normal - bottom) * step / steps).unwrap_or(self.exposure_ms)
+    }
+}

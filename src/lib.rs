@@ -1,0 +1,36 @@
+//! layerd prints implicit geometry: it computes each layer just ahead of the printer, inside a fixed memory budget.
+//!
+//! ```text
+//! part.3mf ──pack──▶ part.layerd ──sweep──▶ layer ──encode──▶ frames ──serial──▶ device
+//!                    (sorted by z)   (bitmap)      (credit, CRC, seq)     (DLP | simulated)
+//!                           ▲                                  │
+//!                           └───────── job engine, journal ◀───┘ acknowledged, exposed
+//! ```
+//!
+//! Data flows one way, each step has one owner, and every queue between two steps has a bound:
+//!
+//! | module        | owns                                                              |
+//! |---------------|-------------------------------------------------------------------|
+//! | [`buildfile`] | the build file: import, sort out of core, write, stream, seek     |
+//! | [`solid`]     | what is inside at a point: convolution struts, exact union        |
+//! | [`slice`]     | the sweep plane: active set, tiles, rasteriser → a layer          |
+//! | [`stream`]    | computing ahead: workers, memory budget, queue of finished layers |
+//! | [`link`]      | the wire: frames, reliable session with credit, serial transport  |
+//! | [`device`]    | drivers, layer encodings and the simulated devices                |
+//! | [`job`]       | the life of a job: states, journal, resume                        |
+//! | [`config`]    | machines, recipes and the daemon's own settings                   |
+//! | [`daemon`]    | control API, systemd, wiring the above together                   |
+//! | [`cli`]       | `layerctl`                                                        |
+//!
+//! `ARCHITECTURE.md` states the invariants and where to start reading.
+
+pub mod buildfile;
+pub mod cli;
+pub mod config;
+pub mod daemon;
+pub mod device;
+pub mod job;
+pub mod link;
+pub mod slice;
+pub mod solid;
+pub mod stream;

@@ -1,0 +1,135 @@
+//! The memory budget: every buffer of the print path is charged here before it is allocated.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// A shared account of bytes with a ceiling. Cloning shares the account.
+#[derive(Clone, Debug)]
+pub struct MemoryBudget {
+    account: Arc<Account>,
+}
+
+#[derive(Debug)]
+struct Account {
+    limit_bytes: u64,
+    used_bytes: AtomicU64,
+    peak_bytes: AtomicU64,
+}
+
+/// A buffer that does not fit.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{what} needs {need_bytes} bytes, but only {free_bytes} of the memory budget of {limit_bytes} bytes are free")]
+pub struct BudgetExceeded {
+    /// What the memory was for.
+    pub what: &'static str,
+    /// Bytes asked for.
+    pub need_bytes: u64,
+    /// Bytes that were free.
+    pub free_bytes: u64,
+    /// The ceiling.
+    pub limit_bytes: u64,
+}
+
+/// Bytes taken from a budget; given back when dropped.
+#[derive(Debug)]
+pub struct Charge {
+    account: Arc<Account>,
+    bytes: u64,
+}
+
+impl MemoryBudget {
+    /// A budget of `limit_bytes`, nothing used.
+    pub fn new(limit_bytes: u64) -> Self {
+        let account = Account { limit_bytes, used_bytes: AtomicU64::new(0), peak_bytes: AtomicU64::new(0) };
+        Self { account: Arc::new(account) }
+    }
+
+    /// Takes `bytes` for `what`.
+    ///
+    /// # Errors
+    /// [`BudgetExceeded`] where they are not free; nothing is taken then.
+    pub fn charge(&self, what: &'static str, bytes: u64) -> Result<Charge, BudgetExceeded> {
+        let mut charge = Charge { account: Arc::clone(&self.account), bytes: 0 };
+        charge.grow(what, bytes)?;
+        Ok(charge)
+    }
+
+    /// The ceiling in bytes.
+    pub fn limit_bytes(&self) -> u64 {
+        self.account.limit_bytes
+    }
+
+    /// Bytes charged now.
+    pub fn used_bytes(&self) -> u64 {
+        self.account.used_bytes.load(Ordering::Relaxed)
+    }
+
+    /// The most bytes ever charged at once.
+    pub fn peak_bytes(&self) -> u64 {
+        self.account.peak_bytes.load(Ordering::Relaxed)
+    }
+}
+
+impl Charge {
+    /// Bytes held by this charge.
+    pub fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    /// Takes `bytes` more.
+    ///
+    /// # Errors
+    /// [`BudgetExceeded`] where they are not free; the charge is unchanged then.
+    pub fn grow(&mut self, what: &'static str, bytes: u64) -> Result<(), BudgetExceeded> {
+        let account = &self.account;
+        let taken = account.used_bytes.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |used| {
+            used.checked_add(bytes).filter(|sum| *sum <= account.limit_bytes)
+        });
+        match taken {
+            Ok(before) => {
+                account.peak_bytes.fetch_max(before + bytes, Ordering::Relaxed);
+                self.bytes += bytes;
+                Ok(())
+            }
+            Err(used) => Err(BudgetExceeded {
+                what,
+                need_bytes: bytes,
+                free_bytes: account.limit_bytes - used,
+                limit_bytes: account.limit_bytes,
+            }),
+        }
+    }
+
+    /// Gives back all but `bytes`; does nothing where fewer are held.
+    pub fn shrink_to(&mut self, bytes: u64) {
+        if let Some(surplus) = self.bytes.checked_sub(bytes) {
+            self.account.used_bytes.fetch_sub(surplus, Ordering::Relaxed);
+            self.bytes = bytes;
+        }
+    }
+}
+
+impl Drop for Charge {
+    fn drop(&mut self) {
+        self.shrink_to(0);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_charge_is_given_back_and_the_peak_is_kept() {
+        let budget = MemoryBudget::new(100);
+        let mut first = budget.charge("first", 60).expect("fits");
+        let refused = budget.charge("second", 41).expect_err("60 + 41 > 100");
+        assert_eq!(refused, BudgetExceeded { what: "second", need_bytes: 41, free_bytes: 40, limit_bytes: 100 });
+        assert!(first.grow("first", u64::MAX).is_err(), "an overflowing request is refused");
+        first.grow("first", 40).expect("fits exactly");
+        first.shrink_to(10);
+        assert_eq!((budget.used_bytes(), budget.peak_bytes()), (10, 100));
+        drop(first);
+        assert_eq!(budget.used_bytes(), 0);
+    }
+}
