@@ -1,0 +1,229 @@
+//! A thread that computes layers ahead of the printer, and the bounded queue of those it has finished.
+//!
+//! The queue is bounded twice: in bytes, by what was charged to the memory budget for it, and in layers. A layer's bytes are
+//! free again only when its [`Finished`] is dropped, so a layer being uploaded still counts.
+
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use tokio::runtime::Handle;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc};
+
+use super::{BudgetExceeded, Charge, MemoryBudget};
+
+/// Finished layers that may wait at once: enough to ride out any hiccup, few enough that a resumed or aborted job throws
+/// little work away. Small layers would otherwise queue by the thousand.
+const QUEUE_LAYERS: usize = 64;
+
+/// The semaphore's unit; its permits are a `u32`, so counting bytes would cap the queue at 4 GiB less one.
+const PERMIT_BYTES: u64 = 1024;
+
+/// A layer that is ready, holding its share of the queue until dropped.
+#[derive(Debug)]
+pub struct Finished<T> {
+    /// What was computed.
+    pub layer: T,
+    /// How long computing it took.
+    pub compute_time: Duration,
+    _room: OwnedSemaphorePermit,
+}
+
+/// Why no layer, or no further layer, comes.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum StreamError {
+    /// The queue does not fit the memory budget.
+    #[error(transparent)]
+    Budget(#[from] BudgetExceeded),
+    /// The operating system gave no thread; the text is its reason.
+    #[error("cannot start a thread to compute layers: {0}")]
+    Thread(String),
+    /// The computation failed; the text says why.
+    #[error("{0}")]
+    Failed(String),
+    /// One layer alone is larger than the queue.
+    #[error(
+        "a finished layer takes {layer_bytes} bytes, but the queue of finished layers has only {queue_bytes}; raise memory_budget"
+    )]
+    LayerTooLarge {
+        /// Size of the layer.
+        layer_bytes: u64,
+        /// Size of the whole queue.
+        queue_bytes: u64,
+    },
+    /// The thread ended without a word: a panic, reported on stderr.
+    #[error("the computing thread ended unexpectedly; its panic message is in the daemon's log")]
+    Panicked,
+}
+
+/// What one step of computing yields: a layer and the bytes it keeps, or `None` after the last.
+pub type Produced<T> = Result<Option<(T, u64)>, String>;
+
+/// Layers computed ahead, in order.
+#[derive(Debug)]
+pub struct Ahead<T> {
+    finished: mpsc::Receiver<Result<Finished<T>, StreamError>>,
+    room: Arc<Semaphore>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl<T: Send + 'static> Ahead<T> {
+    /// Starts computing. `produce` is called on a thread of its own until it yields `None`, fails, or this is dropped.
+    ///
+    /// # Errors
+    /// [`StreamError::Budget`] where `queue_bytes` are not free in the budget, [`StreamError::Thread`] without a thread.
+    ///
+    /// # Panics
+    /// Outside a tokio runtime.
+    pub fn start(
+        budget: &MemoryBudget,
+        queue_bytes: u64,
+        produce: impl FnMut() -> Produced<T> + Send + 'static,
+    ) -> Result<Self, StreamError> {
+        let charge = budget.charge("the queue of finished layers", queue_bytes)?;
+        let permits = u32::try_from(queue_bytes / PERMIT_BYTES).unwrap_or(u32::MAX);
+        let room = Arc::new(Semaphore::new(permits as usize));
+        let (sender, finished) = mpsc::channel(QUEUE_LAYERS);
+        let worker = Worker { sender, room: Arc::clone(&room), permits, runtime: Handle::current(), _charge: charge };
+        let thread = std::thread::Builder::new()
+            .name("layers ahead".into())
+            .spawn(move || worker.run(produce))
+            .map_err(|error| StreamError::Thread(error.to_string()))?;
+        Ok(Self { finished, room, thread: Some(thread) })
+    }
+
+    /// The next layer, waiting for it; `None` after the last. Cancel safe.
+    ///
+    /// # Errors
+    /// [`StreamError`], once; no layer follows.
+    pub async fn next(&mut self) -> Result<Option<Finished<T>>, StreamError> {
+        match self.finished.recv().await {
+            Some(result) => result.map(Some),
+            None => self.ended().await,
+        }
+    }
+
+    /// Layers finished and not yet taken.
+    pub fn waiting(&self) -> usize {
+        self.finished.len()
+    }
+
+    async fn ended(&mut self) -> Result<Option<Finished<T>>, StreamError> {
+        match self.thread.take() {
+            Some(thread) => match tokio::task::spawn_blocking(move || thread.join()).await {
+                Ok(Ok(())) => Ok(None),
+                _ => Err(StreamError::Panicked),
+            },
+            None => Ok(None),
+        }
+    }
+
+    /// Stops computing and waits until the thread has given back its memory, at most the time of one layer.
+    pub async fn stop(mut self) {
+        self.room.close();
+        self.finished.close();
+        // Layers already in the queue hold room; nothing else needs them.
+        while self.finished.recv().await.is_some() {}
+        let _ = self.ended().await;
+    }
+}
+
+impl<T> Drop for Ahead<T> {
+    fn drop(&mut self) {
+        // Wakes a thread that waits for room; it then ends by itself.
+        self.room.close();
+    }
+}
+
+struct Worker<T> {
+    sender: mpsc::Sender<Result<Finished<T>, StreamError>>,
+    room: Arc<Semaphore>,
+    permits: u32,
+    runtime: Handle,
+    _charge: Charge,
+}
+
+impl<T: Send + 'static> Worker<T> {
+    fn run(self, mut produce: impl FnMut() -> Produced<T>) {
+        loop {
+            let began = Instant::now();
+            let step = match produce() {
+                Ok(None) => return,
+                Ok(Some((layer, bytes))) => self.queue(layer, bytes, began.elapsed()),
+                Err(text) => Err(StreamError::Failed(text)),
+            };
+            let failed = step.is_err();
+            let Some(message) = step.transpose() else { return };
+            if self.sender.blocking_send(message).is_err() || failed {
+                return;
+            }
+        }
+    }
+
+    /// Waits for room; `None` where nobody wants layers any more.
+    fn queue(&self, layer: T, bytes: u64, compute_time: Duration) -> Result<Option<Finished<T>>, StreamError> {
+        let needed = u32::try_from(bytes.div_ceil(PERMIT_BYTES)).unwrap_or(u32::MAX);
+        if needed > self.permits {
+            let queue_bytes = u64::from(self.permits) * PERMIT_BYTES;
+            return Err(StreamError::LayerTooLarge { layer_bytes: bytes, queue_bytes });
+        }
+        let room = self.runtime.block_on(Arc::clone(&self.room).acquire_many_owned(needed));
+        Ok(room.ok().map(|room| Finished { layer, compute_time, _room: room }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicU32, Ordering};
+
+    use super::*;
+
+    fn counting(total: u32, bytes: u64, made: Arc<AtomicU32>) -> impl FnMut() -> Produced<u32> + Send {
+        move || {
+            let layer = made.fetch_add(1, Ordering::SeqCst);
+            Ok((layer < total).then_some((layer, bytes)))
+        }
+    }
+
+    #[tokio::test]
+    async fn layers_come_in_order_and_the_queue_holds_no_more_than_its_bytes() {
+        let budget = MemoryBudget::new(10 << 10);
+        let made = Arc::new(AtomicU32::new(0));
+        let mut ahead = Ahead::start(&budget, 4 << 10, counting(20, 1 << 10, Arc::clone(&made))).expect("fits");
+        assert_eq!(budget.used_bytes(), 4 << 10);
+        let held = ahead.next().await.expect("computed").expect("first");
+        tokio::time::sleep(Duration::from_millis(50)).await;
+        // One held by us, three waiting, one computed and waiting for room.
+        assert_eq!(made.load(Ordering::SeqCst), 5);
+        assert_eq!(held.layer, 0);
+        drop(held);
+        for expected in 1..20 {
+            assert_eq!(ahead.next().await.expect("computed").expect("a layer").layer, expected);
+        }
+        assert!(ahead.next().await.expect("ended well").is_none());
+        drop(ahead);
+        assert_eq!(budget.used_bytes(), 0);
+    }
+
+    #[tokio::test]
+    async fn stop_gives_the_memory_back_while_the_thread_waits_for_room() {
+        let budget = MemoryBudget::new(4 << 10);
+        let ahead = Ahead::start(&budget, 4 << 10, counting(u32::MAX, 1 << 10, Arc::default())).expect("fits");
+        assert!(Ahead::start(&budget, 1, counting(1, 1, Arc::default())).is_err(), "the budget is taken");
+        tokio::time::sleep(Duration::from_millis(20)).await;
+        ahead.stop().await;
+        assert_eq!(budget.used_bytes(), 0);
+    }
+
+    #[tokio::test]
+    async fn failures_are_told_apart() {
+        let budget = MemoryBudget::new(8 << 10);
+        let mut failing = Ahead::<u32>::start(&budget, 1 << 10, || Err("chunk 3 is corrupt".into())).expect("fits");
+        assert_eq!(failing.next().await.err(), Some(StreamError::Failed("chunk 3 is corrupt".into())));
+        let mut large = Ahead::start(&budget, 1 << 10, counting(1, 5000, Arc::default())).expect("fits");
+        let expected = StreamError::LayerTooLarge { layer_bytes: 5000, queue_bytes: 1024 };
+        assert_eq!(large.next().await.err(), Some(expected));
+        let mut panicking = Ahead::<u32>::start(&budget, 1 << 10, || panic!("on purpose")).expect("fits");
+        assert_eq!(panicking.next().await.err(), Some(StreamError::Panicked));
+    }
+}
