@@ -21,7 +21,7 @@ pub(super) const PRELUDE_BYTES: usize = 20;
 pub(super) const HEADER_LIMIT_BYTES: u32 = 4096;
 
 /// Most bytes of a source name.
-pub const SOURCE_NAME_LIMIT_BYTES: usize = 255;
+pub(super) const SOURCE_NAME_LIMIT_BYTES: usize = 255;
 
 /// Largest radius as a share of the support R; the weight of a strut goes to infinity at 1 (Liu et al. 2021, §3).
 pub const RADIUS_LIMIT: f64 = 0.95;

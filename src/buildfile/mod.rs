@@ -5,17 +5,22 @@
 
 mod chunk;
 mod codec;
+mod collect;
 mod columns;
 mod format;
+mod import;
 mod index;
 mod model;
 mod output;
+mod pack;
 mod profile;
 mod reader;
+mod sort;
 mod writer;
 
 pub use format::RADIUS_LIMIT;
 pub use index::ChunkEntry;
 pub use model::{Blend, Bounds, Cap, Caps, Header, Placement, Strut};
+pub use pack::{BlendChoice, PackError, PackOptions, PackProgress, PackReport, pack};
 pub use reader::{BuildFile, BuildFileError};
 pub use writer::{WriteError, Writer, WriterSettings};

@@ -67,7 +67,7 @@ impl Profile {
     pub(super) fn from_bytes(bytes: &[u8], total: u64) -> Result<Self, String> {
         let words: Vec<u64> = bytes.as_chunks::<8>().0.iter().map(|word| u64::from_le_bytes(*word)).collect();
         let [start, height, counts @ ..] = words.as_slice() else { return Err("it is cut short".into()) };
-        if bytes.len() % 16 != 0 || counts.len() > 2 * SLAB_LIMIT {
+        if !bytes.len().is_multiple_of(16) || counts.len() > 2 * SLAB_LIMIT {
             return Err(format!("{} bytes are no whole number of slabs", bytes.len()));
         }
         let (start, height) = (*start as i64, *height as i64);
