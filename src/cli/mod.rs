@@ -1,1 +1,4 @@
-//! cli
+//! `layerctl`: the operator's command.
+
+pub mod info;
+pub mod pack;
