@@ -1,5 +1,26 @@
 //! The build file (`.layerd`): a part as struts in ascending z, compressed in chunks that can be read in one forward stream.
+//!
+//! [`pack`] imports 3MF and edge text and sorts them out of core, [`Writer`] writes, [`BuildFile`] reads: forward, or from any
+//! layer by the index, which also bounds the active set of every layer before a single chunk is read.
 
+mod chunk;
+mod codec;
+mod collect;
+mod columns;
+mod format;
+mod import;
+mod index;
 mod model;
+mod output;
+mod pack;
+mod profile;
+mod reader;
+mod sort;
+mod writer;
 
-pub use model::{Ball, Blend, Bounds, Cap, Caps, Header, Placement, Strut};
+pub use format::RADIUS_LIMIT;
+pub use index::ChunkEntry;
+pub use model::{Blend, Bounds, Cap, Caps, Header, Placement, Strut};
+pub use pack::{BlendChoice, PackError, PackOptions, PackProgress, PackReport, pack};
+pub use reader::{BuildFile, BuildFileError};
+pub use writer::{WriteError, Writer, WriterSettings};

@@ -46,9 +46,9 @@ pub struct Caps {
 /// One strut between two nodes; the radius varies linearly from `a` to `b`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Strut {
-    /// Node a, quanta. `a` is the lower end: `a[2] <= b[2]`.
+    /// Node a, quanta. `a` is the lower end, by z, then y, then x.
     pub a: [i32; 3],
-    /// Node b, quanta; equal to `a` only in a [`Ball`] seen as a strut.
+    /// Node b, quanta; equal to `a` only in a ball.
     pub b: [i32; 3],
     /// Radius at `a`, quanta, at least 1.
     pub radius_a: u32,
@@ -59,19 +59,10 @@ pub struct Strut {
 }
 
 impl Strut {
-    /// Whether this is a ball at a node (3MF balls): a strut of no length.
+    /// Whether this is a ball at a node (3MF balls): a strut of no length, with both radii equal.
     pub fn is_ball(&self) -> bool {
         self.a == self.b
     }
-}
-
-/// A ball at a node, as importers produce it; stored as a [`Strut`] of no length.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Ball {
-    /// Centre, quanta.
-    pub centre: [i32; 3],
-    /// Radius, quanta, at least 1.
-    pub radius: u32,
 }
 
 /// An axis-aligned box in quanta, both corners inside.

@@ -1,0 +1,63 @@
+//! Columns of unsigned numbers as byte planes: all lowest bytes, then all second bytes, and so on.
+//!
+//! Every column of a chunk has one width of 0 to 4 bytes. Fixed widths decode without branches, and separating the planes
+//! lets the compressor see each byte's own distribution.
+
+/// Bytes needed for the largest of `values`: 0 where all are zero.
+pub(super) fn width_bytes(values: &[u32]) -> u8 {
+    let largest = values.iter().copied().max().unwrap_or(0);
+    (u32::BITS - largest.leading_zeros()).div_ceil(8) as u8
+}
+
+/// Appends `values` as `width` byte planes; every value must fit.
+pub(super) fn push(values: &[u32], width: u8, out: &mut Vec<u8>) {
+    for plane in 0..u32::from(width) {
+        out.extend(values.iter().map(|value| (value >> (8 * plane)) as u8));
+    }
+}
+
+/// Reads `count` values of `width` bytes from the front of `bytes` into `out` and returns what follows them;
+/// `None` where the bytes do not suffice or the width is not 0 to 4.
+pub(super) fn take<'a>(bytes: &'a [u8], count: usize, width: u8, out: &mut Vec<u32>) -> Option<&'a [u8]> {
+    let (column, rest) = bytes.split_at_checked(count * usize::from(width))?;
+    out.clear();
+    if count == 0 {
+        return (width <= 4).then_some(rest);
+    }
+    let mut planes = column.chunks_exact(count);
+    let mut plane = || planes.next().unwrap_or(&[]).iter().map(|&byte| u32::from(byte));
+    match width {
+        0 => out.resize(count, 0),
+        1 => out.extend(plane()),
+        2 => out.extend(plane().zip(plane()).map(|(a, b)| a | b << 8)),
+        3 => out.extend(plane().zip(plane()).zip(plane()).map(|((a, b), c)| a | b << 8 | c << 16)),
+        4 => {
+            let low = plane().zip(plane());
+            let high = plane().zip(plane());
+            out.extend(low.zip(high).map(|((a, b), (c, d))| a | b << 8 | c << 16 | d << 24));
+        }
+        _ => return None,
+    }
+    Some(rest)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_width_comes_back() {
+        for largest in [0, 1, 255, 256, 65_535, 65_536, 1 << 24, u32::MAX] {
+            let values = [0, largest / 3, largest, largest / 2];
+            let width = width_bytes(&values);
+            let mut bytes = Vec::new();
+            push(&values, width, &mut bytes);
+            bytes.push(7);
+            let mut back = Vec::new();
+            assert_eq!(take(&bytes, 4, width, &mut back), Some(&[7u8][..]));
+            assert_eq!(back, values);
+            assert!(take(&bytes, 100, width.max(1), &mut back).is_none(), "too short");
+        }
+        assert!(take(&[0; 64], 4, 5, &mut Vec::new()).is_none(), "no such width");
+    }
+}

@@ -1,0 +1,137 @@
+//! The frame round the chunks: prelude with the header at the front, index, profile and footer at the end.
+//!
+//! `docs/build-file.md` draws every byte.
+
+use super::codec;
+use super::model::{Blend, Header};
+
+/// First bytes of every build file. The high bit and both line ends show a transfer that took it for text.
+pub(super) const MAGIC: [u8; 8] = *b"\x89LYD\r\n\x1a\n";
+
+/// Last bytes of every whole build file.
+pub(super) const END_MAGIC: [u8; 8] = *b"LYD-END\n";
+
+/// The version this code writes, and the only one it reads.
+pub(super) const VERSION: u32 = 1;
+
+/// Magic, version, header length, header CRC.
+pub(super) const PRELUDE_BYTES: usize = 20;
+
+/// Largest header.
+pub(super) const HEADER_LIMIT_BYTES: u32 = 4096;
+
+/// Most bytes of a source name.
+pub(super) const SOURCE_NAME_LIMIT_BYTES: usize = 255;
+
+/// Largest radius as a share of the support R; the weight of a strut goes to infinity at 1 (Liu et al. 2021, §3).
+pub const RADIUS_LIMIT: f64 = 0.95;
+
+/// Prelude and header.
+///
+/// # Errors
+/// A text where the header is too large.
+pub(super) fn front(header: &Header) -> Result<Vec<u8>, String> {
+    let body = codec::encode(header)?;
+    let mut bytes = Vec::with_capacity(PRELUDE_BYTES + body.len());
+    bytes.extend_from_slice(&MAGIC);
+    bytes.extend_from_slice(&VERSION.to_le_bytes());
+    bytes.extend_from_slice(&(body.len() as u32).to_le_bytes());
+    bytes.extend_from_slice(&crc32fast::hash(&body).to_le_bytes());
+    bytes.extend_from_slice(&body);
+    Ok(bytes)
+}
+
+/// The last bytes of a file: where index and profile lie.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Footer {
+    /// Offset of the index, which ends where the profile begins.
+    pub(super) index_offset: u64,
+    /// Entries of the index.
+    pub(super) chunk_count: u32,
+    /// CRC-32 of the index.
+    pub(super) index_crc: u32,
+    /// Compressed length of the profile, which ends where the footer begins.
+    pub(super) profile_bytes: u32,
+    /// CRC-32 of the compressed profile.
+    pub(super) profile_crc: u32,
+}
+
+impl Footer {
+    /// Bytes of a footer, its CRC and end magic included.
+    pub(super) const BYTES: usize = 36;
+
+    pub(super) fn to_bytes(self) -> [u8; Self::BYTES] {
+        let mut bytes = [0; Self::BYTES];
+        bytes[0..8].copy_from_slice(&self.index_offset.to_le_bytes());
+        for (at, word) in
+            [(8, self.chunk_count), (12, self.index_crc), (16, self.profile_bytes), (20, self.profile_crc)]
+        {
+            bytes[at..at + 4].copy_from_slice(&word.to_le_bytes());
+        }
+        let crc = crc32fast::hash(&bytes[..24]);
+        bytes[24..28].copy_from_slice(&crc.to_le_bytes());
+        bytes[28..36].copy_from_slice(&END_MAGIC);
+        bytes
+    }
+
+    /// # Errors
+    /// A text that says what is wrong with these bytes.
+    pub(super) fn from_bytes(bytes: &[u8; Self::BYTES]) -> Result<Self, String> {
+        if bytes[28..36] != END_MAGIC {
+            return Err("it does not end as a build file does; it was cut short or is still being written".into());
+        }
+        let word = |at: usize| u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]]);
+        if crc32fast::hash(&bytes[..24]) != word(24) {
+            return Err("its footer is corrupt (CRC)".into());
+        }
+        let index_offset = u64::from(word(0)) | u64::from(word(4)) << 32;
+        Ok(Self {
+            index_offset,
+            chunk_count: word(8),
+            index_crc: word(12),
+            profile_bytes: word(16),
+            profile_crc: word(20),
+        })
+    }
+}
+
+/// Checks what a header says by itself.
+///
+/// # Errors
+/// A text that names the field, what was found and what is allowed.
+pub(super) fn check_header(header: &Header) -> Result<(), String> {
+    let Header { quantum_um, blend, bounds, radius_range: [least, most], placement, .. } = header;
+    if !(1e-3..=1e3).contains(quantum_um) {
+        return Err(format!("quantum_um = {quantum_um}: allowed is 0.001 to 1000"));
+    }
+    if *least == 0 || least > most {
+        return Err(format!("radius_range = {least} to {most} quanta: allowed is 1 or more, in ascending order"));
+    }
+    if let Blend::Convolution { support_um } = blend {
+        let largest_um = f64::from(*most) * quantum_um;
+        if !(support_um.is_finite() && largest_um < RADIUS_LIMIT * support_um) {
+            return Err(format!(
+                "support R = {support_um} µm, but the largest radius, {largest_um} µm, must be below {RADIUS_LIMIT} R"
+            ));
+        }
+        // Activity is reckoned in 64-bit quanta; a support beyond any coordinate has no use.
+        if support_um / quantum_um > f64::from(i32::MAX) {
+            return Err(format!("support R = {support_um} µm is beyond the range of coordinates"));
+        }
+    }
+    if (0..3).any(|axis| bounds.min[axis] > bounds.max[axis]) {
+        return Err(format!("bounds {:?} to {:?} are not in ascending order", bounds.min, bounds.max));
+    }
+    if let super::model::Placement::At { x_mm, y_mm } = placement
+        && !(x_mm.is_finite() && y_mm.is_finite())
+    {
+        return Err(format!("placement at {x_mm}, {y_mm} mm is no place"));
+    }
+    if header.strut_count.checked_add(header.ball_count).is_none_or(|total| total == 0) {
+        return Err(format!("{} struts and {} balls: nothing to print", header.strut_count, header.ball_count));
+    }
+    if header.source_name.len() > SOURCE_NAME_LIMIT_BYTES {
+        return Err(format!("its source name is longer than {SOURCE_NAME_LIMIT_BYTES} bytes"));
+    }
+    Ok(())
+}

@@ -1,0 +1,98 @@
+//! A file that appears whole or not at all: written without a name where the file system can, synced, then renamed.
+
+use std::fs::{File, OpenOptions};
+use std::io;
+use std::os::fd::AsRawFd;
+use std::os::unix::fs::OpenOptionsExt;
+use std::path::{Path, PathBuf};
+
+use rustix::fs::{AtFlags, CWD, Mode, OFlags};
+use tempfile::NamedTempFile;
+
+/// A file on its way to `path`.
+#[derive(Debug)]
+pub(super) struct Output {
+    path: PathBuf,
+    directory: PathBuf,
+    target: Target,
+}
+
+#[derive(Debug)]
+enum Target {
+    /// Has no name, so the kernel frees it whatever ends this process.
+    Unnamed(File),
+    /// Has a name of its own, removed when dropped: for file systems without `O_TMPFILE`.
+    Named(NamedTempFile),
+}
+
+impl Output {
+    /// Begins a file that will replace `path`.
+    ///
+    /// # Errors
+    /// Where `path` names a directory or something else than a file, or its directory cannot be written to.
+    pub(super) fn create(path: &Path) -> io::Result<Self> {
+        if std::fs::metadata(path).is_ok_and(|metadata| !metadata.is_file()) {
+            return Err(io::Error::other("it exists and is not a file; name a file to write"));
+        }
+        let directory = match path.parent() {
+            Some(parent) if parent != Path::new("") => parent.to_owned(),
+            _ => PathBuf::from("."),
+        };
+        if path.file_name().is_none() {
+            return Err(io::Error::other("it names no file"));
+        }
+        if !directory.is_dir() {
+            return Err(io::Error::other(format!("the directory {} does not exist", directory.display())));
+        }
+        let mut unnamed = OpenOptions::new();
+        unnamed.read(true).write(true).mode(0o666).custom_flags(OFlags::TMPFILE.bits() as i32);
+        let target = match unnamed.open(&directory) {
+            Ok(file) => Target::Unnamed(file),
+            Err(_) => {
+                let mut builder = tempfile::Builder::new();
+                Target::Named(builder.prefix(".layerd-").suffix(".tmp").tempfile_in(&directory)?)
+            }
+        };
+        Ok(Self { path: path.into(), directory, target })
+    }
+
+    /// The open file.
+    pub(super) fn file(&self) -> &File {
+        match &self.target {
+            Target::Unnamed(file) => file,
+            Target::Named(file) => file.as_file(),
+        }
+    }
+
+    /// Syncs the file, gives it its name and syncs the directory.
+    ///
+    /// # Errors
+    /// Nothing stays behind then, and a file that had the name before is as it was.
+    pub(super) fn persist(self) -> io::Result<()> {
+        self.file().sync_all()?;
+        match self.target {
+            Target::Unnamed(file) => link(&file, &self.directory, &self.path)?,
+            Target::Named(file) => {
+                let mode = Mode::from_raw_mode(0o644);
+                rustix::fs::fchmod(file.as_file(), mode)?;
+                file.persist(&self.path).map_err(|error| error.error)?;
+            }
+        }
+        File::open(&self.directory)?.sync_all()
+    }
+}
+
+/// Names an unnamed file. `linkat` cannot replace a file, so it takes a passing name first.
+fn link(file: &File, directory: &Path, path: &Path) -> io::Result<()> {
+    let descriptor = format!("/proc/self/fd/{}", file.as_raw_fd());
+    let passing = directory.join(format!(".layerd-{}-{}.tmp", std::process::id(), file.as_raw_fd()));
+    let link = || rustix::fs::linkat(CWD, &descriptor, CWD, &passing, AtFlags::SYMLINK_FOLLOW);
+    if link() == Err(rustix::io::Errno::EXIST) {
+        // Left by a process of this number that was killed between the two calls.
+        std::fs::remove_file(&passing)?;
+        link()?;
+    }
+    std::fs::rename(&passing, path).inspect_err(|_| {
+        let _ = std::fs::remove_file(&passing);
+    })
+}

@@ -1,0 +1,110 @@
+//! The z profile: how many struts are active in each slab of the part's height.
+//!
+//! A strut is active from `z_low − reach` to `z_high + reach` (Liu et al. 2021, §4). The profile counts, for each slab, the
+//! intervals that begin and that end in it; so the number active anywhere inside a slab is at most all that began up to its
+//! end less all that ended before its start. Slabs grow as the part does, pairwise, which keeps that bound exact per slab.
+
+use std::ops::Range;
+
+/// Most slabs: 64 KiB before compression, and still one slab for every one or two layers of a usual print.
+pub(super) const SLAB_LIMIT: usize = 4096;
+
+/// Builds a profile from struts in ascending z.
+#[derive(Debug, Default)]
+pub(super) struct ProfileBuilder {
+    start: i64,
+    height: i64,
+    slabs: Vec<[u64; 2]>,
+}
+
+impl ProfileBuilder {
+    /// Counts one interval of activity, quanta, both ends inside; none may begin below the first one.
+    pub(super) fn add(&mut self, low: i64, high: i64) {
+        if self.height == 0 {
+            (self.start, self.height) = (low, 1);
+        }
+        while (high - self.start) / self.height >= SLAB_LIMIT as i64 {
+            self.slabs =
+                self.slabs.chunks(2).map(|pair| [0, 1].map(|k| pair.iter().map(|slab| slab[k]).sum())).collect();
+            self.height *= 2;
+        }
+        let [first, last] = [low, high].map(|z| ((z - self.start) / self.height) as usize);
+        if last >= self.slabs.len() {
+            self.slabs.resize(last + 1, [0; 2]);
+        }
+        self.slabs[first][0] += 1;
+        self.slabs[last][1] += 1;
+    }
+
+    /// Bytes of the finished profile: i64 start, i64 slab height, then all begins and all ends as u64.
+    pub(super) fn to_bytes(&self) -> Vec<u8> {
+        let mut bytes = Vec::with_capacity(16 + 16 * self.slabs.len());
+        bytes.extend_from_slice(&self.start.to_le_bytes());
+        bytes.extend_from_slice(&self.height.max(1).to_le_bytes());
+        for k in 0..2 {
+            self.slabs.iter().for_each(|slab| bytes.extend_from_slice(&slab[k].to_le_bytes()));
+        }
+        bytes
+    }
+}
+
+/// Upper bounds of the active set, read from a file.
+#[derive(Debug)]
+pub(super) struct Profile {
+    start: i64,
+    height: i64,
+    active: Vec<u64>,
+}
+
+impl Profile {
+    /// Largest profile in bytes.
+    pub(super) const LIMIT_BYTES: usize = 16 + 16 * SLAB_LIMIT;
+
+    /// Reads a profile of `total` struts.
+    ///
+    /// # Errors
+    /// A text that says how the bytes contradict themselves or `total`.
+    pub(super) fn from_bytes(bytes: &[u8], total: u64) -> Result<Self, String> {
+        let words: Vec<u64> = bytes.as_chunks::<8>().0.iter().map(|word| u64::from_le_bytes(*word)).collect();
+        let [start, height, counts @ ..] = words.as_slice() else { return Err("it is cut short".into()) };
+        if !bytes.len().is_multiple_of(16) || counts.len() > 2 * SLAB_LIMIT {
+            return Err(format!("{} bytes are no whole number of slabs", bytes.len()));
+        }
+        let (start, height) = (*start as i64, *height as i64);
+        if !(1..=1 << 32).contains(&height) || !(-(1 << 33)..=1 << 33).contains(&start) {
+            return Err(format!("slabs of {height} quanta from {start}"));
+        }
+        let (begins, ends) = counts.split_at(counts.len() / 2);
+        let lying = || format!("its slabs do not count {total} struts");
+        let (mut begun, mut ended) = (0u64, 0u64);
+        let mut active = Vec::with_capacity(begins.len());
+        for (begin, end) in begins.iter().zip(ends) {
+            begun = begun.checked_add(*begin).ok_or_else(lying)?;
+            active.push(begun - ended);
+            ended = ended.checked_add(*end).filter(|ended| *ended <= begun).ok_or_else(lying)?;
+        }
+        if begun != total || ended != total {
+            return Err(lying());
+        }
+        Ok(Self { start, height, active })
+    }
+
+    /// Most struts active at any one z.
+    pub(super) fn peak(&self) -> u64 {
+        self.active.iter().copied().max().unwrap_or(0)
+    }
+
+    /// Most struts that can be active in any slab that `z`, in quanta, touches.
+    pub(super) fn bound(&self, z: Range<f64>) -> u64 {
+        let slab = |z: f64| (z - self.start as f64) / self.height as f64;
+        let first = slab(z.start).floor().max(0.0) as usize;
+        // An end is inside its slab up to the next whole quantum.
+        let past = (slab(z.end).floor() + 1.0).clamp(0.0, self.active.len() as f64) as usize;
+        self.active.get(first..past.max(first)).unwrap_or(&[]).iter().copied().max().unwrap_or(0)
+    }
+
+    /// Heap bytes held.
+    pub(super) fn memory_bytes(&self) -> usize {
+        self.active.capacity() * size_of::<u64>()
+    }
+}

@@ -1,0 +1,354 @@
+//! Reading: [`BuildFile::open`] checks the frame, [`BuildFile::read_chunk`] each chunk. Nothing is taken on the file's word.
+
+use std::cell::RefCell;
+use std::fs::File;
+use std::ops::Range;
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+
+use super::chunk::{self, CHUNK_STRUTS, UNPACKED_LIMIT_BYTES};
+use super::codec;
+use super::format::{self, Footer, HEADER_LIMIT_BYTES, MAGIC, PRELUDE_BYTES, VERSION};
+use super::index::ChunkEntry;
+use super::model::{Header, Strut};
+use super::profile::Profile;
+
+/// A build file that cannot be used; every text names the file.
+#[derive(Debug, thiserror::Error)]
+pub enum BuildFileError {
+    /// The file could not be read.
+    #[error("cannot read {}: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// Not a build file, or one of another version.
+    #[error("{}: {problem}", path.display())]
+    Foreign {
+        /// The file.
+        path: PathBuf,
+        /// What was found and what is expected.
+        problem: String,
+    },
+    /// The frame (header, index, profile or footer) is damaged or contradicts itself.
+    #[error("{}: {part}: {problem}; pack the part again or copy the file again", path.display())]
+    Frame {
+        /// The file.
+        path: PathBuf,
+        /// Which part.
+        part: &'static str,
+        /// What is wrong.
+        problem: String,
+    },
+    /// One chunk is damaged or contradicts index or header.
+    #[error("{}: chunk {chunk} of {chunk_count}: {problem}; pack the part again or copy the file again", path.display())]
+    Chunk {
+        /// The file.
+        path: PathBuf,
+        /// Chunk number, from 0.
+        chunk: usize,
+        /// Number of chunks.
+        chunk_count: usize,
+        /// What is wrong.
+        problem: String,
+    },
+}
+
+/// An open build file. Reading is thread-safe: every read states its place.
+#[derive(Debug)]
+pub struct BuildFile {
+    path: PathBuf,
+    file: File,
+    file_bytes: u64,
+    header: Header,
+    chunks: Vec<ChunkEntry>,
+    profile: Profile,
+}
+
+/// Buffers one thread needs to read chunks.
+#[derive(Default)]
+struct ReadScratch {
+    packed: Vec<u8>,
+    unpacked: Vec<u8>,
+    columns: chunk::Scratch,
+}
+
+thread_local! {
+    static SCRATCH: RefCell<ReadScratch> = RefCell::default();
+}
+
+impl BuildFile {
+    /// Opens a build file and checks its header, index and profile; chunks are checked as they are read.
+    ///
+    /// # Errors
+    /// [`BuildFileError`] says what is wrong and where.
+    pub fn open(path: &Path) -> Result<Self, BuildFileError> {
+        let read_error = |source| BuildFileError::Read { path: path.into(), source };
+        let file = File::open(path).map_err(read_error)?;
+        let metadata = file.metadata().map_err(read_error)?;
+        if !metadata.is_file() {
+            return Err(BuildFileError::Foreign { path: path.into(), problem: "it is not a regular file".into() });
+        }
+        let mut opening = Opening { path, file: &file, file_bytes: metadata.len() };
+        let header = opening.header()?;
+        let (chunks, profile) = opening.index(&header)?;
+        Ok(Self { path: path.into(), file, file_bytes: metadata.len(), header, chunks, profile })
+    }
+
+    /// The file's name as it was opened.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Length of the file.
+    pub fn file_bytes(&self) -> u64 {
+        self.file_bytes
+    }
+
+    /// What the file holds.
+    pub fn header(&self) -> &Header {
+        &self.header
+    }
+
+    /// The chunks in ascending order of their lowest node z.
+    pub fn chunks(&self) -> &[ChunkEntry] {
+        &self.chunks
+    }
+
+    /// Reads chunk `index`, appending its struts to `out` in ascending order of their lower node.
+    ///
+    /// # Errors
+    /// [`BuildFileError`] where the chunk is damaged; `out` is as before then.
+    ///
+    /// # Panics
+    /// Where `index` is not below `chunks().len()`.
+    pub fn read_chunk(&self, index: usize, out: &mut Vec<Strut>) -> Result<(), BuildFileError> {
+        let entry = &self.chunks[index];
+        SCRATCH.with_borrow_mut(|scratch| {
+            let ReadScratch { packed, unpacked, columns } = scratch;
+            packed.clear();
+            packed.resize(entry.packed_bytes as usize, 0);
+            self.file
+                .read_exact_at(packed, entry.offset)
+                .map_err(|source| BuildFileError::Read { path: self.path.clone(), source })?;
+            unpack(packed, entry, unpacked)
+                .and_then(|()| chunk::decode(unpacked, &self.header, entry, columns, out))
+                .map_err(|problem| BuildFileError::Chunk {
+                    path: self.path.clone(),
+                    chunk: index,
+                    chunk_count: self.chunks.len(),
+                    problem,
+                })
+        })
+    }
+
+    /// Most struts active at any one z: those with `z_low − reach ≤ z ≤ z_high + reach`. An upper bound, exact but for
+    /// struts that begin and end in the same of at most 4096 slabs of the part's height.
+    pub fn peak_active(&self) -> u64 {
+        self.profile.peak()
+    }
+
+    /// Most struts that can be active at any z of this range, micrometres. An upper bound, as [`BuildFile::peak_active`].
+    pub fn active_bound(&self, z_um: Range<f64>) -> u64 {
+        let quantum_um = self.header.quantum_um;
+        self.profile.bound(z_um.start / quantum_um..z_um.end / quantum_um)
+    }
+
+    /// Bytes this value holds for as long as it is open.
+    pub fn memory_bytes(&self) -> usize {
+        size_of::<Self>()
+            + self.path.capacity()
+            + self.header.source_name.capacity()
+            + self.chunks.capacity() * size_of::<ChunkEntry>()
+            + self.profile.memory_bytes()
+    }
+
+    /// Bytes each thread that reads chunks holds besides, at most: packed and unpacked bytes, node table and columns, and
+    /// the decompressor's state (about 160 KiB).
+    pub fn scratch_bytes(&self) -> usize {
+        let largest = |length: fn(&ChunkEntry) -> u32| self.chunks.iter().map(length).max().unwrap_or(0) as usize;
+        let struts = largest(|entry| entry.strut_count);
+        largest(|entry| entry.packed_bytes)
+            + largest(|entry| entry.unpacked_bytes)
+            + 2 * struts * (size_of::<[i32; 3]>() + 3 * size_of::<u32>())
+            + (160 << 10)
+    }
+}
+
+fn unpack(packed: &[u8], entry: &ChunkEntry, unpacked: &mut Vec<u8>) -> Result<(), String> {
+    if crc32fast::hash(packed) != entry.crc {
+        return Err("it is corrupt (CRC)".into());
+    }
+    decompress(packed, entry.unpacked_bytes as usize, unpacked)
+}
+
+/// Decompresses `packed` into exactly `length` bytes.
+fn decompress(packed: &[u8], length: usize, out: &mut Vec<u8>) -> Result<(), String> {
+    out.clear();
+    out.reserve_exact(length);
+    let mut decompressor = zstd::bulk::Decompressor::new().map_err(|error| error.to_string())?;
+    decompressor.decompress_to_buffer(packed, out).map_err(|error| format!("it does not decompress: {error}"))?;
+    if out.len() != length {
+        return Err(format!("it unpacks to {} bytes instead of {length}", out.len()));
+    }
+    Ok(())
+}
+
+/// A file whose frame is being read.
+struct Opening<'a> {
+    path: &'a Path,
+    file: &'a File,
+    file_bytes: u64,
+}
+
+impl Opening<'_> {
+    fn header(&mut self) -> Result<Header, BuildFileError> {
+        let foreign = |problem: String| BuildFileError::Foreign { path: self.path.into(), problem };
+        if self.file_bytes < PRELUDE_BYTES as u64 {
+            return Err(foreign(format!("{} bytes are too few for a build file (.layerd)", self.file_bytes)));
+        }
+        let prelude = self.read(0, PRELUDE_BYTES)?;
+        if prelude[..8] != MAGIC {
+            return Err(foreign("it is not a build file (.layerd); make one with `layerctl pack`".into()));
+        }
+        let word = |at: usize| u32::from_le_bytes([prelude[at], prelude[at + 1], prelude[at + 2], prelude[at + 3]]);
+        let (version, length, crc) = (word(8), word(12), word(16));
+        if version != VERSION {
+            return Err(foreign(format!(
+                "it is a build file of version {version}; this layerd reads version {VERSION}"
+            )));
+        }
+        let wrong = |problem| self.frame("header", problem);
+        if length > HEADER_LIMIT_BYTES || u64::from(length) > self.file_bytes - PRELUDE_BYTES as u64 {
+            return Err(wrong(format!("a length of {length} bytes in a file of {}", self.file_bytes)));
+        }
+        let body = self.read(PRELUDE_BYTES as u64, length as usize)?;
+        if crc32fast::hash(&body) != crc {
+            return Err(wrong("it is corrupt (CRC)".into()));
+        }
+        let header: Header = codec::decode(&body).map_err(wrong)?;
+        format::check_header(&header).map_err(wrong)?;
+        Ok(header)
+    }
+
+    fn index(&mut self, header: &Header) -> Result<(Vec<ChunkEntry>, Profile), BuildFileError> {
+        let mut tail = [0; Footer::BYTES];
+        let footer_offset = self.file_bytes.checked_sub(Footer::BYTES as u64);
+        let footer_offset = footer_offset.ok_or_else(|| self.frame("footer", "the file is cut short".into()))?;
+        tail.copy_from_slice(&self.read(footer_offset, Footer::BYTES)?);
+        let footer = Footer::from_bytes(&tail).map_err(|problem| self.frame("footer", problem))?;
+
+        let index_bytes = u64::from(footer.chunk_count) * ChunkEntry::BYTES as u64;
+        let profile_offset = footer.index_offset.checked_add(index_bytes);
+        let end = profile_offset.and_then(|offset| offset.checked_add(u64::from(footer.profile_bytes)));
+        let (Some(profile_offset), true) = (profile_offset, end == Some(footer_offset)) else {
+            let problem = format!(
+                "{} chunks indexed from byte {} and a profile of {} bytes do not end at the footer, byte {footer_offset}",
+                footer.chunk_count, footer.index_offset, footer.profile_bytes
+            );
+            return Err(self.frame("footer", problem));
+        };
+        let chunks = self.chunks(&footer, header)?;
+        let profile = self.profile(&footer, profile_offset, header)?;
+        Ok((chunks, profile))
+    }
+
+    fn chunks(&mut self, footer: &Footer, header: &Header) -> Result<Vec<ChunkEntry>, BuildFileError> {
+        let bytes = self.read(footer.index_offset, footer.chunk_count as usize * ChunkEntry::BYTES)?;
+        if crc32fast::hash(&bytes) != footer.index_crc {
+            return Err(self.frame("index", "it is corrupt (CRC)".into()));
+        }
+        let mut chunks: Vec<ChunkEntry> = Vec::with_capacity(footer.chunk_count as usize);
+        let mut check = IndexCheck { end: 0, z_low: i32::MIN, struts: 0, balls: 0 };
+        for (number, bytes) in bytes.chunks_exact(ChunkEntry::BYTES).enumerate() {
+            let entry = codec::decode(bytes)
+                .and_then(|entry| check.entry(entry, header))
+                .map_err(|problem| self.frame("index", format!("chunk {number}: {problem}")))?;
+            chunks.push(entry);
+        }
+        check.finish(footer.index_offset, header).map_err(|problem| self.frame("index", problem))?;
+        Ok(chunks)
+    }
+
+    fn profile(&self, footer: &Footer, offset: u64, header: &Header) -> Result<Profile, BuildFileError> {
+        let wrong = |problem| self.frame("profile", problem);
+        // 64 KiB of counts never grow when packed but for a few bytes of frame.
+        if footer.profile_bytes as usize > 2 * Profile::LIMIT_BYTES {
+            return Err(wrong(format!("{} bytes are too many", footer.profile_bytes)));
+        }
+        let packed = self.read(offset, footer.profile_bytes as usize)?;
+        if crc32fast::hash(&packed) != footer.profile_crc {
+            return Err(wrong("it is corrupt (CRC)".into()));
+        }
+        let bytes = zstd::bulk::decompress(&packed, Profile::LIMIT_BYTES)
+            .map_err(|error| wrong(format!("it does not decompress: {error}")))?;
+        Profile::from_bytes(&bytes, header.strut_count + header.ball_count).map_err(wrong)
+    }
+
+    /// Reads `length` bytes, which the caller has checked to lie within the file.
+    fn read(&self, offset: u64, length: usize) -> Result<Vec<u8>, BuildFileError> {
+        let mut bytes = vec![0; length];
+        let read = self.file.read_exact_at(&mut bytes, offset);
+        read.map_err(|source| BuildFileError::Read { path: self.path.into(), source })?;
+        Ok(bytes)
+    }
+
+    fn frame(&self, part: &'static str, problem: String) -> BuildFileError {
+        BuildFileError::Frame { path: self.path.into(), part, problem }
+    }
+}
+
+/// Running check of the index: chunks lie one behind another, in order, and count what the header says.
+struct IndexCheck {
+    end: u64,
+    z_low: i32,
+    struts: u64,
+    balls: u64,
+}
+
+impl IndexCheck {
+    fn entry(&mut self, entry: ChunkEntry, header: &Header) -> Result<ChunkEntry, String> {
+        if self.end != 0 && entry.offset != self.end || entry.offset < PRELUDE_BYTES as u64 {
+            return Err(format!("it lies at byte {}, but the one before it ends at {}", entry.offset, self.end));
+        }
+        self.end = entry.offset.checked_add(u64::from(entry.packed_bytes)).ok_or("its end overflows")?;
+        if entry.strut_count == 0 || entry.strut_count as usize > CHUNK_STRUTS || entry.ball_count > entry.strut_count {
+            return Err(format!(
+                "{} struts, {} of them balls; allowed are 1 to {CHUNK_STRUTS}",
+                entry.strut_count, entry.ball_count
+            ));
+        }
+        if entry.packed_bytes > 2 * UNPACKED_LIMIT_BYTES || entry.unpacked_bytes > UNPACKED_LIMIT_BYTES {
+            return Err(format!(
+                "{} bytes, {} unpacked: a chunk has at most {UNPACKED_LIMIT_BYTES}",
+                entry.packed_bytes, entry.unpacked_bytes
+            ));
+        }
+        let ChunkEntry { z_low_min, z_low_max, z_high_max, .. } = entry;
+        let least = self.z_low.max(header.bounds.min[2]);
+        if z_low_min < least || z_low_max < z_low_min || z_high_max < z_low_max || z_high_max > header.bounds.max[2] {
+            return Err(format!(
+                "z from {z_low_min}..{z_low_max} to {z_high_max} quanta is out of order or out of the header's bounds"
+            ));
+        }
+        self.z_low = z_low_max;
+        self.struts += u64::from(entry.strut_count - entry.ball_count);
+        self.balls += u64::from(entry.ball_count);
+        Ok(entry)
+    }
+
+    fn finish(&self, index_offset: u64, header: &Header) -> Result<(), String> {
+        if self.end != index_offset {
+            return Err(format!("the last chunk ends at byte {}, but the index begins at {index_offset}", self.end));
+        }
+        if (self.struts, self.balls) != (header.strut_count, header.ball_count) {
+            return Err(format!(
+                "it counts {} struts and {} balls, but the header says {} and {}",
+                self.struts, self.balls, header.strut_count, header.ball_count
+            ));
+        }
+        Ok(())
+    }
+}

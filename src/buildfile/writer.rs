@@ -1,0 +1,295 @@
+//! Writing: struts go in in ascending order and come out as a whole file or none.
+
+use std::collections::HashSet;
+use std::fs::File;
+use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+use super::chunk::{self, CHUNK_STRUTS, UNPACKED_LIMIT_BYTES, node_key};
+use super::codec;
+use super::format::{self, Footer};
+use super::index::ChunkEntry;
+use super::model::{Blend, Bounds, Header, Placement, Strut};
+use super::output::Output;
+use super::profile::ProfileBuilder;
+
+/// Compression level of chunks: beyond it files hardly shrink, and decoding is as fast at any level.
+const LEVEL: i32 = 9;
+
+/// Most upper nodes remembered to count distinct nodes, about 6 MB; where more wait at once, the count is left unknown.
+const PENDING_NODES: usize = 1 << 18;
+
+/// What a writer must know before the first strut.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WriterSettings {
+    /// Length of one quantum in micrometres.
+    pub quantum_um: f64,
+    /// How struts are joined.
+    pub blend: Blend,
+    /// No strut is thicker, quanta.
+    pub largest_radius: u32,
+    /// Where the part stands.
+    pub placement: Placement,
+    /// SHA-256 of the source.
+    pub source_digest: [u8; 32],
+    /// Name of the source, cut to at most 255 bytes.
+    pub source_name: String,
+}
+
+/// A build file that could not be written. Nothing half-written stays behind.
+#[derive(Debug, thiserror::Error)]
+pub enum WriteError {
+    /// The file system refused.
+    #[error("cannot write {}: {source}", path.display())]
+    Io {
+        /// The file that was to be written.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// A strut, or the settings, cannot stand in a build file.
+    #[error("cannot write {}: {problem}", path.display())]
+    Refused {
+        /// The file that was to be written.
+        path: PathBuf,
+        /// What is wrong and what is allowed.
+        problem: String,
+    },
+}
+
+/// Writes a build file from struts in ascending order of (z, y, x) of their lower, then of their upper node.
+pub struct Writer {
+    path: PathBuf,
+    header: Header,
+    reach: i64,
+    largest_radius: u32,
+    /// Declared before `output`, so that buffered bytes are gone when the file is closed.
+    file: BufWriter<File>,
+    output: Output,
+    compressor: zstd::bulk::Compressor<'static>,
+    offset: u64,
+    pending: Vec<Strut>,
+    scratch: chunk::Scratch,
+    unpacked: Vec<u8>,
+    index: Vec<ChunkEntry>,
+    profile: ProfileBuilder,
+    nodes: NodeCounter,
+    last: Option<Strut>,
+}
+
+impl Writer {
+    /// Begins a file that will replace `path` when finished.
+    ///
+    /// # Errors
+    /// [`WriteError`] where the settings contradict themselves or the place cannot be written to.
+    pub fn create(path: &Path, settings: WriterSettings) -> Result<Self, WriteError> {
+        let io_error = |source| WriteError::Io { path: path.into(), source };
+        let largest_radius = settings.largest_radius;
+        let header = first_header(settings);
+        // Stands in the file until the true one, of the same length, is known.
+        let probe = Header {
+            bounds: Bounds { min: [0; 3], max: [0; 3] },
+            radius_range: [largest_radius; 2],
+            strut_count: 1,
+            ..header.clone()
+        };
+        let front = format::check_header(&probe).and_then(|()| format::front(&probe));
+        let front = front.map_err(|problem| WriteError::Refused { path: path.into(), problem })?;
+        let output = Output::create(path).map_err(io_error)?;
+        let mut file = BufWriter::with_capacity(256 << 10, output.file().try_clone().map_err(io_error)?);
+        file.write_all(&front).map_err(io_error)?;
+        Ok(Self {
+            path: path.into(),
+            // Rounded up: activity may only be stated too early and too late.
+            reach: (probe.reach_um() / header.quantum_um).ceil() as i64,
+            largest_radius,
+            header,
+            file,
+            output,
+            compressor: zstd::bulk::Compressor::new(LEVEL).map_err(io_error)?,
+            offset: front.len() as u64,
+            pending: Vec::with_capacity(CHUNK_STRUTS),
+            scratch: chunk::Scratch::default(),
+            unpacked: Vec::new(),
+            index: Vec::new(),
+            profile: ProfileBuilder::default(),
+            nodes: NodeCounter::default(),
+            last: None,
+        })
+    }
+
+    /// Adds one strut, no lower than the one before it.
+    ///
+    /// # Errors
+    /// [`WriteError`] where the strut is out of order or not as [`Strut`] demands, or the file system refuses.
+    pub fn push(&mut self, strut: Strut) -> Result<(), WriteError> {
+        self.check(&strut)?;
+        for axis in 0..3 {
+            let (a, b) = (strut.a[axis], strut.b[axis]);
+            let least = (i64::from(a) - i64::from(strut.radius_a)).min(i64::from(b) - i64::from(strut.radius_b));
+            let most = (i64::from(a) + i64::from(strut.radius_a)).max(i64::from(b) + i64::from(strut.radius_b));
+            let (Ok(least), Ok(most)) = (i32::try_from(least), i32::try_from(most)) else {
+                return Err(self.refused(format!("{strut:?} reaches beyond ±2³¹ quanta")));
+            };
+            let bounds = &mut self.header.bounds;
+            bounds.min[axis] = bounds.min[axis].min(least);
+            bounds.max[axis] = bounds.max[axis].max(most);
+        }
+        let radii = [strut.radius_a, strut.radius_b];
+        let range = &mut self.header.radius_range;
+        *range = [range[0].min(radii[0]).min(radii[1]), range[1].max(radii[0]).max(radii[1])];
+        *if strut.is_ball() { &mut self.header.ball_count } else { &mut self.header.strut_count } += 1;
+        self.profile.add(i64::from(strut.a[2]) - self.reach, i64::from(strut.b[2]) + self.reach);
+        self.nodes.count(&strut);
+        self.last = Some(strut);
+        self.pending.push(strut);
+        if self.pending.len() == CHUNK_STRUTS { self.flush() } else { Ok(()) }
+    }
+
+    /// Completes the file, syncs it and gives it its name.
+    ///
+    /// # Errors
+    /// [`WriteError`] where no strut was added or the file system refuses; nothing stays behind then.
+    pub fn finish(mut self) -> Result<Header, WriteError> {
+        if !self.pending.is_empty() {
+            self.flush()?;
+        }
+        self.header.node_count = self.nodes.total();
+        if let Err(problem) = format::check_header(&self.header) {
+            return Err(self.refused(problem));
+        }
+        let front = format::front(&self.header).map_err(|problem| self.refused(problem))?;
+        let Self { path, header, output, file, index, profile, offset, compressor, .. } = self;
+        let complete = || complete(file, &front, &index, &profile, offset, compressor).and_then(|()| output.persist());
+        complete().map_err(|source| WriteError::Io { path, source })?;
+        Ok(header)
+    }
+
+    fn check(&self, strut: &Strut) -> Result<(), WriteError> {
+        let ends = [strut.a, strut.b].map(node_key);
+        if ends[0] > ends[1] {
+            return Err(self.refused(format!("{strut:?}: its lower node must come first")));
+        }
+        if self.last.is_some_and(|last| [last.a, last.b].map(node_key) > ends) {
+            return Err(self.refused(format!("{strut:?} comes after a higher one")));
+        }
+        let radii = [strut.radius_a, strut.radius_b];
+        if radii.iter().any(|&radius| radius == 0 || radius > self.largest_radius) {
+            return Err(self.refused(format!("{strut:?}: radii from 1 to {} quanta are allowed", self.largest_radius)));
+        }
+        Ok(())
+    }
+
+    fn flush(&mut self) -> Result<(), WriteError> {
+        chunk::encode(&self.pending, &mut self.scratch, &mut self.unpacked);
+        debug_assert!(
+            self.unpacked.len() <= UNPACKED_LIMIT_BYTES as usize,
+            "8192 struts need at most 33 bytes each and two nodes"
+        );
+        let packed = self.compressor.compress(&self.unpacked).and_then(|packed| {
+            self.file.write_all(&packed)?;
+            Ok(packed)
+        });
+        let packed = packed.map_err(|source| WriteError::Io { path: self.path.clone(), source })?;
+        self.index.push(ChunkEntry {
+            offset: self.offset,
+            packed_bytes: packed.len() as u32,
+            unpacked_bytes: self.unpacked.len() as u32,
+            crc: crc32fast::hash(&packed),
+            ..ChunkEntry::describe(&self.pending)
+        });
+        self.offset += packed.len() as u64;
+        self.pending.clear();
+        Ok(())
+    }
+
+    fn refused(&self, problem: String) -> WriteError {
+        WriteError::Refused { path: self.path.clone(), problem }
+    }
+}
+
+/// Writes index, profile and footer, then the final header over the first one, which has the same length.
+fn complete(
+    mut file: BufWriter<File>,
+    front: &[u8],
+    index: &[ChunkEntry],
+    profile: &ProfileBuilder,
+    index_offset: u64,
+    mut compressor: zstd::bulk::Compressor<'static>,
+) -> io::Result<()> {
+    let mut index_crc = crc32fast::Hasher::new();
+    for entry in index {
+        let bytes = codec::encode(entry).map_err(io::Error::other)?;
+        index_crc.update(&bytes);
+        file.write_all(&bytes)?;
+    }
+    let profile = compressor.compress(&profile.to_bytes())?;
+    file.write_all(&profile)?;
+    let footer = Footer {
+        index_offset,
+        chunk_count: u32::try_from(index.len()).map_err(io::Error::other)?,
+        index_crc: index_crc.finalize(),
+        profile_bytes: profile.len() as u32,
+        profile_crc: crc32fast::hash(&profile),
+    };
+    file.write_all(&footer.to_bytes())?;
+    file.seek(SeekFrom::Start(0))?;
+    file.write_all(front)?;
+    file.flush()
+}
+
+fn first_header(settings: WriterSettings) -> Header {
+    let WriterSettings { quantum_um, blend, placement, source_digest, mut source_name, .. } = settings;
+    let cut = (0..=format::SOURCE_NAME_LIMIT_BYTES.min(source_name.len())).rev();
+    let cut = cut.into_iter().find(|&end| source_name.is_char_boundary(end)).unwrap_or(0);
+    source_name.truncate(cut);
+    Header {
+        quantum_um,
+        blend,
+        bounds: Bounds { min: [i32::MAX; 3], max: [i32::MIN; 3] },
+        radius_range: [u32::MAX, 0],
+        strut_count: 0,
+        ball_count: 0,
+        node_count: 0,
+        placement,
+        source_digest,
+        source_name,
+    }
+}
+
+/// Counts distinct nodes while struts go by: a node is counted when first seen, as an upper end or as a lower one.
+#[derive(Debug, Default)]
+struct NodeCounter {
+    /// Upper ends that no strut has begun at yet.
+    waiting: HashSet<[i32; 3]>,
+    low: Option<[i32; 3]>,
+    count: u64,
+    unknown: bool,
+}
+
+impl NodeCounter {
+    fn count(&mut self, strut: &Strut) {
+        if self.unknown {
+            return;
+        }
+        if self.low != Some(strut.a) {
+            self.low = Some(strut.a);
+            self.count += u64::from(!self.waiting.remove(&strut.a));
+        }
+        if strut.b != strut.a && self.waiting.insert(strut.b) {
+            self.count += 1;
+        }
+        if self.waiting.len() > PENDING_NODES {
+            // Nothing below the sweep can come again.
+            self.waiting.retain(|node| node_key(*node) > node_key(strut.a));
+            self.unknown = self.waiting.len() > PENDING_NODES / 2;
+            if self.unknown {
+                self.waiting = HashSet::new();
+            }
+        }
+    }
+
+    fn total(&self) -> u64 {
+        if self.unknown { 0 } else { self.count }
+    }
+}
