@@ -54,11 +54,8 @@ impl Bands {
             let halo = S::HALO as i32;
             let first = (range[0].saturating_sub(halo)).max(0) as usize;
             let end = ((range[1].saturating_add(1 + halo)).max(0) as usize).min(height);
-            let bands = if first < end {
-                [first / self.rows_per_band, (end - 1) / self.rows_per_band + 1]
-            } else {
-                [0, 0]
-            };
+            let bands =
+                if first < end { [first / self.rows_per_band, (end - 1) / self.rows_per_band + 1] } else { [0, 0] };
             for length in &mut self.lengths[bands[0]..bands[1]] {
                 *length += 1;
             }

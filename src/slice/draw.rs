@@ -24,7 +24,6 @@ pub(super) struct Drawing<S: Shape> {
 #[derive(Clone, Copy)]
 pub(super) struct Plane {
     pub(super) grid: Grid,
-    pub(super) height: usize,
     pub(super) z: f64,
 }
 

@@ -38,7 +38,9 @@ pub enum PlanError {
     #[error("a layer height of {0} µm: allowed is 1 to 1000 µm")]
     BadLayerHeight(f64),
     /// More layers than layers have names.
-    #[error("{layers} layers of {layer_height_um} µm: at most {MOST_LAYERS} are possible; choose a greater layer height")]
+    #[error(
+        "{layers} layers of {layer_height_um} µm: at most {MOST_LAYERS} are possible; choose a greater layer height"
+    )]
     TooManyLayers {
         /// Layers it would take.
         layers: f64,
@@ -119,12 +121,7 @@ fn area_um(raster: &Raster) -> [f64; 2] {
     [f64::from(raster.width_px) * raster.pixel_um[0], f64::from(raster.height_px) * raster.pixel_um[1]]
 }
 
-fn check_volume(
-    raster: &Raster,
-    low_um: [f64; 3],
-    high_um: [f64; 3],
-    corner_um: [f64; 2],
-) -> Result<(), PlanError> {
+fn check_volume(raster: &Raster, low_um: [f64; 3], high_um: [f64; 3], corner_um: [f64; 2]) -> Result<(), PlanError> {
     let [area_x, area_y] = area_um(raster);
     let volume = [area_x, area_y, raster.build_height_um];
     let size = [0, 1, 2].map(|axis| high_um[axis] - low_um[axis]);
@@ -140,7 +137,10 @@ fn check_volume(
             "it fits turned: pack it with `--rotate 0,0,90`".to_owned()
         } else {
             let scale = (0..3).map(|k| volume[k] / size[k]).fold(1.0, f64::min);
-            format!("pack it smaller, with `--scale {:.3}` at most, or turned with `--rotate`", (scale * 1000.0).floor() / 1000.0)
+            format!(
+                "pack it smaller, with `--scale {:.3}` at most, or turned with `--rotate`",
+                (scale * 1000.0).floor() / 1000.0
+            )
         };
         return outside(format!(
             "the part measures {:.3} mm along {name}, the build volume {:.3} mm: {:.3} mm too much; {remedy}",

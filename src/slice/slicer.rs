@@ -153,7 +153,7 @@ impl<S: Shape> Machinery<S> {
         let z_um = plan.layer_z_um(layer);
         self.sweep.advance(z_um)?;
         let unit_um = self.sweep.unit_um();
-        let plane = Plane { grid: grid(plan, unit_um), height: plan.raster.height_px as usize, z: z_um / unit_um };
+        let plane = Plane { grid: grid(plan, unit_um), z: z_um / unit_um };
         self.drawing.draw(self.sweep.active(), &plane, bitmap);
         Ok(())
     }

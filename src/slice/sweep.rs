@@ -61,11 +61,11 @@ impl<S: Shape> Sweep<S> {
         let z = z_um / self.unit_um;
         self.active.retain(|shape| shape.top() >= z);
         loop {
-            while let Some(strut) = self.chunk.get(self.next_strut) {
+            while let Some(&strut) = self.chunk.get(self.next_strut) {
                 if f64::from(strut.a[2]) * self.quantum_um - self.reach_um > z_um {
                     return Ok(());
                 }
-                let shape = self.shape(strut)?;
+                let shape = self.shape(&strut)?;
                 self.next_strut += 1;
                 if shape.top() >= z {
                     self.join(shape)?;
