@@ -1,7 +1,19 @@
 //! The sweep plane: which struts a layer cuts, and what its pixels are.
+//!
+//! A [`SlicePlan`] places a part on a machine's raster; a [`Slicer`] moves the plane upwards through a [`StrutSource`], keeps
+//! the active set and draws layer after layer, band by band, on as many threads as it is given. A layer depends on part and
+//! plan alone: not on threads, instruction set, or the layer the sweep began with.
 
+mod bands;
 mod bitmap;
+mod draw;
 mod plan;
+mod png;
+mod slicer;
+mod source;
+mod sweep;
 
 pub use bitmap::{Bitmap, Depth};
 pub use plan::{Mirror, PlanError, Raster, SlicePlan};
+pub use slicer::{SliceError, Slicer};
+pub use source::{ChunkSpan, MOST_CHUNK_STRUTS, MemoryStruts, StrutSource};

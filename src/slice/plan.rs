@@ -1,7 +1,7 @@
 //! From a part, a raster and a layer height to the pixels and planes that will be sampled.
 
 use super::Depth;
-use crate::buildfile::Header;
+use crate::buildfile::{Header, Placement};
 
 /// Which axes of the picture run against the build file's.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -34,7 +34,23 @@ pub enum PlanError {
     /// The part leaves the build volume.
     #[error("{0}")]
     OutsideVolume(String),
+    /// A layer height that is no height.
+    #[error("a layer height of {0} µm: allowed is 1 to 1000 µm")]
+    BadLayerHeight(f64),
+    /// More layers than layers have names.
+    #[error(
+        "{layers} layers of {layer_height_um} µm: at most {MOST_LAYERS} are possible; choose a greater layer height"
+    )]
+    TooManyLayers {
+        /// Layers it would take.
+        layers: f64,
+        /// Layer height asked for.
+        layer_height_um: f64,
+    },
 }
+
+/// Layers are named with six digits.
+const MOST_LAYERS: u32 = 1_000_000;
 
 /// Everything the slicer must know besides the struts: layer k is sampled at `z0_um + (k + ½)·layer_height_um`.
 #[derive(Clone, Debug, PartialEq)]
@@ -53,13 +69,97 @@ pub struct SlicePlan {
     pub layer_count: u32,
 }
 
+/// Parts may exceed the volume by this much: less than any machine can tell, more than placement rounds.
+const TOLERANCE_UM: f64 = 1e-3;
+
 impl SlicePlan {
     /// Places a part on a raster.
     ///
     /// # Errors
     /// [`PlanError::OutsideVolume`] where the part's bounds leave the build area or height: it names axis and excess.
     pub fn new(header: &Header, raster: Raster, depth: Depth, layer_height_um: f64) -> Result<Self, PlanError> {
-        let _ = (header, raster, depth, layer_height_um);
-        Err(PlanError::OutsideVolume("not yet".into()))
+        if !(1.0..=1000.0).contains(&layer_height_um) {
+            return Err(PlanError::BadLayerHeight(layer_height_um));
+        }
+        let low_um = header.bounds.min.map(|x| f64::from(x) * header.quantum_um);
+        let high_um = header.bounds.max.map(|x| f64::from(x) * header.quantum_um);
+        let area_um = area_um(&raster);
+        let corner_um = [0, 1].map(|axis| {
+            let middle_um = match header.placement {
+                Placement::Centred => area_um[axis] / 2.0,
+                Placement::At { x_mm, y_mm } => [x_mm, y_mm][axis] * 1000.0,
+            };
+            (low_um[axis] + high_um[axis]) / 2.0 - middle_um
+        });
+        check_volume(&raster, low_um, high_um, corner_um)?;
+        let layers = ((high_um[2] - low_um[2]) / layer_height_um - 1e-9).ceil().max(1.0);
+        if layers > f64::from(MOST_LAYERS) {
+            return Err(PlanError::TooManyLayers { layers, layer_height_um });
+        }
+        let mirrored = [raster.mirror.x, raster.mirror.y];
+        let origin_um = [0, 1].map(|axis| {
+            let half = raster.pixel_um[axis] / 2.0;
+            corner_um[axis] + if mirrored[axis] { area_um[axis] - half } else { half }
+        });
+        let z0_um = low_um[2];
+        Ok(Self { raster, depth, origin_um, z0_um, layer_height_um, layer_count: layers as u32 })
     }
+
+    /// The plane a layer is sampled at: its middle, micrometres.
+    pub fn layer_z_um(&self, layer: u32) -> f64 {
+        self.z0_um + (f64::from(layer) + 0.5) * self.layer_height_um
+    }
+
+    /// From one pixel centre to the next along a row and down a column, micrometres; negative where mirrored.
+    pub fn step_um(&self) -> [f64; 2] {
+        let [x, y] = self.raster.pixel_um;
+        [if self.raster.mirror.x { -x } else { x }, if self.raster.mirror.y { -y } else { y }]
+    }
+}
+
+fn area_um(raster: &Raster) -> [f64; 2] {
+    [f64::from(raster.width_px) * raster.pixel_um[0], f64::from(raster.height_px) * raster.pixel_um[1]]
+}
+
+fn check_volume(raster: &Raster, low_um: [f64; 3], high_um: [f64; 3], corner_um: [f64; 2]) -> Result<(), PlanError> {
+    let [area_x, area_y] = area_um(raster);
+    let volume = [area_x, area_y, raster.build_height_um];
+    let size = [0, 1, 2].map(|axis| high_um[axis] - low_um[axis]);
+    let fits = |x: f64, y: f64| x <= area_x + TOLERANCE_UM && y <= area_y + TOLERANCE_UM;
+    let outside = |text: String| Err(PlanError::OutsideVolume(text));
+    for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
+        let excess = size[axis] - volume[axis];
+        // Not a number is outside, too.
+        if excess <= TOLERANCE_UM {
+            continue;
+        }
+        let remedy = if axis < 2 && fits(size[1], size[0]) {
+            "it fits turned: pack it with `--rotate 0,0,90`".to_owned()
+        } else {
+            let scale = (0..3).map(|k| volume[k] / size[k]).fold(1.0, f64::min);
+            format!(
+                "pack it smaller, with `--scale {:.3}` at most, or turned with `--rotate`",
+                (scale * 1000.0).floor() / 1000.0
+            )
+        };
+        return outside(format!(
+            "the part measures {:.3} mm along {name}, the build volume {:.3} mm: {:.3} mm too much; {remedy}",
+            size[axis] / 1000.0,
+            volume[axis] / 1000.0,
+            excess / 1000.0
+        ));
+    }
+    for (axis, name) in ["x", "y"].into_iter().enumerate() {
+        let below = corner_um[axis] - low_um[axis];
+        let above = high_um[axis] - corner_um[axis] - volume[axis];
+        if below > TOLERANCE_UM || above > TOLERANCE_UM {
+            let (side, excess) = if below > above { ("low", below) } else { ("high", above) };
+            return outside(format!(
+                "where it is placed the part leaves the build area by {:.3} mm at the {side} end of {name}; pack it with \
+                 another `--at`, or without: then it is centred",
+                excess / 1000.0
+            ));
+        }
+    }
+    Ok(())
 }

@@ -1,1 +1,93 @@
-//! solid
+//! What is inside at a point: fields of convolution struts, exact unions, and the kernels that evaluate them row by row.
+//!
+//! Nothing here knows files, devices or threads. A [`Shape`] is one strut or ball, prepared once; it draws itself on a
+//! [`Strip`], a few rows of a picture in the plane z. Lengths are in the shape's own unit: the kernel's support R for a
+//! [`ConvolutionStrut`] (so that every quantity of the kernel is about 1 and `f32` suffices), micrometres for a
+//! [`UnionStrut`].
+//!
+//! ```
+//! use layerd::solid::{self, Beam};
+//! // A long strut prints at its radius: on its surface the field is the isovalue.
+//! let beam = Beam { a: [0.0; 3], b: [0.0, 0.0, 100.0], radius_a: 1.0, radius_b: 1.0, caps: [solid::Cap::Sphere; 2] };
+//! let field = solid::reference::beam_field(&beam, 1.5, [1.0, 0.0, 50.0]);
+//! assert!((field - solid::ISOVALUE).abs() < 1e-12);
+//! ```
+
+mod convolution;
+pub mod reference;
+mod strip;
+mod union;
+mod vector;
+mod weight;
+
+pub use convolution::ConvolutionStrut;
+pub use strip::{Grid, Strip};
+pub use union::UnionStrut;
+pub use vector::Path;
+pub use weight::LARGEST_RADIUS_SHARE;
+
+/// The isovalue C: solid where the field reaches it. Weights are proportional to C, so its value is free.
+pub const ISOVALUE: f64 = 1.0;
+
+/// The shape of a strut's end under exact union.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Cap {
+    /// A whole ball of the end's radius.
+    Sphere,
+    /// The half of that ball beyond the end.
+    Hemisphere,
+    /// A flat end, square to the strut.
+    Butt,
+}
+
+/// A strut between two points with linearly varying radius, or a ball where both points are one. Any unit of length.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Beam {
+    /// One end.
+    pub a: [f64; 3],
+    /// The other.
+    pub b: [f64; 3],
+    /// Radius at `a`.
+    pub radius_a: f64,
+    /// Radius at `b`.
+    pub radius_b: f64,
+    /// Ends at `a` and `b`; means nothing to a convolution surface.
+    pub caps: [Cap; 2],
+}
+
+impl Beam {
+    /// Unit vector from `a` to `b` and the length; a ball has the zero vector and length 0.
+    fn direction(&self) -> ([f64; 3], f64) {
+        let edge = glam::DVec3::from(self.b) - glam::DVec3::from(self.a);
+        let length = edge.length();
+        if length > 0.0 { ((edge / length).to_array(), length) } else { ([0.0; 3], 0.0) }
+    }
+}
+
+/// One strut or ball that can be drawn in a plane.
+pub trait Shape: Send + Sync + Sized {
+    /// What a strip holds for each pixel while shapes are drawn.
+    type Cell: Copy + Default + Send;
+
+    /// Rows above and below a band, and columns beside it, that finishing the band must know.
+    const HALO: usize;
+
+    /// Prepares a beam given in micrometres; `unit_um` is the shape's unit of length.
+    fn prepare(beam: &Beam, unit_um: f64) -> Self;
+
+    /// The highest plane the shape reaches, in its unit.
+    fn top(&self) -> f64;
+
+    /// First and last row of the grid the shape may reach in the plane `z`; rows may lie outside the picture.
+    fn row_range(&self, grid: &Grid, z: f64) -> Option<[i32; 2]>;
+
+    /// Draws `shapes[i]` for every `i` of `chosen`, in that order, on the rows of `strip`.
+    fn draw(path: Path, shapes: &[Self], chosen: &[u32], grid: &Grid, z: f64, strip: &mut Strip<Self::Cell>);
+
+    /// Packs one row's pixels, lit or not at their centres, the first pixel of a byte in its highest bit, beginning with
+    /// pixel `8 × first_byte`; `row` counts from the band's first.
+    fn pack_bits(path: Path, strip: &Strip<Self::Cell>, row: usize, first_byte: usize, out: &mut [u8]);
+
+    /// The covered share of a pixel, 0 to 255; `row` counts from the band's first.
+    fn coverage(strip: &Strip<Self::Cell>, row: usize, pixel: usize) -> u8;
+}

@@ -1,0 +1,116 @@
+//! One layer's pixels: bands of rows, shared by threads, each drawn on a strip that stays in the cache.
+
+use std::sync::{Mutex, PoisonError};
+
+use super::bands::Bands;
+use super::{Bitmap, Depth, SliceError};
+use crate::solid::{Grid, Path, Shape, Strip};
+use crate::stream::{Charge, MemoryBudget};
+
+/// A strip shall take half of a usual level-2 cache.
+const STRIP_BYTES: usize = 256 << 10;
+
+/// Draws layers of one size with shapes of one kind.
+pub(super) struct Drawing<S: Shape> {
+    bands: Bands,
+    rows_per_band: usize,
+    /// One for each thread.
+    strips: Vec<Strip<S::Cell>>,
+    path: Path,
+    _charge: Charge,
+}
+
+/// The plane and its pixels, in the shapes' unit of length.
+#[derive(Clone, Copy)]
+pub(super) struct Plane {
+    pub(super) grid: Grid,
+    pub(super) z: f64,
+}
+
+impl<S: Shape> Drawing<S> {
+    pub(super) fn new(
+        size: [usize; 2],
+        peak_active: u64,
+        threads: usize,
+        budget: &MemoryBudget,
+    ) -> Result<Self, SliceError> {
+        let [width, height] = size;
+        let bytes = Self::memory_bytes(size, peak_active, threads);
+        let charge = budget.charge("the strips and strut lists of the rasteriser", bytes)?;
+        let rows_per_band = Self::rows_per_band(width);
+        Ok(Self {
+            bands: Bands::new(height, rows_per_band),
+            rows_per_band,
+            strips: (0..threads).map(|_| Strip::new(width, rows_per_band, S::HALO)).collect(),
+            path: Path::detect(),
+            _charge: charge,
+        })
+    }
+
+    /// Bytes a drawing takes at most.
+    pub(super) fn memory_bytes([width, height]: [usize; 2], peak_active: u64, threads: usize) -> u64 {
+        let rows_per_band = Self::rows_per_band(width);
+        let strips = Strip::<S::Cell>::bytes(width, rows_per_band, S::HALO).saturating_mul(threads as u64);
+        Bands::memory_bytes(peak_active, height, rows_per_band).saturating_add(strips)
+    }
+
+    fn rows_per_band(width: usize) -> usize {
+        (STRIP_BYTES / (width * size_of::<S::Cell>())).clamp(4, 64)
+    }
+
+    /// Draws the plane over whatever the bitmap held.
+    pub(super) fn draw(&mut self, active: &[S], plane: &Plane, bitmap: &mut Bitmap) {
+        let (depth, stride) = (bitmap.depth(), bitmap.stride_bytes());
+        let band_bytes = stride * self.rows_per_band;
+        self.bands.begin_layer(active, &plane.grid, plane.z);
+        while let Some(round) = self.bands.next_round() {
+            let first_byte = (round.start * band_bytes).min(bitmap.data().len());
+            let pictures = bitmap.data_mut()[first_byte..].chunks_mut(band_bytes);
+            let queue = Mutex::new(round.zip(pictures));
+            let (bands, rows_per_band, path) = (&self.bands, self.rows_per_band, self.path);
+            let work = |strip: &mut Strip<S::Cell>| {
+                // The lock guards an iterator only; a panic elsewhere leaves it whole.
+                let next = || queue.lock().unwrap_or_else(PoisonError::into_inner).next();
+                while let Some((band, picture)) = next() {
+                    let rows = picture.len() / stride;
+                    strip.begin(band * rows_per_band, rows);
+                    S::draw(path, active, bands.struts(band), &plane.grid, plane.z, strip);
+                    for (row, out) in picture.chunks_exact_mut(stride).enumerate() {
+                        finish_row::<S>(path, strip, row, depth, plane.grid.width, out);
+                    }
+                }
+            };
+            let Some((own, others)) = self.strips.split_first_mut() else { return };
+            std::thread::scope(|scope| {
+                let work = &work;
+                for strip in others {
+                    scope.spawn(move || work(strip));
+                }
+                work(own);
+            });
+        }
+    }
+}
+
+/// From a strip's row to the picture's bytes.
+fn finish_row<S: Shape>(path: Path, strip: &Strip<S::Cell>, row: usize, depth: Depth, width: usize, out: &mut [u8]) {
+    let pixels = strip.used_pixels(width);
+    match depth {
+        Depth::Bit => {
+            let bytes = pixels.start / 8..pixels.end.div_ceil(8);
+            out[..bytes.start].fill(0);
+            out[bytes.end..].fill(0);
+            S::pack_bits(path, strip, row, bytes.start, &mut out[bytes.clone()]);
+            if bytes.end == out.len() && !width.is_multiple_of(8) {
+                out[bytes.end - 1] &= 0xff << (8 - width % 8);
+            }
+        }
+        Depth::Grey => {
+            out[..pixels.start].fill(0);
+            out[pixels.end..].fill(0);
+            for (pixel, grey) in pixels.clone().zip(&mut out[pixels]) {
+                *grey = S::coverage(strip, row, pixel);
+            }
+        }
+    }
+}

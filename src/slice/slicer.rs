@@ -1,0 +1,179 @@
+//! A part as a stream of layers.
+
+use super::draw::{Drawing, Plane};
+use super::sweep::Sweep;
+use super::{Bitmap, Depth, SlicePlan, StrutSource};
+use crate::buildfile::Blend;
+use crate::solid::{ConvolutionStrut, Grid, ISOVALUE, LARGEST_RADIUS_SHARE, Shape, UnionStrut};
+use crate::stream::{BudgetExceeded, MemoryBudget};
+
+/// Why a layer could not be computed.
+#[derive(Debug, thiserror::Error)]
+pub enum SliceError {
+    /// Memory the budget does not have.
+    #[error(transparent)]
+    Budget(#[from] BudgetExceeded),
+    /// The struts could not be read, or contradict what the file says of them.
+    #[error("{0:#}")]
+    Source(anyhow::Error),
+    /// A strut as thick as the kernel's support has no finite weight.
+    #[error(
+        "the thickest strut has radius {radius_um} µm, but the kernel's support of {support_um} µm allows less than \
+         {LARGEST_RADIUS_SHARE} of it: pack the part again with a larger support"
+    )]
+    RadiusTooLarge {
+        /// Largest strut radius.
+        radius_um: f64,
+        /// Support R.
+        support_um: f64,
+    },
+    /// A bitmap of another size or depth than the plan's.
+    #[error("the bitmap is not of the size and depth the plan asks for")]
+    WrongBitmap,
+    /// Threads outside 1 to [`Slicer::MOST_THREADS`].
+    #[error("{0} threads: allowed are 1 to {most}", most = Slicer::MOST_THREADS)]
+    BadThreads(usize),
+}
+
+/// Computes the layers of a plan, in ascending order.
+pub struct Slicer {
+    plan: SlicePlan,
+    next_layer: u32,
+    engine: Engine,
+}
+
+/// What differs between the kinds of solid.
+enum Engine {
+    Convolution(Machinery<ConvolutionStrut>),
+    Union(Machinery<UnionStrut>),
+}
+
+struct Machinery<S: Shape> {
+    sweep: Sweep<S>,
+    drawing: Drawing<S>,
+}
+
+const _: () = assert!(Blend::ISOVALUE == ISOVALUE);
+
+impl Slicer {
+    /// More threads than bands of any picture would only wait.
+    pub const MOST_THREADS: usize = 256;
+
+    /// A slicer whose first layer will be `first_layer`; what it needs is charged to `budget` now.
+    ///
+    /// # Errors
+    /// [`SliceError`] where the memory is not free, the part cannot be sliced or `threads` is out of range.
+    pub fn new(
+        source: impl StrutSource + 'static,
+        plan: SlicePlan,
+        threads: usize,
+        first_layer: u32,
+        budget: &MemoryBudget,
+    ) -> Result<Self, SliceError> {
+        if !(1..=Self::MOST_THREADS).contains(&threads) {
+            return Err(SliceError::BadThreads(threads));
+        }
+        let source: Box<dyn StrutSource> = Box::new(source);
+        let engine = match source.header().blend {
+            Blend::Convolution { support_um } => {
+                let header = source.header();
+                let radius_um = f64::from(header.radius_range[1]) * header.quantum_um;
+                if radius_um.partial_cmp(&(support_um * LARGEST_RADIUS_SHARE)) != Some(std::cmp::Ordering::Less) {
+                    return Err(SliceError::RadiusTooLarge { radius_um, support_um });
+                }
+                Engine::Convolution(Machinery::new(source, &plan, support_um, threads, budget)?)
+            }
+            Blend::Union => Engine::Union(Machinery::new(source, &plan, 1.0, threads, budget)?),
+        };
+        Ok(Self { plan, next_layer: first_layer, engine })
+    }
+
+    /// Bytes a slicer will charge to its budget: known before a chunk is read.
+    pub fn memory_bytes(source: &dyn StrutSource, plan: &SlicePlan, threads: usize) -> u64 {
+        match source.header().blend {
+            Blend::Convolution { .. } => Machinery::<ConvolutionStrut>::memory_bytes(source, plan, threads),
+            Blend::Union => Machinery::<UnionStrut>::memory_bytes(source, plan, threads),
+        }
+    }
+
+    /// Draws the next layer over whatever `bitmap` held and returns its index; `None` after the last.
+    ///
+    /// # Errors
+    /// [`SliceError::Source`] where the struts cannot be read, [`SliceError::WrongBitmap`] where the bitmap does not fit.
+    pub fn next_layer(&mut self, bitmap: &mut Bitmap) -> Result<Option<u32>, SliceError> {
+        let layer = self.next_layer;
+        if layer >= self.plan.layer_count {
+            return Ok(None);
+        }
+        let raster = &self.plan.raster;
+        let wanted = (raster.width_px, raster.height_px, self.plan.depth);
+        if (bitmap.width_px(), bitmap.height_px(), bitmap.depth()) != wanted {
+            return Err(SliceError::WrongBitmap);
+        }
+        match &mut self.engine {
+            Engine::Convolution(machinery) => machinery.layer(&self.plan, layer, bitmap)?,
+            Engine::Union(machinery) => machinery.layer(&self.plan, layer, bitmap)?,
+        }
+        self.next_layer += 1;
+        Ok(Some(layer))
+    }
+
+    /// Struts within reach of the layer drawn last.
+    pub fn active_struts(&self) -> usize {
+        match &self.engine {
+            Engine::Convolution(machinery) => machinery.sweep.active().len(),
+            Engine::Union(machinery) => machinery.sweep.active().len(),
+        }
+    }
+
+    /// The plan.
+    pub fn plan(&self) -> &SlicePlan {
+        &self.plan
+    }
+}
+
+impl<S: Shape> Machinery<S> {
+    fn new(
+        source: Box<dyn StrutSource>,
+        plan: &SlicePlan,
+        unit_um: f64,
+        threads: usize,
+        budget: &MemoryBudget,
+    ) -> Result<Self, SliceError> {
+        let drawing = Drawing::new(size(plan), source.peak_active(), threads, budget)?;
+        Ok(Self { sweep: Sweep::new(source, unit_um, budget)?, drawing })
+    }
+
+    fn memory_bytes(source: &dyn StrutSource, plan: &SlicePlan, threads: usize) -> u64 {
+        let drawing = Drawing::<S>::memory_bytes(size(plan), source.peak_active(), threads);
+        Sweep::<S>::memory_bytes(source).saturating_add(drawing)
+    }
+
+    fn layer(&mut self, plan: &SlicePlan, layer: u32, bitmap: &mut Bitmap) -> Result<(), SliceError> {
+        let z_um = plan.layer_z_um(layer);
+        self.sweep.advance(z_um)?;
+        let unit_um = self.sweep.unit_um();
+        let plane = Plane { grid: grid(plan, unit_um), z: z_um / unit_um };
+        self.drawing.draw(self.sweep.active(), &plane, bitmap);
+        Ok(())
+    }
+}
+
+fn size(plan: &SlicePlan) -> [usize; 2] {
+    [plan.raster.width_px as usize, plan.raster.height_px as usize]
+}
+
+fn grid(plan: &SlicePlan, unit_um: f64) -> Grid {
+    let [dx, dy] = plan.step_um();
+    Grid {
+        x0: plan.origin_um[0] / unit_um,
+        dx: dx / unit_um,
+        y0: plan.origin_um[1] / unit_um,
+        dy: dy / unit_um,
+        width: plan.raster.width_px as usize,
+        samples: match plan.depth {
+            Depth::Bit => 1,
+            Depth::Grey => 8,
+        },
+    }
+}

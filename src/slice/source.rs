@@ -1,0 +1,90 @@
+//! Where the sweep gets its struts: chunks in ascending order of the lowest z.
+
+use crate::buildfile::{Header, Strut};
+
+/// Where a chunk's struts lie, in quanta.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ChunkSpan {
+    /// Lowest `a[2]` of its struts.
+    pub lowest_z: i32,
+    /// Highest `b[2]` of its struts.
+    pub highest_z: i32,
+}
+
+/// A part whose struts can be read chunk by chunk, in ascending order of `a[2]`.
+pub trait StrutSource: Send {
+    /// The part.
+    fn header(&self) -> &Header;
+
+    /// Number of chunks.
+    fn chunk_count(&self) -> usize;
+
+    /// Where the struts of a chunk lie. Lowest z ascends from chunk to chunk.
+    fn chunk_span(&self, chunk: usize) -> ChunkSpan;
+
+    /// Most struts that can be within reach of one plane; known before any chunk is read.
+    fn peak_active(&self) -> u64;
+
+    /// Bytes the source holds beside the struts it hands out, at most.
+    fn memory_bytes(&self) -> u64;
+
+    /// Replaces `struts` by those of a chunk.
+    ///
+    /// # Errors
+    /// Whatever keeps the chunk from being read, naming file and place.
+    fn read_chunk(&mut self, chunk: usize, struts: &mut Vec<Strut>) -> anyhow::Result<()>;
+}
+
+/// Most struts a chunk holds.
+pub const MOST_CHUNK_STRUTS: usize = 8192;
+
+/// Struts in memory as a source, for tests and benchmarks.
+#[derive(Clone, Debug)]
+pub struct MemoryStruts {
+    header: Header,
+    struts: Vec<Strut>,
+    chunk_struts: usize,
+}
+
+impl MemoryStruts {
+    /// Sorts `struts` (stably) and cuts them into chunks of `chunk_struts`, at least 1 and at most [`MOST_CHUNK_STRUTS`].
+    pub fn new(header: Header, mut struts: Vec<Strut>, chunk_struts: usize) -> Self {
+        struts.sort_by_key(|strut| strut.a[2]);
+        Self { header, struts, chunk_struts: chunk_struts.clamp(1, MOST_CHUNK_STRUTS) }
+    }
+
+    fn chunk(&self, chunk: usize) -> &[Strut] {
+        let end = ((chunk + 1) * self.chunk_struts).min(self.struts.len());
+        &self.struts[chunk * self.chunk_struts..end]
+    }
+}
+
+impl StrutSource for MemoryStruts {
+    fn header(&self) -> &Header {
+        &self.header
+    }
+
+    fn chunk_count(&self) -> usize {
+        self.struts.len().div_ceil(self.chunk_struts)
+    }
+
+    fn chunk_span(&self, chunk: usize) -> ChunkSpan {
+        let struts = self.chunk(chunk);
+        let highest_z = struts.iter().map(|strut| strut.b[2]).max().unwrap_or(i32::MIN);
+        ChunkSpan { lowest_z: struts[0].a[2], highest_z }
+    }
+
+    fn peak_active(&self) -> u64 {
+        self.struts.len() as u64
+    }
+
+    fn memory_bytes(&self) -> u64 {
+        (self.struts.len() * size_of::<Strut>()) as u64
+    }
+
+    fn read_chunk(&mut self, chunk: usize, struts: &mut Vec<Strut>) -> anyhow::Result<()> {
+        struts.clear();
+        struts.extend_from_slice(self.chunk(chunk));
+        Ok(())
+    }
+}

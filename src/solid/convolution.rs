@@ -1,0 +1,231 @@
+//! A strut of a convolution surface, row by row (closed form after Liu et al. 2021, §3). Unit of length: the support R.
+
+use super::vector::{self, LANES, Stretch, Work};
+use super::{Beam, Grid, ISOVALUE, Path, Shape, Strip, weight};
+
+/// A strut or ball with all that does not depend on the plane. Unit of length: R.
+#[derive(Clone, Copy, Debug)]
+pub struct ConvolutionStrut {
+    a: [f64; 3],
+    /// Unit vector; zero for a ball.
+    u: [f64; 3],
+    /// 0 for a ball.
+    length: f64,
+    /// At `a`, and its change a unit of length.
+    weight: [f32; 2],
+}
+
+/// Rows and columns are reached this much (in q, and in t) beyond the support. The `f32` field there is exactly 0, so which
+/// of these pixels a vector happens to cover makes no difference.
+const MARGIN: f64 = 1e-4;
+
+/// Longest stretch evaluated from one base pixel: bounds |d|, and with it the rounding of `lo` and `hi`.
+const STRETCH_PX: usize = 64;
+
+/// Stands for 1/0: large beyond every picture, far from overflow.
+const ENDLESS: f64 = 1e30;
+
+impl Shape for ConvolutionStrut {
+    type Cell = f32;
+
+    const HALO: usize = 1;
+
+    fn prepare(beam: &Beam, unit_um: f64) -> Self {
+        let (u, length_um) = beam.direction();
+        let length = length_um / unit_um;
+        let (share_a, share_b) = (beam.radius_a / unit_um, beam.radius_b / unit_um);
+        let weight = if length == 0.0 {
+            [weight::ball(share_a), 0.0]
+        } else {
+            let (weight_a, weight_b) = (weight::strut(share_a), weight::strut(share_b));
+            [weight_a, (weight_b - weight_a) / length]
+        };
+        Self { a: beam.a.map(|x| x / unit_um), u, length, weight: weight.map(|w| w as f32) }
+    }
+
+    fn top(&self) -> f64 {
+        self.a[2] + (self.u[2] * self.length).max(0.0) + 1.0
+    }
+
+    fn row_range(&self, grid: &Grid, z: f64) -> Option<[i32; 2]> {
+        // The part of the axis within R of the plane, then R to both sides.
+        let dz = z - self.a[2];
+        let inverse = reciprocal(self.u[2]);
+        let (one, two) = ((dz - 1.0) * inverse, (dz + 1.0) * inverse);
+        let (from, to) = (one.min(two).max(0.0), one.max(two).min(self.length));
+        if from > to || (self.u[2] == 0.0 && dz.abs() > 1.0) {
+            return None;
+        }
+        let (y1, y2) = (self.a[1] + self.u[1] * from, self.a[1] + self.u[1] * to);
+        let (low, high) = (y1.min(y2) - 1.0 - MARGIN, y1.max(y2) + 1.0 + MARGIN);
+        let (one, two) = ((low - grid.y0) / grid.dy, (high - grid.y0) / grid.dy);
+        // A float beyond i32 saturates: such rows lie outside every picture.
+        Some([one.min(two).floor() as i32, one.max(two).ceil() as i32])
+    }
+
+    fn draw(path: Path, shapes: &[Self], chosen: &[u32], grid: &Grid, z: f64, strip: &mut Strip<f32>) {
+        path.run(Draw { shapes, chosen, grid, z, strip });
+    }
+
+    fn pack_bits(path: Path, strip: &Strip<f32>, row: usize, first_byte: usize, out: &mut [u8]) {
+        path.run(vector::PackBits { cells: strip.pixels(row, first_byte * 8), out });
+    }
+
+    /// The half-plane that the field's value and gradient (central differences, in pixels) describe, cut with the pixel.
+    fn coverage(strip: &Strip<f32>, row: usize, pixel: usize) -> u8 {
+        let excess = strip.pixel(row, pixel) - ISOVALUE as f32;
+        let [left, right, above, below] = strip.neighbours(row, pixel);
+        let (gx, gy) = ((right - left).abs() * 0.5, (below - above).abs() * 0.5);
+        (half_plane_coverage(excess, gx.max(gy), gx.min(gy)) * 255.0 + 0.5) as u8
+    }
+}
+
+/// Share of a unit square where `value + major·x + minor·y ≥ 0`, x and y within ±½, `major ≥ minor ≥ 0`.
+fn half_plane_coverage(value: f32, major: f32, minor: f32) -> f32 {
+    let corner = (major + minor) * 0.5 - value.abs();
+    let lesser_part = if corner <= 0.0 {
+        0.0
+    } else if value.abs() <= (major - minor) * 0.5 {
+        0.5 - value.abs() / major
+    } else {
+        corner * corner / (2.0 * major * minor)
+    };
+    if value >= 0.0 { 1.0 - lesser_part } else { lesser_part }
+}
+
+struct Draw<'a> {
+    shapes: &'a [ConvolutionStrut],
+    chosen: &'a [u32],
+    grid: &'a Grid,
+    z: f64,
+    strip: &'a mut Strip<f32>,
+}
+
+impl Work for Draw<'_> {
+    #[inline(always)]
+    fn run(self) {
+        for &index in self.chosen {
+            let shape = &self.shapes[index as usize];
+            let Some(range) = shape.row_range(self.grid, self.z) else { continue };
+            let rows = self.strip.rows_within(range);
+            let line = Line::new(shape, self.grid, self.z, self.strip);
+            for row in rows {
+                line.draw_row(self.strip, row);
+            }
+        }
+    }
+}
+
+/// A strut seen from one plane and grid: what does not change from row to row.
+struct Line<'a> {
+    shape: &'a ConvolutionStrut,
+    y0: f64,
+    dy: f64,
+    /// Of the strip's first cell, from the strut's `a`.
+    x0: f64,
+    dx: f64,
+    inverse_dx: f64,
+    dz: f64,
+    /// `u_y² + u_z²`, and the reciprocals of it, of its root and of `u_x`.
+    n2: f64,
+    inverse_n2: f64,
+    inverse_n: f64,
+    inverse_ux: f64,
+}
+
+impl<'a> Line<'a> {
+    #[inline(always)]
+    fn new(shape: &'a ConvolutionStrut, grid: &Grid, z: f64, strip: &Strip<f32>) -> Self {
+        let [ux, uy, uz] = shape.u;
+        let n2 = uy * uy + uz * uz;
+        let x0 = grid.x0 + strip.first_column() * grid.dx - shape.a[0];
+        Self {
+            shape,
+            y0: grid.y0 - shape.a[1],
+            dy: grid.dy,
+            x0,
+            dx: grid.dx,
+            inverse_dx: 1.0 / grid.dx,
+            dz: z - shape.a[2],
+            n2,
+            inverse_n2: if n2 > 0.0 { 1.0 / n2 } else { 0.0 },
+            inverse_n: if n2 > 0.0 { 1.0 / n2.sqrt() } else { ENDLESS },
+            inverse_ux: reciprocal(ux),
+        }
+    }
+
+    /// With v = (x, y, z) from `a`: t = u_x·x + g, and h² = |v × u|² has its least value k²/n² at x = u_x·g/n².
+    #[inline(always)]
+    fn draw_row(&self, strip: &mut Strip<f32>, row: usize) {
+        let [ux, uy, uz] = self.shape.u;
+        let is_ball = self.shape.length == 0.0;
+        let (dz, y) = (self.dz, self.y0 + strip.grid_row(row) * self.dy);
+        let (k, g) = (y * uz - dz * uy, y * uy + dz * uz);
+        let least_h2 = if is_ball { y * y + dz * dz } else { k * k * self.inverse_n2 };
+        let reach = 1.0 + MARGIN - least_h2;
+        if reach <= 0.0 {
+            return;
+        }
+        let half = reach.sqrt() * if is_ball { 1.0 } else { self.inverse_n };
+        let middle = ux * g * self.inverse_n2;
+        let (mut left, mut right) = (middle - half, middle + half);
+        if !is_ball {
+            let one = (-1.0 - MARGIN - g) * self.inverse_ux;
+            let two = (self.shape.length + 1.0 + MARGIN - g) * self.inverse_ux;
+            left = left.max(one.min(two));
+            right = right.min(one.max(two));
+        }
+        let (one, two) = ((left - self.x0) * self.inverse_dx, (right - self.x0) * self.inverse_dx);
+        let (first, last) = (one.min(two).max(-1.0), one.max(two).min(strip.columns() as f64 - 1.0));
+        if !(first <= last && last >= 0.0) {
+            return;
+        }
+        // The first whole pixel after `first`; one exactly on it is in the margin and contributes nothing.
+        let (first, end) = ((first + 1.0) as usize, last as usize + 1);
+        let base = (middle - self.x0) * self.inverse_dx;
+        let mut start = first;
+        while start < end {
+            let stop = end.min(start + STRETCH_PX);
+            let base = base.max(start as f64).min(stop as f64 - 1.0).round();
+            let stretch = self.stretch(base, start, y, g, k);
+            let padded = start + (stop - start).next_multiple_of(LANES);
+            let cells = &mut strip.row_mut(row)[start..padded];
+            if is_ball {
+                vector::add_ball(cells, stretch);
+            } else if self.shape.weight[1] != 0.0 {
+                vector::add_strut::<true>(cells, stretch);
+            } else {
+                vector::add_strut::<false>(cells, stretch);
+            }
+            start = stop;
+        }
+        strip.touch(first, end + LANES);
+    }
+
+    #[inline(always)]
+    fn stretch(&self, base: f64, start: usize, y: f64, g: f64, k: f64) -> Stretch {
+        let [ux, uy, uz] = self.shape.u;
+        let x = self.x0 + base * self.dx;
+        let (h2, slope, curve) = if self.shape.length == 0.0 {
+            (x * x + y * y + self.dz * self.dz, x, 1.0)
+        } else {
+            let (second, third) = (self.dz * ux - x * uz, x * uy - y * ux);
+            (k * k + second * second + third * third, self.n2 * x - ux * g, self.n2)
+        };
+        let lo = -(g + ux * x);
+        Stretch {
+            q_base: (1.0 - h2) as f32,
+            slope: (2.0 * self.dx * slope) as f32,
+            curve: (self.dx * self.dx * curve) as f32,
+            lo_base: lo as f32,
+            hi_base: (self.shape.length + lo) as f32,
+            axial: (ux * self.dx) as f32,
+            weight: self.shape.weight,
+            first_d: (start as f64 - base) as f32,
+        }
+    }
+}
+
+fn reciprocal(x: f64) -> f64 {
+    if x == 0.0 { ENDLESS } else { 1.0 / x }
+}

@@ -1,0 +1,121 @@
+//! The pixels of a plane, and a few rows of them to draw on.
+
+/// Where pixel centres lie: column i at `x0 + i·dx`, row j at `y0 + j·dy`. Pitches are negative where mirrored.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Grid {
+    /// Column 0.
+    pub x0: f64,
+    /// From one column to the next.
+    pub dx: f64,
+    /// Row 0.
+    pub y0: f64,
+    /// From one row to the next.
+    pub dy: f64,
+    /// Number of columns.
+    pub width: usize,
+    /// Samples along each side of a pixel, for shapes that are sampled: 1, or 8 for grey.
+    pub samples: u32,
+}
+
+/// Spare cells at the end of each row: a kernel may write a whole vector that begins at the last pixel.
+const SPARE: usize = super::vector::LANES;
+
+/// Some rows of cells, `halo` more columns on each side than the grid has.
+#[derive(Debug)]
+pub struct Strip<Cell> {
+    cells: Vec<Cell>,
+    stride: usize,
+    halo: usize,
+    first_row: i32,
+    rows: usize,
+    /// Columns that may hold anything but the default, in cells.
+    used: std::ops::Range<usize>,
+}
+
+impl<Cell: Copy + Default> Strip<Cell> {
+    /// A strip for up to `rows` rows of `width` pixels, with `halo` more on every side.
+    pub fn new(width: usize, rows: usize, halo: usize) -> Self {
+        let stride = Self::stride(width, halo);
+        let cells = vec![Cell::default(); stride * (rows + 2 * halo)];
+        Self { cells, stride, halo, first_row: 0, rows: 0, used: 0..0 }
+    }
+
+    /// Bytes a strip takes.
+    pub fn bytes(width: usize, rows: usize, halo: usize) -> u64 {
+        (Self::stride(width, halo) * (rows + 2 * halo) * size_of::<Cell>()) as u64
+    }
+
+    fn stride(width: usize, halo: usize) -> usize {
+        width + 2 * halo + SPARE
+    }
+
+    /// Clears the strip and lets it stand for rows `first_row .. first_row + rows` of the grid, halo rows besides.
+    pub fn begin(&mut self, first_row: usize, rows: usize) {
+        for row in self.cells.chunks_exact_mut(self.stride) {
+            row[self.used.clone()].fill(Cell::default());
+        }
+        self.used = 0..0;
+        self.rows = rows + 2 * self.halo;
+        debug_assert!(self.rows * self.stride <= self.cells.len());
+        self.first_row = i32::try_from(first_row).unwrap_or(i32::MAX) - self.halo as i32;
+    }
+
+    /// The part of a row range that lies in this strip, counted from its first row (halo rows included).
+    pub(super) fn rows_within(&self, [first, last]: [i32; 2]) -> std::ops::Range<usize> {
+        let first = (first.saturating_sub(self.first_row)).max(0) as usize;
+        let end = (last.saturating_sub(self.first_row).saturating_add(1)).max(0) as usize;
+        first..end.min(self.rows)
+    }
+
+    /// The grid's row number of a row of this strip.
+    pub(super) fn grid_row(&self, row: usize) -> f64 {
+        f64::from(self.first_row) + row as f64
+    }
+
+    /// The grid's column number of the first cell.
+    pub(super) fn first_column(&self) -> f64 {
+        -(self.halo as f64)
+    }
+
+    /// Cells a row without the spare ones.
+    pub(super) fn columns(&self) -> usize {
+        self.stride - SPARE
+    }
+
+    /// One row of cells, spare ones included.
+    pub(super) fn row_mut(&mut self, row: usize) -> &mut [Cell] {
+        &mut self.cells[row * self.stride..(row + 1) * self.stride]
+    }
+
+    /// Notes that cells from `first` to before `end` of some row were written.
+    pub(super) fn touch(&mut self, first: usize, end: usize) {
+        let end = end.min(self.stride);
+        self.used = if self.used.is_empty() { first..end } else { self.used.start.min(first)..self.used.end.max(end) };
+    }
+
+    /// Pixels of the picture that may differ from the default.
+    pub fn used_pixels(&self, width: usize) -> std::ops::Range<usize> {
+        if self.used.is_empty() {
+            return 0..0;
+        }
+        // Cell c is pixel c − halo; a pixel's coverage hangs on cells up to the halo away.
+        self.used.start.saturating_sub(2 * self.halo).min(width)..self.used.end.min(width)
+    }
+
+    /// The cells of a row from a pixel on, spare ones included; `row` counts from the band's first.
+    pub(super) fn pixels(&self, row: usize, first: usize) -> &[Cell] {
+        let row = row + self.halo;
+        &self.cells[row * self.stride + self.halo + first..(row + 1) * self.stride]
+    }
+
+    /// The cell of a pixel; `row` counts from the band's first row.
+    pub(super) fn pixel(&self, row: usize, pixel: usize) -> Cell {
+        self.cells[(row + self.halo) * self.stride + pixel + self.halo]
+    }
+
+    /// The four neighbours of a pixel: left, right, above, below. For strips with a halo.
+    pub(super) fn neighbours(&self, row: usize, pixel: usize) -> [Cell; 4] {
+        let at = (row + self.halo) * self.stride + pixel + self.halo;
+        [at - 1, at + 1, at - self.stride, at + self.stride].map(|index| self.cells[index])
+    }
+}

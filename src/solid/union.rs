@@ -1,0 +1,212 @@
+//! Exact union: truncated cones, caps and balls, cut by pixel rows in closed form (3MF beam lattice extension). Unit of
+//! length: micrometres.
+//!
+//! A row is a line; a convex body cuts it in one interval, the roots of a quadratic. For grey a pixel is sampled at the
+//! centres of 8 × 8 sub-pixels by eight such rows, each exact: the sub-pixels inside any body are counted once.
+
+use super::{Beam, Cap, Grid, Path, Shape, Strip};
+
+/// A beam or ball with all that does not depend on the plane. Unit of length: micrometres.
+#[derive(Clone, Copy, Debug)]
+pub struct UnionStrut {
+    a: [f64; 3],
+    /// Unit vector; zero for a ball.
+    u: [f64; 3],
+    /// 0 for a ball.
+    length: f64,
+    radius: [f64; 2],
+    caps: [Cap; 2],
+}
+
+/// An interval of x; empty where the first is greater.
+type Interval = [f64; 2];
+
+impl Shape for UnionStrut {
+    /// One bit for each sub-pixel, eight to a sub-row.
+    type Cell = u64;
+
+    const HALO: usize = 0;
+
+    fn prepare(beam: &Beam, unit_um: f64) -> Self {
+        let (u, length) = beam.direction();
+        let radius = [beam.radius_a, beam.radius_b].map(|radius| radius / unit_um);
+        Self { a: beam.a.map(|x| x / unit_um), u, length: length / unit_um, radius, caps: beam.caps }
+    }
+
+    fn top(&self) -> f64 {
+        self.a[2] + (self.u[2] * self.length).max(0.0) + self.radius[0].max(self.radius[1])
+    }
+
+    fn row_range(&self, grid: &Grid, z: f64) -> Option<[i32; 2]> {
+        let radius = self.radius[0].max(self.radius[1]);
+        let (dz, run) = (z - self.a[2], self.u[2] * self.length);
+        if dz < run.min(0.0) - radius || dz > run.max(0.0) + radius {
+            return None;
+        }
+        // Only the part of the axis within the larger radius of the plane can matter.
+        let along = |height: f64| if run == 0.0 { 0.0 } else { (height / run).clamp(0.0, 1.0) * self.length };
+        let (from, to) = if run == 0.0 { (0.0, self.length) } else { (along(dz - radius), along(dz + radius)) };
+        let (y1, y2) = (self.a[1] + self.u[1] * from, self.a[1] + self.u[1] * to);
+        let (low, high) = (y1.min(y2) - radius, y1.max(y2) + radius);
+        let (one, two) = ((low - grid.y0) / grid.dy, (high - grid.y0) / grid.dy);
+        // One row more on both sides: sub-rows lie up to half a row from the row's centre.
+        Some([one.min(two).floor() as i32 - 1, one.max(two).ceil() as i32 + 1])
+    }
+
+    fn draw(_: Path, shapes: &[Self], chosen: &[u32], grid: &Grid, z: f64, strip: &mut Strip<u64>) {
+        for &index in chosen {
+            let shape = &shapes[index as usize];
+            let Some(range) = shape.row_range(grid, z) else { continue };
+            for row in strip.rows_within(range) {
+                for sub_row in 0..grid.samples {
+                    let offset = sub_offset(sub_row, grid.samples);
+                    let y = grid.y0 + (strip.grid_row(row) + offset) * grid.dy;
+                    for interval in shape.cut(y - shape.a[1], z - shape.a[2]) {
+                        shape.fill(interval, grid, sub_row, strip, row);
+                    }
+                }
+            }
+        }
+    }
+
+    fn pack_bits(_: Path, strip: &Strip<u64>, row: usize, first_byte: usize, out: &mut [u8]) {
+        let pixels = strip.pixels(row, first_byte * 8).as_chunks::<8>().0;
+        for (byte, pixels) in out.iter_mut().zip(pixels) {
+            *byte = pixels.iter().fold(0, |bits, cell| bits << 1 | u8::from(*cell != 0));
+        }
+    }
+
+    fn coverage(strip: &Strip<u64>, row: usize, pixel: usize) -> u8 {
+        ((strip.pixel(row, pixel).count_ones() * 255 + 32) / 64) as u8
+    }
+}
+
+/// Where sample `index` of `samples` lies in a pixel, in pixels from its centre.
+fn sub_offset(index: u32, samples: u32) -> f64 {
+    (f64::from(index) + 0.5) / f64::from(samples) - 0.5
+}
+
+const EMPTY: Interval = [1.0, 0.0];
+
+impl UnionStrut {
+    /// Intervals of x (from `a`) in which the line at (y, z) from `a` lies in the body, the cap at `a`, the cap at `b`.
+    fn cut(&self, y: f64, z: f64) -> [Interval; 3] {
+        if self.length == 0.0 {
+            return [ball(y, z, self.radius[0]), EMPTY, EMPTY];
+        }
+        let [ux, uy, uz] = self.u;
+        let g = y * uy + z * uz;
+        let body = meet(self.cone(y, z, g), slab(g, ux, 0.0, self.length));
+        let at_a = self.cap(0, ball(y, z, self.radius[0]), g);
+        let [bx, by, bz] = self.u.map(|x| x * self.length);
+        let at_b = self.cap(1, ball(y - by, z - bz, self.radius[1]).map(|x| x + bx), g);
+        [body, at_a, at_b]
+    }
+
+    fn cap(&self, end: usize, ball: Interval, g: f64) -> Interval {
+        match self.caps[end] {
+            Cap::Sphere => ball,
+            Cap::Butt => EMPTY,
+            Cap::Hemisphere if end == 0 => meet(ball, slab(g, self.u[0], f64::NEG_INFINITY, 0.0)),
+            Cap::Hemisphere => meet(ball, slab(g, self.u[0], self.length, f64::INFINITY)),
+        }
+    }
+
+    /// Where |v|² − t² ≤ (r + m t)², t = g + u_x·x, m the change of radius a unit of length. Where the row runs so flat that
+    /// the quadratic opens downwards, the double cone is cut in two half-lines; the one on the body's side counts.
+    fn cone(&self, y: f64, z: f64, g: f64) -> Interval {
+        let ux = self.u[0];
+        let m = (self.radius[1] - self.radius[0]) / self.length;
+        let radius = self.radius[0] + m * g;
+        let (second, half_first) = (1.0 - ux * ux * (1.0 + m * m), -ux * (g + m * radius));
+        let zeroth = y * y + z * z - g * g - radius * radius;
+        let discriminant = half_first * half_first - second * zeroth;
+        if second > 0.0 {
+            if discriminant < 0.0 {
+                return EMPTY;
+            }
+            let [low, high] = roots(second, half_first, zeroth, discriminant);
+            return [low, high];
+        }
+        let inside = slab(g, ux, 0.0, self.length);
+        if second == 0.0 {
+            return match half_first {
+                0.0 if zeroth <= 0.0 => inside,
+                0.0 => EMPTY,
+                slope if slope > 0.0 => [f64::NEG_INFINITY, -zeroth / (2.0 * slope)],
+                slope => [-zeroth / (2.0 * slope), f64::INFINITY],
+            };
+        }
+        if discriminant <= 0.0 {
+            return inside;
+        }
+        let [low, high] = roots(second, half_first, zeroth, discriminant);
+        let sides = [[f64::NEG_INFINITY, low], [high, f64::INFINITY]];
+        let length = |side: Interval| {
+            let [from, to] = meet(side, inside);
+            to - from
+        };
+        if length(sides[0]) >= length(sides[1]) { sides[0] } else { sides[1] }
+    }
+
+    /// Marks the sub-pixels of one sub-row whose centres lie in the interval.
+    fn fill(&self, [from, to]: Interval, grid: &Grid, sub_row: u32, strip: &mut Strip<u64>, row: usize) {
+        if from > to {
+            return;
+        }
+        // In samples, sample 0 the first of column 0.
+        let samples = f64::from(grid.samples);
+        let sample = |x: f64| ((x + self.a[0] - grid.x0) / grid.dx + 0.5) * samples - 0.5;
+        let (one, two) = (sample(from), sample(to));
+        let last_sample = (grid.width * grid.samples as usize) as f64 - 1.0;
+        let (first, last) = (one.min(two).max(0.0).ceil(), one.max(two).min(last_sample).floor());
+        if first > last {
+            return;
+        }
+        let (first, last, samples) = (first as usize, last as usize, grid.samples as usize);
+        let (first_pixel, last_pixel) = (first / samples, last / samples);
+        let full = (1_u64 << samples) - 1;
+        let shift = sub_row as usize * 8;
+        for (pixel, cell) in strip.row_mut(row)[first_pixel..=last_pixel].iter_mut().enumerate() {
+            let mut bits = full;
+            if pixel == 0 {
+                bits &= full << (first % samples);
+            }
+            if pixel == last_pixel - first_pixel {
+                bits &= full >> (samples - 1 - last % samples);
+            }
+            *cell |= bits << shift;
+        }
+        strip.touch(first_pixel, last_pixel + 1);
+    }
+}
+
+/// The two roots of `second·x² + 2·half_first·x + zeroth`, ascending, without cancellation. `second` is not 0.
+fn roots(second: f64, half_first: f64, zeroth: f64, discriminant: f64) -> Interval {
+    let sum = -(half_first + discriminant.sqrt().copysign(half_first));
+    let one = sum / second;
+    let two = if sum == 0.0 { one } else { zeroth / sum };
+    [one.min(two), one.max(two)]
+}
+
+/// Where |v|² ≤ r².
+fn ball(y: f64, z: f64, radius: f64) -> Interval {
+    let rest = radius * radius - y * y - z * z;
+    if rest < 0.0 {
+        return EMPTY;
+    }
+    [-rest.sqrt(), rest.sqrt()]
+}
+
+/// Where `low ≤ g + u·x ≤ high`.
+fn slab(g: f64, u: f64, low: f64, high: f64) -> Interval {
+    if u == 0.0 {
+        return if low <= g && g <= high { [f64::NEG_INFINITY, f64::INFINITY] } else { EMPTY };
+    }
+    let (one, two) = ((low - g) / u, (high - g) / u);
+    [one.min(two), one.max(two)]
+}
+
+fn meet(one: Interval, two: Interval) -> Interval {
+    [one[0].max(two[0]), one[1].min(two[1])]
+}

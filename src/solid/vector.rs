@@ -1,0 +1,158 @@
+//! The inner loops, written once and compiled for several instruction sets.
+//!
+//! Only `+ − × √`, comparisons and selects, lane by lane in a fixed order, no fused multiply-add: IEEE 754 makes every one of
+//! them exact to the last bit, so every path gives equal bits.
+
+/// Pixels evaluated at once. Rows of a strut are often some 15 pixels wide: longer vectors would mostly overshoot.
+pub(super) const LANES: usize = 8;
+
+/// The instruction set the kernels run on. All give equal bits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Path(Set);
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Set {
+    /// What the compiler may assume for the target: SSE2 on x86-64, NEON on aarch64.
+    Baseline,
+    #[cfg(target_arch = "x86_64")]
+    Avx2,
+}
+
+impl Path {
+    /// The compiler's baseline for the target.
+    pub const BASELINE: Self = Self(Set::Baseline);
+
+    /// The best path of this processor.
+    pub fn detect() -> Self {
+        #[cfg(target_arch = "x86_64")]
+        if std::is_x86_feature_detected!("avx2") {
+            return Self(Set::Avx2);
+        }
+        Self::BASELINE
+    }
+
+    /// Runs `work` compiled for this path; `work` must be `#[inline(always)]` to profit.
+    #[inline(always)]
+    pub(super) fn run(self, work: impl Work) {
+        match self.0 {
+            Set::Baseline => work.run(),
+            #[cfg(target_arch = "x86_64")]
+            #[allow(unsafe_code, reason = "calls code compiled for AVX2; see the proof")]
+            // SAFETY: `Set::Avx2` is private to this module and made only by `detect`, after the processor said it has AVX2.
+            Set::Avx2 => unsafe { run_avx2(work) },
+        }
+    }
+}
+
+/// A body to be compiled for each path.
+pub(super) trait Work {
+    /// Does it.
+    fn run(self);
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn run_avx2(work: impl Work) {
+    work.run();
+}
+
+/// A stretch of one row, of one strut, in `f32`. `d` counts pixels from a base pixel near the strut's axis, so that
+/// `q = q_base − d (slope + curve·d)` loses nothing to cancellation.
+#[derive(Clone, Copy)]
+pub(super) struct Stretch {
+    /// `1 − h²` at the base pixel, h the distance from the strut's axis in units of R.
+    pub(super) q_base: f32,
+    /// First-order change of h² a pixel.
+    pub(super) slope: f32,
+    /// Second-order change of h² a pixel.
+    pub(super) curve: f32,
+    /// Start of the strut measured from the foot of the base pixel: −t.
+    pub(super) lo_base: f32,
+    /// End of the strut measured from there: L − t.
+    pub(super) hi_base: f32,
+    /// Change of t a pixel.
+    pub(super) axial: f32,
+    /// `weight[0] + weight[1]·t`, times R.
+    pub(super) weight: [f32; 2],
+    /// Base pixel's offset: d of the first pixel.
+    pub(super) first_d: f32,
+}
+
+/// Adds a strut's field to whole vectors of pixels. With D = hi − lo, S = hi + lo, P = hi·lo, e = S² − P the closed form is
+/// `G(hi) − G(lo) = D (q² − ⅔ q e + (e² − P S²)/5)`: no difference of nearly equal numbers for short struts.
+#[inline(always)]
+pub(super) fn add_strut<const TAPERED: bool>(row: &mut [f32], stretch: Stretch) {
+    let Stretch { q_base, slope, curve, lo_base, hi_base, axial, weight, mut first_d } = stretch;
+    for pixels in row.as_chunks_mut::<LANES>().0 {
+        for (lane, field) in pixels.iter_mut().enumerate() {
+            let d = first_d + LANE[lane];
+            let q = greater(q_base - d * (slope + curve * d), 0.0);
+            let s = q.sqrt();
+            let moved = axial * d;
+            let lo = lesser(greater(lo_base - moved, -s), s);
+            let hi = lesser(greater(hi_base - moved, -s), s);
+            let (difference, sum, product) = (hi - lo, hi + lo, hi * lo);
+            let square = sum * sum;
+            let e = square - product;
+            let mean = q * q - q * e * (2.0 / 3.0) + (e * e - product * square) * 0.2;
+            if TAPERED {
+                let (first, last) = (q - lo * lo, q - hi * hi);
+                let cubes = first * first + first * last + last * last;
+                let local = weight[0] + weight[1] * (moved - lo_base);
+                *field += difference * (local * mean + weight[1] * sum * cubes * (1.0 / 6.0));
+            } else {
+                *field += weight[0] * (difference * mean);
+            }
+        }
+        first_d += LANES as f32;
+    }
+}
+
+/// Adds a ball's field, `w q²`.
+#[inline(always)]
+pub(super) fn add_ball(row: &mut [f32], stretch: Stretch) {
+    let Stretch { q_base, slope, curve, weight, mut first_d, .. } = stretch;
+    for pixels in row.as_chunks_mut::<LANES>().0 {
+        for (lane, field) in pixels.iter_mut().enumerate() {
+            let d = first_d + LANE[lane];
+            let q = greater(q_base - d * (slope + curve * d), 0.0);
+            *field += weight[0] * (q * q);
+        }
+        first_d += LANES as f32;
+    }
+}
+
+/// Packs whether fields reach the isovalue, the first pixel of a byte in its highest bit.
+pub(super) struct PackBits<'a> {
+    /// At least eight for each byte.
+    pub(super) cells: &'a [f32],
+    /// Where to.
+    pub(super) out: &'a mut [u8],
+}
+
+impl Work for PackBits<'_> {
+    #[inline(always)]
+    fn run(self) {
+        for (byte, cells) in self.out.iter_mut().zip(self.cells.as_chunks::<8>().0) {
+            let mut bits = 0;
+            for (lane, field) in cells.iter().enumerate() {
+                bits |= if *field >= super::ISOVALUE as f32 { 0x80_u32 >> lane } else { 0 };
+            }
+            *byte = bits as u8;
+        }
+    }
+}
+
+const LANE: [f32; LANES] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
+
+/// `max` as one instruction; no operand is ever NaN.
+#[inline(always)]
+fn greater(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
+/// `min` as one instruction; no operand is ever NaN.
+#[inline(always)]
+fn lesser(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
