@@ -3,9 +3,11 @@
 //! | module        | owns                                                                                  |
 //! |---------------|---------------------------------------------------------------------------------------|
 //! | [`wire`]      | bytes: frames, messages, handshake; core and alloc only, firmware can share it         |
+//! | [`session`]   | order, loss, credit, urgency, silence: a pure state machine for host and device        |
 //!
 //! `docs/protocol.md` is the contract between both ends.
 
+pub mod session;
 pub mod wire;
 
 pub use wire::message;
