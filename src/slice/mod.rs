@@ -2,6 +2,8 @@
 
 mod bitmap;
 mod plan;
+mod png;
 
 pub use bitmap::{Bitmap, Depth};
 pub use plan::{Mirror, PlanError, Raster, SlicePlan};
+pub use png::write_png;
