@@ -140,7 +140,7 @@ fn golden_bytes() {
     assert_eq!(encoded(&bit, Encoding::RawBit), [0x00, 0x00, 0x0f, 0x00, 0x1f, 0x10, 0x1e, 0x10]);
     assert_eq!(encoded(&grey, Encoding::RawGrey), pixels);
     assert_eq!(hex(&encoded(&bit, Encoding::Group4)), "9b755ac0040040");
-    assert_eq!(hex(&encoded(&grey, Encoding::RunGrey)), "RUNGREY");
+    assert_eq!(hex(&encoded(&grey, Encoding::RunGrey)), "84802001115fa80c02101ff805034040ffc0529040");
     assert_eq!((picture_crc32(&bit), picture_crc32(&grey)), (0, 0));
 }
 
