@@ -4,12 +4,16 @@
 
 mod engine;
 mod event;
+mod journal;
 mod plan;
 mod record;
+mod spool;
 mod state;
 
 pub use engine::Engine;
 pub use event::{Action, Command, Event, Progress};
+pub use journal::{Entry, Journal, JournalError, read_journal};
 pub use plan::JobPlan;
 pub use record::{Contradiction, History, Record, ResumeChoice, ResumeError, StartPoint, Unconfirmed};
+pub use spool::{JobDirectory, MOST_PARTS, MOST_RECORDS, NewJob, Spool, SpoolError};
 pub use state::JobState;
