@@ -26,6 +26,7 @@
 
 pub mod buildfile;
 pub mod cli;
+pub mod codec;
 pub mod config;
 pub mod daemon;
 pub mod device;

@@ -1,5 +1,19 @@
-//! The life of a job: its states, its journal, and the engine that decides what happens next. No I/O, no clock.
+//! The life of a job: its states, its journal, and the engine that decides what happens next.
+//!
+//! [`Engine`] does no I/O and reads no clock: the daemon carries its [`Action`]s out and tells it what happens.
 
+mod engine;
+mod event;
+mod journal;
+mod plan;
+mod record;
+mod spool;
 mod state;
 
+pub use engine::Engine;
+pub use event::{Action, Command, Event, Progress};
+pub use journal::{Entry, Journal, JournalError, read_journal};
+pub use plan::JobPlan;
+pub use record::{Contradiction, History, Record, ResumeChoice, ResumeError, StartPoint, Unconfirmed};
+pub use spool::{JobDirectory, MOST_PARTS, MOST_RECORDS, NewJob, Spool, SpoolError};
 pub use state::JobState;

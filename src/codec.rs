@@ -1,0 +1,33 @@
+//! The one place that knows bincode: small values to bytes and back, under a limit.
+//!
+//! bincode is unmaintained (RUSTSEC-2025-0141) and pinned; whoever replaces it changes this file alone.
+
+use bincode::config::{Configuration, LittleEndian, Varint};
+use bincode::{Decode, Encode};
+
+/// Bytes that are not the value they should be.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct CodecError(String);
+
+/// Writes a value.
+///
+/// # Errors
+/// [`CodecError`] where a length does not fit the format; none of our types can.
+pub fn encode<T: Encode>(value: &T) -> Result<Vec<u8>, CodecError> {
+    bincode::encode_to_vec(value, format()).map_err(|error| CodecError(error.to_string()))
+}
+
+/// Reads a value that takes all of `bytes`; whatever lengths the bytes claim, at most `LIMIT` bytes are allocated.
+///
+/// # Errors
+/// [`CodecError`] where the bytes are not a `T`, claim more than `LIMIT` bytes, or go on after it.
+pub fn decode<T: Decode<()>, const LIMIT: usize>(bytes: &[u8]) -> Result<T, CodecError> {
+    let config = format().with_limit::<LIMIT>();
+    let (value, used) = bincode::decode_from_slice(bytes, config).map_err(|error| CodecError(error.to_string()))?;
+    if used == bytes.len() { Ok(value) } else { Err(CodecError(format!("{} bytes too many", bytes.len() - used))) }
+}
+
+fn format() -> Configuration<LittleEndian, Varint> {
+    bincode::config::standard()
+}

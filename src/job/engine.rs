@@ -1,0 +1,565 @@
+//! The life of one job as a pure state machine: no I/O, no clock. Events and the time go in, actions come out.
+//!
+//! ```text
+//!             Ready + Connected
+//!  Checking ───────────────────▶ take stock of the device ◀────────── Connected ── Lost ◀── LineLost, from anywhere
+//!                                 │ position unknown, plate bare: Home            (bounded; else interrupted)
+//!                                 ▼
+//!        ┌──────────────────▶ advance ── pause, stop, shutdown, failure, last layer ──▶ Parking ──▶ Resting | Ending
+//!        │                        │                                                    (plate clear)
+//!        │    layer exposed last: Lifting ──▶ Dripping (wait_after_lift) ──▶ advance
+//!        │                        │
+//!        │                   Approaching (retract to the layer's height)
+//!        │                        ▼
+//!        │                    Settling (light_off_delay + wait_before_exposure)
+//!        │                        ▼
+//!        │                    Waiting, dark, while the layer is late
+//!        │                        ▼
+//!        │      Commanding: journal Commanded ──▶ Exposing ──▶ Confirming: journal Confirmed
+//!        │                                                          ▼
+//!        └───────────────────────────────────────────────────── Curing (wait_after_exposure)
+//!
+//!  Abort, from anywhere: Urgent(Abort) ──▶ AbortSent ──▶ AbortReconnect ──▶ Parking ──▶ Ending
+//! ```
+//!
+//! How to drive it: after every [`Engine::handle`], take [`Engine::next_action`] until it gives none, carry each action out
+//! (uploads and acts in the background), and call [`Engine::handle`] with [`Event::Timeout`] when the time of
+//! [`Engine::next_timeout_us`] has come. Times are microseconds of any clock that never goes back.
+//!
+//! What it keeps true, whatever comes in whichever order:
+//! - no light without a `Commanded` record on disk before it; one act at a time;
+//! - a layer counts as exposed only when the device says so or the operator decides so;
+//! - with a part on the plate it never homes, for homing drives the plate to the bottom of the vat;
+//! - every wait for somebody else has an end, but that of a pause.
+
+mod ending;
+mod outbox;
+mod recovery;
+mod uploads;
+
+use outbox::Outbox;
+use uploads::Uploads;
+
+use super::{Action, Command, Event, JobPlan, JobState, Progress, Record, ResumeChoice, StartPoint, Unconfirmed};
+use crate::device::{Act, Outcome};
+use crate::link::message::DeviceState;
+
+const SECOND_US: u64 = 1_000_000;
+
+/// A new session must stand within this time: a cable put back and a device restarted take a few seconds; a minute leaves
+/// time to walk to the machine, and resin left longer under a plate at rest does it no good.
+const RECONNECT_US: u64 = 60 * SECOND_US;
+/// What an act may take beyond its computed time: ramps, a busy line, one repair by the link (at most 5 s).
+const ACT_MARGIN_US: u64 = 15 * SECOND_US;
+/// Homing of the largest build height (2 m) at 10 mm/s takes 200 s.
+const HOMING_US: u64 = 300 * SECOND_US;
+/// A layer that takes ten minutes to compute will not come.
+const LATE_LIMIT_US: u64 = 600 * SECOND_US;
+/// How often one layer may be commanded: each time but the first follows a lost line or a refusal.
+const MOST_COMMANDS: u32 = 10;
+
+/// Why the engine does not simply print on.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum Intent {
+    Print,
+    Pause,
+    /// Park the plate, then end in that state for that reason.
+    End(JobState, String),
+}
+
+/// The step under way; what ends it stands beside it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Phase {
+    /// Ready, Connected.
+    Checking,
+    /// ActDone.
+    Homing,
+    /// Uploaded: the first layer of a run; the machine has not begun, so it is not late.
+    WarmingUp,
+    /// ActDone.
+    Approaching,
+    /// Timeout.
+    Settling,
+    /// Uploaded: a late layer.
+    Waiting {
+        since_us: u64,
+    },
+    /// Journalled.
+    Commanding,
+    /// ActDone.
+    Exposing {
+        light_until_us: u64,
+    },
+    /// ActDone, after a light-off.
+    CuttingShort,
+    /// Journalled.
+    Confirming,
+    /// Timeout.
+    Curing,
+    /// ActDone.
+    Lifting,
+    /// Timeout.
+    Dripping,
+    /// ActDone.
+    Parking,
+    /// Command.
+    Resting,
+    /// Connected.
+    Lost,
+    /// State, asked for again and again until the device is at rest.
+    Asking {
+        until_us: u64,
+    },
+    /// UrgentDone, Connected.
+    AbortSent,
+    /// Connected.
+    AbortReconnect,
+    /// Journalled.
+    Ending,
+    Done,
+}
+
+/// The engine of one job. See the [module](self).
+#[derive(Debug)]
+pub struct Engine {
+    plan: JobPlan,
+    phase: Phase,
+    intent: Intent,
+    out: Outbox,
+    uploads: Uploads,
+    /// End of the phase's wait.
+    deadline_us: Option<u64>,
+    ready: bool,
+    line_up: bool,
+    ever_connected: bool,
+    /// The device as last heard of.
+    device: DeviceState,
+    max_position_um: i32,
+    position_um: Option<i32>,
+    next_layer: u32,
+    unconfirmed: Option<Unconfirmed>,
+    in_doubt: bool,
+    choice: ResumeChoice,
+    /// Whether light may ever have fallen for this job: then homing would crush the part.
+    touched: bool,
+    /// Whether the layer exposed last still sticks to the vat's film.
+    stuck: bool,
+    /// Whether the first layer of this run has been there: from then on a missing layer is late.
+    warm: bool,
+    /// A fault forbids moving.
+    immobile: bool,
+    aborting: bool,
+    light_known_off: bool,
+    aborts_sent: u32,
+    act_number: u64,
+    act_running: Option<u64>,
+    commands_of_layer: u32,
+    losses_in_a_row: u32,
+    loss: String,
+    late_layers: u32,
+    late_us_total: u64,
+}
+
+impl Engine {
+    /// An engine that waits for [`Event::Ready`] and [`Event::Connected`]. `start` comes from
+    /// [`super::History::start`], or is the default for a new job.
+    pub fn new(plan: JobPlan, start: StartPoint) -> Self {
+        let touched = start.next_layer > 0 || start.unconfirmed.is_some() || start.in_doubt;
+        Self {
+            plan,
+            phase: Phase::Checking,
+            intent: Intent::Print,
+            out: Outbox::default(),
+            uploads: Uploads::default(),
+            deadline_us: None,
+            ready: false,
+            line_up: false,
+            ever_connected: false,
+            device: DeviceState::default(),
+            max_position_um: 0,
+            position_um: None,
+            next_layer: start.next_layer,
+            unconfirmed: start.unconfirmed,
+            in_doubt: start.in_doubt,
+            choice: start.choice,
+            touched,
+            stuck: start.next_layer > 0 || touched,
+            warm: false,
+            immobile: false,
+            aborting: false,
+            light_known_off: false,
+            aborts_sent: 0,
+            act_number: 0,
+            act_running: None,
+            commands_of_layer: 0,
+            losses_in_a_row: 0,
+            loss: String::new(),
+            late_layers: 0,
+            late_us_total: 0,
+        }
+    }
+
+    /// Takes an event in. Events that mean nothing in the present state are ignored.
+    pub fn handle(&mut self, event: Event, now_us: u64) {
+        match event {
+            Event::Command(Command::Abort) => self.abort(now_us),
+            Event::Journalled => {
+                if self.out.journalled() {
+                    self.on_journal_idle(now_us);
+                }
+            }
+            Event::JournalFailed(text) => self.on_journal_failed(&text, now_us),
+            _ if self.phase == Phase::Ending || self.phase == Phase::Done => {}
+            _ if matches!(self.phase, Phase::AbortSent | Phase::AbortReconnect) => self.while_aborting(event, now_us),
+            Event::Ready => self.on_ready(now_us),
+            Event::Unfit(text) => self.wind_down(self.failed_or_interrupted(), text, now_us),
+            Event::Connected { state, max_position_um } => self.on_connected(state, max_position_um, now_us),
+            Event::LineLost(reason) => self.on_line_lost(reason, now_us),
+            Event::State(state) => self.on_state(state, now_us),
+            Event::Uploaded { layer } => self.on_uploaded(layer, now_us),
+            Event::UploadRefused { layer, refusal } => {
+                if let Err(text) = self.uploads.refused(layer, refusal) {
+                    self.wind_down(JobState::Failed, text, now_us);
+                }
+            }
+            Event::LayerFailed { layer, text } => {
+                self.uploads.cancel();
+                self.wind_down(JobState::Failed, format!("layer {layer} cannot be computed: {text}"), now_us);
+            }
+            Event::ActDone { number, outcome } => {
+                if self.act_running == Some(number) {
+                    self.act_running = None;
+                    self.on_act_done(outcome, now_us);
+                }
+            }
+            Event::UrgentDone => {}
+            Event::UrgentFailed(text) => self.out.notice(format!("an urgent order did not reach the device: {text}")),
+            Event::Fault(fault) => self.on_fault(fault.as_ref(), now_us),
+            Event::Command(command) => self.command(command, now_us),
+            Event::Shutdown => self.shutdown(now_us),
+            Event::Timeout => {
+                if self.deadline_us.is_some_and(|deadline_us| deadline_us <= now_us) {
+                    self.deadline_us = None;
+                    self.on_timeout(now_us);
+                }
+            }
+        }
+        self.pump_uploads();
+    }
+
+    /// The next thing to do; `None` until another event comes in.
+    pub fn next_action(&mut self) -> Option<Action> {
+        self.out.next()
+    }
+
+    /// When [`Event::Timeout`] is due.
+    pub fn next_timeout_us(&self) -> Option<u64> {
+        self.deadline_us
+    }
+
+    /// Where the job stands.
+    pub fn progress(&self) -> Progress {
+        Progress {
+            state: self.state(),
+            layer: self.next_layer,
+            layers_done: self.next_layer,
+            layers_total: self.plan.layer_count,
+            late_layers: self.late_layers,
+            late_ms_total: self.late_us_total / 1000,
+            exposing: matches!(self.phase, Phase::Exposing { .. } | Phase::CuttingShort),
+            eta_ms: self.plan.remaining_ms(self.next_layer),
+            in_doubt: self.in_doubt.then_some(self.next_layer),
+            reason: self.reason(),
+        }
+    }
+
+    /// The job's state.
+    pub fn state(&self) -> JobState {
+        match (&self.phase, &self.intent) {
+            (Phase::Ending | Phase::Done, Intent::End(state, _)) => *state,
+            _ if self.aborting => JobState::Aborting,
+            (Phase::Checking, _) => JobState::Checking,
+            (Phase::Resting, Intent::Pause) => JobState::Paused,
+            (_, Intent::Pause) => JobState::Pausing,
+            (_, Intent::End(JobState::Completed, _)) | (_, Intent::Print) => JobState::Printing,
+            (_, Intent::End(..)) => JobState::Stopping,
+        }
+    }
+
+    fn reason(&self) -> String {
+        match (&self.intent, &self.phase) {
+            (Intent::End(_, reason), _) => reason.clone(),
+            (_, Phase::Lost) => format!("waiting for the device: {}", self.loss),
+            (_, Phase::Checking) if self.ready => "waiting for the device".into(),
+            (_, Phase::Asking { .. }) => "waiting for the device to come to rest".into(),
+            (_, Phase::Waiting { .. }) => format!("layer {} is late; the device waits dark", self.next_layer),
+            (_, Phase::WarmingUp) => format!("layer {} is being computed and sent", self.next_layer),
+            _ => String::new(),
+        }
+    }
+
+    fn on_ready(&mut self, now_us: u64) {
+        self.ready = true;
+        if self.phase != Phase::Checking {
+            return;
+        }
+        if self.line_up {
+            self.begin(now_us);
+        } else {
+            self.deadline_us = Some(now_us + RECONNECT_US);
+        }
+    }
+
+    fn command(&mut self, command: Command, now_us: u64) {
+        match (command, &self.intent) {
+            (Command::Pause, Intent::Print) => self.intent = Intent::Pause,
+            (Command::Resume, Intent::Pause) => {
+                self.intent = Intent::Print;
+                if self.phase == Phase::Resting {
+                    self.out.journal(Record::Resumed);
+                    self.advance(now_us);
+                }
+                return;
+            }
+            (Command::Stop, Intent::Print | Intent::Pause) => {
+                return self.wind_down(JobState::Stopped, "stopped by the operator".into(), now_us);
+            }
+            _ => return self.out.notice(format!("nothing to do: the job is {}", self.state())),
+        }
+        self.reconsider(now_us);
+    }
+
+    /// Takes the next step once nothing is under way: no act, no unconfirmed exposure.
+    fn advance(&mut self, now_us: u64) {
+        if !self.line_up {
+            return self.lose(now_us);
+        }
+        if self.intent == Intent::Print && self.next_layer == self.plan.layer_count {
+            self.intent = Intent::End(JobState::Completed, String::new());
+        }
+        if self.intent != Intent::Print {
+            return self.park(now_us);
+        }
+        match self.position_um {
+            None if self.touched => self.end_interrupted(POSITION_LOST.into(), now_us),
+            None => self.start_act(Act::Home, Phase::Homing, now_us + HOMING_US),
+            Some(position_um) if self.stuck => self.lift(position_um, now_us),
+            Some(_) if !self.warm && !self.uploads.holds(self.next_layer) => {
+                self.wait_until(Phase::WarmingUp, now_us + LATE_LIMIT_US);
+            }
+            Some(position_um) => self.approach(position_um, now_us),
+        }
+    }
+
+    fn lift(&mut self, position_um: i32, now_us: u64) {
+        let exposed = self.next_layer.saturating_sub(1);
+        let target_um = self.plan.lifted_position_um(exposed).min(self.max_position_um);
+        if position_um >= target_um {
+            self.stuck = false;
+            return self.advance(now_us);
+        }
+        self.start_move(target_um, self.plan.recipe.lift_speed_um_s, Phase::Lifting, now_us);
+    }
+
+    fn approach(&mut self, position_um: i32, now_us: u64) {
+        self.warm = true;
+        let target_um = self.plan.layer_position_um(self.next_layer);
+        if position_um == target_um {
+            return self.settle(now_us);
+        }
+        self.start_move(target_um, self.plan.recipe.retract_speed_um_s, Phase::Approaching, now_us);
+    }
+
+    fn settle(&mut self, now_us: u64) {
+        let recipe = &self.plan.recipe;
+        let wait_ms = u64::from(recipe.light_off_delay_ms) + u64::from(recipe.wait_before_exposure_ms);
+        self.wait_until(Phase::Settling, now_us + wait_ms * 1000);
+    }
+
+    /// The layer is wanted now.
+    fn want_layer(&mut self, now_us: u64) {
+        if self.uploads.holds(self.next_layer) {
+            return self.command_exposure(now_us);
+        }
+        self.late_layers += 1;
+        self.wait_until(Phase::Waiting { since_us: now_us }, now_us + LATE_LIMIT_US);
+    }
+
+    fn command_exposure(&mut self, now_us: u64) {
+        self.commands_of_layer += 1;
+        if self.commands_of_layer > MOST_COMMANDS {
+            let text = format!("layer {} was commanded {MOST_COMMANDS} times in vain; check the device", self.next_layer);
+            return self.wind_down(JobState::Interrupted, text, now_us);
+        }
+        let boot_id = self.device.boot_id;
+        self.unconfirmed = Some(Unconfirmed { layer: self.next_layer, boot_id });
+        self.out.journal(Record::Commanded { layer: self.next_layer, boot_id });
+        self.phase = Phase::Commanding;
+        self.deadline_us = None;
+    }
+
+    fn expose(&mut self, now_us: u64) {
+        let duration_ms = self.plan.recipe.layer_exposure_ms(self.next_layer);
+        let act = Act::Expose { layer: self.next_layer, duration_ms, light_pwm: self.plan.recipe.light_pwm };
+        self.touched = true;
+        let light_until_us = now_us + u64::from(duration_ms) * 1000;
+        self.start_act(act, Phase::Exposing { light_until_us }, light_until_us + ACT_MARGIN_US);
+    }
+
+    /// The device says that the layer commanded had its light.
+    fn confirm(&mut self) {
+        self.out.journal(Record::Confirmed { layer: self.next_layer });
+        self.count_as_exposed();
+        self.phase = Phase::Confirming;
+        self.deadline_us = None;
+    }
+
+    fn count_as_exposed(&mut self) {
+        self.uploads.release(self.next_layer);
+        self.unconfirmed = None;
+        self.in_doubt = false;
+        self.next_layer += 1;
+        self.stuck = true;
+        self.touched = true;
+        self.commands_of_layer = 0;
+        self.losses_in_a_row = 0;
+    }
+
+    /// The layer commanded certainly had no light.
+    fn deny(&mut self) {
+        if self.unconfirmed.take().is_some() {
+            self.out.journal(Record::NotExposed { layer: self.next_layer });
+        }
+    }
+
+    fn on_journal_idle(&mut self, now_us: u64) {
+        match self.phase {
+            Phase::Commanding => self.expose(now_us),
+            Phase::Confirming => {
+                let wait_us = u64::from(self.plan.recipe.wait_after_exposure_ms) * 1000;
+                self.wait_until(Phase::Curing, now_us + wait_us);
+            }
+            Phase::Ending => self.finish(),
+            _ => {}
+        }
+    }
+
+    fn on_uploaded(&mut self, layer: u32, now_us: u64) {
+        if !self.uploads.uploaded(layer) || layer != self.next_layer {
+            return;
+        }
+        match self.phase {
+            Phase::WarmingUp => self.advance(now_us),
+            Phase::Waiting { since_us } => {
+                self.late_us_total += now_us.saturating_sub(since_us);
+                self.command_exposure(now_us);
+            }
+            _ => {}
+        }
+    }
+
+    fn on_act_done(&mut self, outcome: Outcome, now_us: u64) {
+        match (self.phase, outcome) {
+            (Phase::Exposing { .. } | Phase::CuttingShort, Outcome::Exposed { layer, .. }) if layer == self.next_layer => {
+                self.confirm();
+            }
+            (Phase::Homing | Phase::Lifting | Phase::Approaching | Phase::Parking, Outcome::Arrived { position_um }) => {
+                self.position_um = Some(position_um);
+                self.deadline_us = None;
+                self.on_arrived(position_um, now_us);
+            }
+            (_, Outcome::Refused(refusal)) => self.on_refused(refusal, now_us),
+            (_, outcome) => {
+                let text = format!("the device answered {outcome:?} to something else; check its firmware");
+                if self.unconfirmed.is_some() {
+                    self.doubt(text, now_us);
+                } else {
+                    self.end_interrupted(text, now_us);
+                }
+            }
+        }
+    }
+
+    fn on_arrived(&mut self, position_um: i32, now_us: u64) {
+        match self.phase {
+            Phase::Lifting => {
+                self.stuck = false;
+                let wait_us = u64::from(self.plan.recipe.wait_after_lift_ms) * 1000;
+                self.wait_until(Phase::Dripping, now_us + wait_us);
+            }
+            Phase::Approaching if self.intent == Intent::Print => {
+                let target_um = self.plan.layer_position_um(self.next_layer);
+                // Beyond half a layer the part would be wrong, and nothing later could mend it.
+                if f64::from((position_um - target_um).abs()) > self.plan.recipe.layer_height_um / 2.0 {
+                    let text = format!(
+                        "the plate is at {position_um} µm instead of {target_um} µm: check the axis, then resume"
+                    );
+                    return self.wind_down(JobState::Interrupted, text, now_us);
+                }
+                self.settle(now_us);
+            }
+            Phase::Parking if self.intent != Intent::Print => self.parked(now_us),
+            _ => self.advance(now_us),
+        }
+    }
+
+    fn on_timeout(&mut self, now_us: u64) {
+        match self.phase {
+            Phase::Settling => self.want_layer(now_us),
+            Phase::Curing | Phase::Dripping => self.advance(now_us),
+            Phase::WarmingUp | Phase::Waiting { .. } => {
+                let text = format!(
+                    "layer {} did not come within {} s: run `layerctl check` on the part, then resume",
+                    self.next_layer,
+                    LATE_LIMIT_US / SECOND_US
+                );
+                self.wind_down(JobState::Interrupted, text, now_us);
+            }
+            Phase::Asking { until_us } => self.ask_again(until_us, now_us),
+            Phase::Exposing { .. } => self.cut_short(now_us),
+            Phase::CuttingShort => self.doubt("the device did not say how the exposure ended".into(), now_us),
+            Phase::Homing | Phase::Lifting | Phase::Approaching | Phase::Parking => {
+                let text = "the plate did not arrive in time: check the axis and the device".into();
+                self.end_unparked(text, now_us);
+            }
+            Phase::Checking | Phase::Lost => self.on_no_device(now_us),
+            _ => {}
+        }
+    }
+
+    fn start_move(&mut self, position_um: i32, speed_um_s: u32, phase: Phase, now_us: u64) {
+        let from_um = self.position_um.unwrap_or(0);
+        let distance_um = u64::from(position_um.abs_diff(from_um));
+        let travel_us = distance_um * SECOND_US / u64::from(speed_um_s.max(1));
+        self.start_act(Act::Move { position_um, speed_um_s }, phase, now_us + travel_us + ACT_MARGIN_US);
+    }
+
+    fn start_act(&mut self, act: Act, phase: Phase, deadline_us: u64) {
+        self.act_number += 1;
+        self.act_running = Some(self.act_number);
+        self.out.act = Some((self.act_number, act));
+        self.wait_until(phase, deadline_us);
+    }
+
+    fn wait_until(&mut self, phase: Phase, deadline_us: u64) {
+        self.phase = phase;
+        self.deadline_us = Some(deadline_us);
+    }
+
+    fn pump_uploads(&mut self) {
+        use Phase::{AbortReconnect, AbortSent, Asking, Checking, Done, Ending, Lost};
+        let idle = matches!(self.phase, Checking | Lost | Asking { .. } | AbortSent | AbortReconnect | Ending | Done);
+        if idle || !self.line_up || matches!(self.intent, Intent::End(..)) || self.out.upload.is_some() {
+            return;
+        }
+        if let Some(wanted) = self.uploads.next(self.next_layer, self.plan.layer_count) {
+            self.out.upload = Some((wanted.layer, wanted.slot));
+            self.out.need_from = wanted.new_sweep.then_some(wanted.layer).or(self.out.need_from);
+        }
+    }
+}
+
+/// With a part on the plate, a device that lost its position cannot be homed by anyone but the operator.
+const POSITION_LOST: &str = "the device no longer knows where its plate is, and homing would drive the part into the vat's \
+     bottom. Nothing was moved. If the machine can restore its position without going down, do so and resume; otherwise \
+     take the part off and start it anew";

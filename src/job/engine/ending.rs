@@ -1,0 +1,308 @@
+//! Every way out of printing: pause and stop, failures and faults, shutdown, abort.
+
+use super::{Engine, Event, Intent, Phase, SECOND_US};
+use crate::job::{JobState, Record};
+use crate::link::message::{Fault, Refusal, Urgent};
+
+/// A running exposure that ends within this time may end when the daemon is told to stop: a whole layer is worth more than
+/// five of the ninety seconds systemd waits.
+const SHUTDOWN_EXPOSURE_US: u64 = 5 * SECOND_US;
+/// A device answers urgent orders within 100 ms; the rest is for a line that is just being repaired.
+const URGENT_US: u64 = 5 * SECOND_US;
+/// An aborted device says hello again at once, a restarted one within seconds.
+const ABORT_RECONNECT_US: u64 = 10 * SECOND_US;
+/// Aborts sent to a device that still shows light.
+const MOST_ABORTS: u32 = 5;
+
+impl Engine {
+    /// Ends the job after the step under way.
+    pub(super) fn wind_down(&mut self, state: JobState, reason: String, now_us: u64) {
+        self.intend_to_end(state, reason);
+        self.reconsider(now_us);
+    }
+
+    /// After a change of intent: ends waits that have lost their purpose. Acts under way end by themselves.
+    pub(super) fn reconsider(&mut self, now_us: u64) {
+        let Intent::End(state, _) = &self.intent else {
+            return match self.phase {
+                Phase::Settling | Phase::WarmingUp | Phase::Waiting { .. } | Phase::Dripping => self.advance(now_us),
+                _ => {}
+            };
+        };
+        let at_once = matches!(state, JobState::Interrupted | JobState::Failed);
+        match self.phase {
+            Phase::Checking | Phase::Resting => self.end(),
+            Phase::Settling | Phase::WarmingUp | Phase::Waiting { .. } | Phase::Dripping => self.advance(now_us),
+            Phase::Commanding if at_once => self.withdraw(now_us),
+            Phase::Exposing { .. } if at_once && self.out.act.is_some() => self.withdraw(now_us),
+            _ => {}
+        }
+    }
+
+    /// Takes back an exposure that has not left the engine.
+    fn withdraw(&mut self, now_us: u64) {
+        self.out.act = None;
+        self.act_running = None;
+        self.deny();
+        self.advance(now_us);
+    }
+
+    /// Brings the plate clear of the resin.
+    pub(super) fn park(&mut self, now_us: u64) {
+        let target_um = self.plan.parked_position_um(self.next_layer).min(self.max_position_um);
+        match self.position_um {
+            Some(position_um) if position_um < target_um && !self.immobile => {
+                self.start_move(target_um, self.plan.recipe.lift_speed_um_s, Phase::Parking, now_us);
+            }
+            _ => self.parked(now_us),
+        }
+    }
+
+    pub(super) fn parked(&mut self, now_us: u64) {
+        if self.intent != Intent::Pause {
+            return self.end();
+        }
+        self.out.journal(Record::Paused);
+        self.phase = Phase::Resting;
+        self.deadline_us = None;
+        if self.out.journal_broken {
+            self.advance(now_us);
+        }
+    }
+
+    /// Ends the job as intended: nothing is commanded any more.
+    fn end(&mut self) {
+        self.out.forget_session();
+        self.uploads.cancel();
+        self.act_running = None;
+        self.deadline_us = None;
+        self.phase = Phase::Ending;
+        if let Intent::End(state, reason) = &self.intent {
+            self.out.journal(Record::Ended { state: *state, reason: reason.clone() });
+        }
+        if self.out.journal_broken {
+            self.finish();
+        }
+    }
+
+    pub(super) fn finish(&mut self) {
+        self.phase = Phase::Done;
+        if let Intent::End(state, reason) = &self.intent {
+            self.out.finished = Some((*state, reason.clone()));
+        }
+    }
+
+    /// Ends the job without moving the plate.
+    pub(super) fn end_unparked(&mut self, text: String, _now_us: u64) {
+        self.intend_to_end(JobState::Interrupted, text);
+        self.end();
+    }
+
+    pub(super) fn end_interrupted(&mut self, text: String, now_us: u64) {
+        self.end_unparked(text, now_us);
+    }
+
+    /// What a job ends as that could not begin: a new one failed, one with layers on its plate can be resumed.
+    pub(super) fn failed_or_interrupted(&self) -> JobState {
+        if self.touched { JobState::Interrupted } else { JobState::Failed }
+    }
+
+    /// Nobody can tell how much light the layer commanded had.
+    pub(super) fn doubt(&mut self, why: String, now_us: u64) {
+        let layer = self.next_layer;
+        if !self.in_doubt {
+            self.out.journal(Record::InDoubt { layer, why: why.clone() });
+        }
+        self.unconfirmed = None;
+        self.in_doubt = true;
+        self.intend_to_end(
+            JobState::Interrupted,
+            format!(
+                "layer {layer} is in doubt: {why}. Look at the part, then resume with `--in-doubt exposed` or `--in-doubt \
+                 repeat`"
+            ),
+        );
+        if self.act_running.is_some() {
+            return self.end();
+        }
+        self.advance(now_us);
+    }
+
+    /// Ends a running exposure early.
+    pub(super) fn cut_short(&mut self, now_us: u64) {
+        self.out.urgent = Some(Urgent::LightOff);
+        self.wait_until(Phase::CuttingShort, now_us + URGENT_US);
+    }
+
+    pub(super) fn shutdown(&mut self, now_us: u64) {
+        self.wind_down(JobState::Interrupted, "the daemon was stopped; resume when it runs again".into(), now_us);
+        match &mut self.phase {
+            Phase::Lost | Phase::Homing => self.end(),
+            Phase::Asking { until_us } => *until_us = (*until_us).min(now_us + SHUTDOWN_EXPOSURE_US),
+            Phase::Exposing { light_until_us } if *light_until_us > now_us + SHUTDOWN_EXPOSURE_US => {
+                self.cut_short(now_us);
+            }
+            _ => {}
+        }
+    }
+
+    pub(super) fn on_fault(&mut self, fault: Option<&Fault>, now_us: u64) {
+        let Some(fault) = fault else {
+            self.immobile = false;
+            return self.out.notice("the device reports that its fault is gone");
+        };
+        self.immobile = true;
+        self.wind_down(JobState::Interrupted, fault_text(fault), now_us);
+        if self.act_running.is_some() {
+            // The light is off already; the device still owes the outcome.
+            self.deadline_us = self.deadline_us.map(|deadline_us| deadline_us.min(now_us + URGENT_US));
+        }
+    }
+
+    pub(super) fn on_fault_at_rest(&mut self, fault: &Fault, now_us: u64) {
+        self.immobile = true;
+        self.wind_down_at_rest(JobState::Interrupted, fault_text(fault), now_us);
+    }
+
+    pub(super) fn on_refused(&mut self, refusal: Refusal, now_us: u64) {
+        let layer = self.next_layer;
+        if !matches!(self.phase, Phase::Exposing { .. } | Phase::CuttingShort) {
+            return self.end_unparked(format!("the device refused to move: {}", remedy(refusal)), now_us);
+        }
+        match refusal {
+            Refusal::CutShort => self.doubt("the device ended its light early".into(), now_us),
+            Refusal::AlreadyExposed => {
+                self.out.notice(format!("the device says it exposed layer {layer} before; asking it for its state"));
+                self.ask(now_us);
+            }
+            Refusal::NoSuchLayer => {
+                self.out.notice(format!("the device no longer holds layer {layer}; it is sent again"));
+                self.deny();
+                self.uploads.release(layer);
+                self.advance(now_us);
+            }
+            _ => {
+                self.deny();
+                let state =
+                    if refusal == Refusal::NotReady { JobState::Interrupted } else { JobState::Failed };
+                let text = format!("the device refused to expose layer {layer}: {}", remedy(refusal));
+                self.wind_down_at_rest(state, text, now_us);
+            }
+        }
+    }
+
+    pub(super) fn on_journal_failed(&mut self, text: &str, now_us: u64) {
+        self.out.journal_failed();
+        if self.phase == Phase::Ending {
+            return self.finish();
+        }
+        let reason = format!("the journal cannot be written ({text}): make room on the spool's disk, then resume");
+        self.intend_to_end(JobState::Interrupted, reason);
+        match self.phase {
+            Phase::Commanding => {
+                self.unconfirmed = None;
+                self.advance(now_us);
+            }
+            Phase::Confirming => self.advance(now_us),
+            _ => self.reconsider(now_us),
+        }
+    }
+
+    /// Light off before anything else.
+    pub(super) fn abort(&mut self, now_us: u64) {
+        self.out.urgent = Some(Urgent::Abort);
+        if matches!(self.phase, Phase::Ending | Phase::Done) {
+            return;
+        }
+        self.out.forget_session();
+        self.uploads.cancel();
+        self.act_running = None;
+        self.aborting = true;
+        self.aborts_sent = 1;
+        self.intent = Intent::End(JobState::Aborted, "aborted by the operator".into());
+        self.wait_until(Phase::AbortSent, now_us + URGENT_US);
+    }
+
+    pub(super) fn while_aborting(&mut self, event: Event, now_us: u64) {
+        match event {
+            Event::UrgentDone => {
+                self.light_is_off();
+                self.wait_until(Phase::AbortReconnect, now_us + ABORT_RECONNECT_US);
+            }
+            Event::UrgentFailed(text) => {
+                self.out.notice(format!("the abort did not reach the device: {text}"));
+                if !self.ever_connected {
+                    self.intend_to_end(JobState::Aborted, LIGHT_UNKNOWN.into());
+                    return self.end();
+                }
+                self.wait_until(Phase::AbortReconnect, now_us + ABORT_RECONNECT_US);
+            }
+            Event::Connected { state, max_position_um } => {
+                let dark = !state.light_on && state.exposing.is_none();
+                self.immobile = state.fault.is_some();
+                self.greet(state, max_position_um);
+                if dark {
+                    self.light_is_off();
+                    return self.park(now_us);
+                }
+                if self.aborts_sent == MOST_ABORTS {
+                    self.light_known_off = false;
+                    return self.end_aborted();
+                }
+                self.aborts_sent += 1;
+                self.out.urgent = Some(Urgent::Abort);
+                self.wait_until(Phase::AbortSent, now_us + URGENT_US);
+            }
+            Event::LineLost(_) => self.line_up = false,
+            Event::Fault(fault) => self.immobile = fault.is_some(),
+            Event::Timeout if self.deadline_us.is_some_and(|deadline_us| deadline_us <= now_us) => match self.phase {
+                Phase::AbortSent => self.wait_until(Phase::AbortReconnect, now_us + ABORT_RECONNECT_US),
+                _ => self.end_aborted(),
+            },
+            _ => {}
+        }
+    }
+
+    fn light_is_off(&mut self) {
+        if !self.light_known_off {
+            self.light_known_off = true;
+            self.out.journal(Record::LightOff);
+        }
+    }
+
+    /// The device did not come back after an abort.
+    fn end_aborted(&mut self) {
+        let text = if self.light_known_off {
+            "the light is off, but the device did not come back: the plate was not lifted"
+        } else {
+            LIGHT_UNKNOWN
+        };
+        self.intend_to_end(JobState::Aborted, text.into());
+        self.end();
+    }
+}
+
+const LIGHT_UNKNOWN: &str = "WARNING: the device did not confirm that its light is off, and the plate was not lifted: switch the \
+     machine off at its mains and look";
+
+fn fault_text(fault: &Fault) -> String {
+    format!("the device reports fault {} ({}): mend it, then resume", fault.code, fault.text)
+}
+
+fn remedy(refusal: Refusal) -> &'static str {
+    match refusal {
+        Refusal::NotReady => "it is not ready; look at the device, then resume",
+        Refusal::AlreadyExposed => "it exposed that layer before",
+        Refusal::BadDuration => "the exposure is longer than it allows; lower exposure_ms and bottom_exposure_ms in the recipe",
+        Refusal::NoSuchLayer => "it does not hold that layer",
+        Refusal::SlotBusy | Refusal::Busy => "it is busy with something this job did not ask for; check its firmware",
+        Refusal::BadLayer => "the layer did not arrive whole; check the line",
+        Refusal::BadEncoding => "it does not know the encoding; check its firmware",
+        Refusal::BadMove => {
+            "the position is outside its travel, or the speed is; check lift_speed_um_s, retract_speed_um_s and the part's height"
+        }
+        Refusal::NotHomed => "it does not know where its plate is; take the part off and start anew",
+        Refusal::CutShort => "it was ended early by an interlock or at the machine; look at the device, then resume",
+        Refusal::Unknown => "it does not know the request; check that it is a DLP machine of this protocol version",
+    }
+}

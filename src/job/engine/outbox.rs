@@ -1,0 +1,92 @@
+//! Actions decided but not yet handed out, and the order in which they go.
+
+use std::collections::VecDeque;
+
+use crate::device::Act;
+use crate::job::{Action, JobState, Record};
+use crate::link::message::Urgent;
+
+/// Notices kept for a caller that does not fetch them; older ones are dropped.
+const MOST_NOTICES: usize = 64;
+
+/// Urgent first; then the journal; nothing else before the journal is on disk.
+#[derive(Debug, Default)]
+pub(super) struct Outbox {
+    pub(super) urgent: Option<Urgent>,
+    /// At most a handful: every record belongs to a step, and no step is taken before its records are written.
+    records: VecDeque<Record>,
+    record_in_flight: bool,
+    /// Set once a record could not be written: nothing more is.
+    pub(super) journal_broken: bool,
+    pub(super) act: Option<(u64, Act)>,
+    pub(super) query: bool,
+    pub(super) need_from: Option<u32>,
+    pub(super) upload: Option<(u32, u8)>,
+    pub(super) finished: Option<(JobState, String)>,
+    notices: VecDeque<String>,
+}
+
+impl Outbox {
+    pub(super) fn next(&mut self) -> Option<Action> {
+        if let Some(urgent) = self.urgent.take() {
+            return Some(Action::Urgent(urgent));
+        }
+        if let Some(text) = self.notices.pop_front() {
+            return Some(Action::Notice(text));
+        }
+        if self.record_in_flight {
+            return None;
+        }
+        if let Some(record) = self.records.pop_front() {
+            self.record_in_flight = true;
+            return Some(Action::Journal(record));
+        }
+        if let Some((number, act)) = self.act.take() {
+            return Some(Action::Act { number, act });
+        }
+        if std::mem::take(&mut self.query) {
+            return Some(Action::QueryState);
+        }
+        if let Some(from) = self.need_from.take() {
+            return Some(Action::NeedLayers { from });
+        }
+        if let Some((layer, slot)) = self.upload.take() {
+            return Some(Action::Upload { layer, slot });
+        }
+        self.finished.take().map(|(state, reason)| Action::Finished { state, reason })
+    }
+
+    pub(super) fn journal(&mut self, record: Record) {
+        if !self.journal_broken {
+            self.records.push_back(record);
+        }
+    }
+
+    /// Notes that a record is on disk; whether that was the last one wanted.
+    pub(super) fn journalled(&mut self) -> bool {
+        self.record_in_flight = false;
+        self.records.is_empty()
+    }
+
+    /// Gives up journalling.
+    pub(super) fn journal_failed(&mut self) {
+        self.record_in_flight = false;
+        self.journal_broken = true;
+        self.records.clear();
+    }
+
+    pub(super) fn notice(&mut self, text: impl Into<String>) {
+        if self.notices.len() == MOST_NOTICES {
+            self.notices.pop_front();
+        }
+        self.notices.push_back(text.into());
+    }
+
+    /// Takes back what was decided for a session that is gone.
+    pub(super) fn forget_session(&mut self) {
+        self.act = None;
+        self.query = false;
+        self.need_from = None;
+        self.upload = None;
+    }
+}

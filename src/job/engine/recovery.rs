@@ -1,0 +1,220 @@
+//! Finding out where the device stands: at the start, after a lost line, after a crash of the host.
+
+use super::{Engine, Intent, Phase, RECONNECT_US, SECOND_US};
+use crate::job::{JobState, Record, ResumeChoice};
+use crate::link::message::{DeviceState, ExposureId, Urgent};
+
+/// How often the device is asked while it still moves or exposes.
+const ASK_EVERY_US: u64 = SECOND_US / 2;
+/// The longest exposure a recipe may ask (ten minutes) and then some.
+const ASK_LIMIT_US: u64 = 620 * SECOND_US;
+/// Lines lost in a row without one layer printed in between.
+const MOST_LOSSES: u32 = 20;
+
+/// What became of a layer that was commanded.
+enum Fate {
+    Exposed,
+    NotExposed,
+    Unknown(String),
+}
+
+impl Engine {
+    pub(super) fn on_connected(&mut self, state: DeviceState, max_position_um: i32, now_us: u64) {
+        if self.line_up {
+            // A new session without news of the old one's end.
+            self.on_line_lost("the device began a new session".into(), now_us);
+        }
+        self.greet(state, max_position_um);
+        match self.phase {
+            Phase::Checking if self.ready => self.begin(now_us),
+            Phase::Lost => self.take_stock(now_us),
+            _ => {}
+        }
+    }
+
+    /// Notes a new session.
+    pub(super) fn greet(&mut self, state: DeviceState, max_position_um: i32) {
+        self.line_up = true;
+        self.ever_connected = true;
+        self.max_position_um = max_position_um;
+        self.uploads.reset(self.plan.key, &state);
+        self.warm = false;
+        self.notice_state(state);
+    }
+
+    fn notice_state(&mut self, state: DeviceState) {
+        self.position_um = state.position_um;
+        self.device = state;
+    }
+
+    pub(super) fn begin(&mut self, now_us: u64) {
+        let height_um = f64::from(self.plan.layer_count) * self.plan.recipe.layer_height_um;
+        if height_um > f64::from(self.max_position_um) {
+            let text = format!(
+                "the part needs the plate {height_um} µm above the vat, the device goes up to {} µm: choose a lower part",
+                self.max_position_um
+            );
+            return self.wind_down(JobState::Failed, text, now_us);
+        }
+        if self.device.slots.is_empty() {
+            let text = "the device says it has no layer slots; it cannot print. Check its firmware".to_owned();
+            return self.wind_down(JobState::Failed, text, now_us);
+        }
+        self.out.journal(Record::Started { layer: self.next_layer });
+        self.take_stock(now_us);
+    }
+
+    pub(super) fn on_line_lost(&mut self, reason: String, now_us: u64) {
+        self.line_up = false;
+        self.act_running = None;
+        self.out.forget_session();
+        self.uploads.cancel();
+        self.loss = reason;
+        if !matches!(self.phase, Phase::Checking | Phase::Resting | Phase::Lost) {
+            self.lose(now_us);
+        }
+    }
+
+    /// Waits for a new session; nothing is commanded meanwhile.
+    pub(super) fn lose(&mut self, now_us: u64) {
+        self.losses_in_a_row += 1;
+        if self.losses_in_a_row > MOST_LOSSES {
+            let text = format!(
+                "the line was lost {MOST_LOSSES} times without one layer printed in between ({}): check cable and device, \
+                 then resume",
+                self.loss
+            );
+            return self.end_unparked(text, now_us);
+        }
+        self.out.notice(format!("the line to the device is lost ({}); the job waits, dark, for it to come back", self.loss));
+        self.wait_until(Phase::Lost, now_us + RECONNECT_US);
+    }
+
+    pub(super) fn on_no_device(&mut self, now_us: u64) {
+        let why = if self.loss.is_empty() { "no answer" } else { self.loss.as_str() };
+        let text = format!(
+            "the device did not come back within {} s ({why}): check its power and cable and the machine file's link.path; \
+             the plate was not lifted",
+            RECONNECT_US / SECOND_US
+        );
+        if !self.ever_connected {
+            let state = self.failed_or_interrupted();
+            return self.wind_down(state, text, now_us);
+        }
+        self.end_unparked(text, now_us);
+    }
+
+    pub(super) fn on_state(&mut self, state: DeviceState, now_us: u64) {
+        if !matches!(self.phase, Phase::Asking { .. }) || !self.line_up {
+            return;
+        }
+        self.notice_state(state);
+        self.take_stock(now_us);
+    }
+
+    /// Asks for the state at once, then again and again until the device is at rest.
+    pub(super) fn ask(&mut self, now_us: u64) {
+        self.out.query = true;
+        let until_us = now_us + ASK_LIMIT_US;
+        self.wait_until(Phase::Asking { until_us }, now_us + ASK_EVERY_US);
+    }
+
+    pub(super) fn ask_again(&mut self, until_us: u64, now_us: u64) {
+        if now_us >= until_us {
+            return self.end_unparked("the device did not come to rest in time: check it, then resume".into(), now_us);
+        }
+        self.out.query = true;
+        self.deadline_us = Some(now_us + ASK_EVERY_US);
+    }
+
+    /// Decides from the device's state how to go on. Nothing is under way on our side.
+    fn take_stock(&mut self, now_us: u64) {
+        if let Some(fault) = self.device.fault.clone() {
+            return self.on_fault_at_rest(&fault, now_us);
+        }
+        if self.device.exposing.is_some() || self.device.moving {
+            // Polled without a request in between: the timer asks.
+            let until_us = match self.phase {
+                Phase::Asking { until_us } => until_us,
+                _ => now_us + ASK_LIMIT_US,
+            };
+            return self.wait_until(Phase::Asking { until_us }, until_us.min(now_us + ASK_EVERY_US));
+        }
+        if self.device.light_on {
+            self.out.urgent = Some(Urgent::LightOff);
+            let text = "the device shows light without an exposure; it was told to put it off. Check the device";
+            return self.end_unparked(text.into(), now_us);
+        }
+        if self.aborting {
+            return self.advance(now_us);
+        }
+        if self.unconfirmed.is_some() || self.in_doubt {
+            match self.fate() {
+                Fate::Exposed => return self.confirm(),
+                Fate::NotExposed => self.deny(),
+                Fate::Unknown(why) => return self.settle_doubt(why, now_us),
+            }
+        } else if let Some(id) = self.device.last_exposed.filter(|id| id.job == self.plan.key && id.layer >= self.next_layer) {
+            let text = format!(
+                "the device says it exposed layer {} of this job, of which the journal knows nothing beyond layer {}: the \
+                 journal is not complete, the job cannot go on",
+                id.layer, self.next_layer
+            );
+            return self.wind_down_at_rest(JobState::Failed, text, now_us);
+        }
+        self.advance(now_us);
+    }
+
+    /// What the device's state says about the layer commanded.
+    fn fate(&self) -> Fate {
+        let id = ExposureId { job: self.plan.key, layer: self.next_layer };
+        if self.device.last_exposed == Some(id) {
+            return Fate::Exposed;
+        }
+        if let Some((_, light_ms)) = self.device.cut_short.filter(|(cut, _)| *cut == id) {
+            return Fate::Unknown(format!("its light was cut short after {light_ms} ms"));
+        }
+        if self.device.last_exposed.is_some_and(|last| last.job == id.job && last.layer > id.layer) {
+            return Fate::Unknown("the device says it exposed a later layer".into());
+        }
+        match self.unconfirmed {
+            Some(commanded) if commanded.boot_id == self.device.boot_id => Fate::NotExposed,
+            Some(_) => Fate::Unknown("the device was reset between the command and its end".into()),
+            None => Fate::Unknown("the device does not know either".into()),
+        }
+    }
+
+    /// Only the operator can tell; perhaps they did already.
+    fn settle_doubt(&mut self, why: String, now_us: u64) {
+        let layer = self.next_layer;
+        match std::mem::take(&mut self.choice) {
+            ResumeChoice::None => self.doubt(why, now_us),
+            ResumeChoice::AssumeExposed => {
+                self.out.journal(Record::Decided { layer, exposed: true });
+                self.count_as_exposed();
+                self.advance(now_us);
+            }
+            ResumeChoice::Repeat => {
+                self.out.journal(Record::Decided { layer, exposed: false });
+                self.unconfirmed = None;
+                self.in_doubt = false;
+                self.advance(now_us);
+            }
+        }
+    }
+
+    /// Ends the job where nothing is under way: parks the plate first.
+    pub(super) fn wind_down_at_rest(&mut self, state: JobState, reason: String, now_us: u64) {
+        self.intend_to_end(state, reason);
+        self.advance(now_us);
+    }
+
+    /// Sets the end the job comes to; the first end wanted stands, later reasons are added to its own.
+    pub(super) fn intend_to_end(&mut self, state: JobState, reason: String) {
+        match &mut self.intent {
+            Intent::End(JobState::Completed, _) | Intent::Print | Intent::Pause => self.intent = Intent::End(state, reason),
+            Intent::End(_, known) if known.contains(&reason) => {}
+            Intent::End(_, known) => *known = format!("{known}; {reason}"),
+        }
+    }
+}

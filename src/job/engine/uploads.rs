@@ -1,0 +1,99 @@
+//! Which layers the device holds, and which is to be sent next.
+
+use crate::link::message::{DeviceState, Refusal};
+
+/// How often in a row a layer is sent again when the device does not take it. The line repairs its own errors, so a second
+/// refusal already means a device that cannot decode it.
+const MOST_REFUSALS: u8 = 3;
+
+/// The device's slots as far as this job is concerned.
+#[derive(Debug, Default)]
+pub(super) struct Uploads {
+    /// The job's layer in each slot.
+    slots: Vec<Option<u32>>,
+    /// The upload under way: layer and slot.
+    running: Option<(u32, u8)>,
+    /// The layer the sweep comes to next, where one was asked for.
+    sweep_at: Option<u32>,
+    refusals: u8,
+}
+
+/// What to ask for.
+pub(super) struct Wanted {
+    pub(super) layer: u32,
+    pub(super) slot: u8,
+    /// Whether the sweep must begin anew at that layer.
+    pub(super) new_sweep: bool,
+}
+
+impl Uploads {
+    /// Takes the slots from a state of a new session: whatever was being sent is void.
+    pub(super) fn reset(&mut self, key: u64, state: &DeviceState) {
+        let ours = |slot: &Option<_>| slot.filter(|id: &crate::link::message::ExposureId| id.job == key);
+        self.slots = state.slots.iter().map(|slot| ours(slot).map(|id| id.layer)).collect();
+        self.cancel();
+    }
+
+    /// Forgets the upload under way.
+    pub(super) fn cancel(&mut self) {
+        self.running = None;
+        self.sweep_at = None;
+    }
+
+    pub(super) fn holds(&self, layer: u32) -> bool {
+        self.slots.contains(&Some(layer))
+    }
+
+    /// Notes that a slot no longer holds the layer: exposed, or lost by the device.
+    pub(super) fn release(&mut self, layer: u32) {
+        for slot in &mut self.slots {
+            *slot = slot.filter(|held| *held != layer);
+        }
+    }
+
+    /// Notes that an upload ended well; false if it is not the one under way.
+    pub(super) fn uploaded(&mut self, layer: u32) -> bool {
+        let Some((_, slot)) = self.running.take_if(|running| running.0 == layer) else {
+            return false;
+        };
+        self.refusals = 0;
+        if let Some(place) = self.slots.get_mut(usize::from(slot)) {
+            *place = Some(layer);
+        }
+        true
+    }
+
+    /// Notes a refused upload; an error where sending it once more is pointless.
+    pub(super) fn refused(&mut self, layer: u32, refusal: Refusal) -> Result<(), String> {
+        if self.running.take_if(|running| running.0 == layer).is_none() {
+            return Ok(());
+        }
+        self.cancel();
+        self.refusals += 1;
+        if self.refusals < MOST_REFUSALS {
+            return Ok(());
+        }
+        Err(format!(
+            "the device refused layer {layer} {MOST_REFUSALS} times ({refusal:?}): check that the machine file's width_px \
+             and height_px are the device's"
+        ))
+    }
+
+    /// The next upload, now that the layers from `next_layer` on are to be exposed; `None` while one is under way, all slots
+    /// hold what is needed, or no layer is left.
+    pub(super) fn next(&mut self, next_layer: u32, layer_count: u32) -> Option<Wanted> {
+        if self.running.is_some() {
+            return None;
+        }
+        let ahead = u32::try_from(self.slots.len()).ok()?;
+        let needed = next_layer..layer_count.min(next_layer.saturating_add(ahead));
+        let layer = needed.clone().find(|layer| !self.holds(*layer))?;
+        let free = |slot: &Option<u32>| slot.is_none_or(|held| !needed.contains(&held));
+        let slot = u8::try_from(self.slots.iter().position(free)?).ok()?;
+        self.slots[usize::from(slot)] = None;
+        self.running = Some((layer, slot));
+        let new_sweep = self.sweep_at != Some(layer);
+        self.sweep_at = Some(layer + 1);
+        Some(Wanted { layer, slot, new_sweep })
+    }
+}

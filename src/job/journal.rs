@@ -1,0 +1,249 @@
+//! The journal of one job: an append-only file in which every record is checksummed and on disk before the next act.
+//!
+//! ```text
+//! "layerjnl" version:u32     then for each record     length:u32 crc32:u32 payload
+//! ```
+//!
+//! Little endian; the CRC-32 (IEEE) covers length and payload; the payload is an [`Entry`] in [`crate::codec`]'s form.
+//! A crash can leave one half-written record at the end: it was never reported as written, so it is cut off. Damage
+//! anywhere else is an error: a journal with a hole could let a layer be exposed twice.
+
+use std::fs::{File, OpenOptions};
+use std::io::{Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+use bincode::{Decode, Encode};
+
+use super::{Contradiction, History, Record};
+use crate::codec;
+
+/// A record and when it was written.
+#[derive(Clone, Debug, PartialEq, Eq, Encode, Decode)]
+pub struct Entry {
+    /// Wall clock, milliseconds since 1970; for people, nothing is decided by it.
+    pub at_unix_ms: u64,
+    /// What happened.
+    pub record: Record,
+}
+
+/// A journal that cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum JournalError {
+    /// The file could not be read or written.
+    #[error("cannot {what} the journal {}: {source}", path.display())]
+    Io {
+        /// What was tried.
+        what: &'static str,
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// Not a journal of this version, or damaged.
+    #[error("the journal {} is damaged: {what}; the job cannot be resumed, start the part again", path.display())]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// Where, and what was found.
+        what: String,
+    },
+    /// Its records contradict each other.
+    #[error("the journal {} is not true: {source}; the job cannot be resumed, start the part again", path.display())]
+    Contradiction {
+        /// The file.
+        path: PathBuf,
+        /// Which record, and how.
+        source: Contradiction,
+    },
+}
+
+const MAGIC: [u8; 12] = *b"layerjnl\x01\0\0\0";
+const FRAME_BYTES: usize = 8;
+/// The longest record is an end with its reason, which the engine keeps below 4 KiB.
+const LARGEST_RECORD_BYTES: usize = 16 << 10;
+/// Room for 1.5 million layers at two records of 40 bytes each.
+const LARGEST_JOURNAL_BYTES: u64 = 128 << 20;
+
+/// An open journal; the only writer of its file.
+#[derive(Debug)]
+pub struct Journal {
+    path: PathBuf,
+    file: File,
+    /// Bytes known to be on disk.
+    length_bytes: u64,
+    /// After a failed flush nobody knows what is on disk: nothing more is appended.
+    broken: bool,
+}
+
+impl Journal {
+    /// Creates a journal that must not exist yet and flushes it and its directory.
+    ///
+    /// # Errors
+    /// [`JournalError::Io`]; nothing is left behind then.
+    pub fn create(path: &Path, first: Record, at_unix_ms: u64) -> Result<Self, JournalError> {
+        let io = |source| JournalError::Io { what: "create", path: path.into(), source };
+        let file = OpenOptions::new().write(true).create_new(true).open(path).map_err(io)?;
+        let mut journal = Self { path: path.into(), file, length_bytes: 0, broken: false };
+        let written = journal.write(&MAGIC).and_then(|()| journal.append(first, at_unix_ms));
+        let synced = written.and_then(|()| sync_parent(path).map_err(io));
+        if let Err(error) = synced {
+            // Best effort: the error that matters is the first one.
+            let _ = std::fs::remove_file(path);
+            return Err(error);
+        }
+        Ok(journal)
+    }
+
+    /// Opens a journal to go on with it, and gives what it says. A half-written record at its end is cut off.
+    ///
+    /// # Errors
+    /// [`JournalError`] where the file cannot be read, is damaged, or contradicts itself.
+    pub fn open(path: &Path) -> Result<(Self, History), JournalError> {
+        let io = |source| JournalError::Io { what: "open", path: path.into(), source };
+        let mut file = OpenOptions::new().read(true).write(true).open(path).map_err(io)?;
+        let (entries, length_bytes) = parse(path, &contents(path, &mut file)?)?;
+        let history = replay(path, &entries)?;
+        if file.metadata().map_err(io)?.len() > length_bytes {
+            file.set_len(length_bytes).and_then(|()| file.sync_all()).map_err(io)?;
+        }
+        file.seek(SeekFrom::Start(length_bytes)).map_err(io)?;
+        Ok((Self { path: path.into(), file, length_bytes, broken: false }, history))
+    }
+
+    /// Appends a record; on return it is on disk.
+    ///
+    /// # Errors
+    /// [`JournalError::Io`], e.g. a full disk. What was written before stays valid; nothing more can be appended.
+    pub fn append(&mut self, record: Record, at_unix_ms: u64) -> Result<(), JournalError> {
+        let payload = codec::encode(&Entry { at_unix_ms, record })
+            .map_err(|error| self.io_error(std::io::Error::other(error)))?;
+        let length = u32::try_from(payload.len()).unwrap_or(u32::MAX);
+        if payload.len() > LARGEST_RECORD_BYTES {
+            return Err(self.io_error(std::io::Error::other(format!("a record of {length} bytes is too long"))));
+        }
+        let mut frame = Vec::with_capacity(FRAME_BYTES + payload.len());
+        frame.extend(length.to_le_bytes());
+        frame.extend(checksum(length, &payload).to_le_bytes());
+        frame.extend(payload);
+        self.write(&frame)
+    }
+
+    /// Writes bytes that belong together and flushes them.
+    fn write(&mut self, bytes: &[u8]) -> Result<(), JournalError> {
+        if self.broken {
+            return Err(self.io_error(std::io::Error::other("an earlier write failed")));
+        }
+        if let Err(source) = self.file.write_all(bytes).and_then(|()| self.file.sync_data()) {
+            self.broken = true;
+            // Best effort: a torn record would be cut off at the next opening as well.
+            let _ = self.file.set_len(self.length_bytes).and_then(|()| self.file.sync_data());
+            return Err(self.io_error(source));
+        }
+        self.length_bytes += bytes.len() as u64;
+        Ok(())
+    }
+
+    fn io_error(&self, source: std::io::Error) -> JournalError {
+        JournalError::Io { what: "write", path: self.path.clone(), source }
+    }
+}
+
+/// Reads a journal without touching it.
+///
+/// # Errors
+/// As [`Journal::open`].
+pub fn read_journal(path: &Path) -> Result<(Vec<Entry>, History), JournalError> {
+    let mut file = File::open(path).map_err(|source| JournalError::Io { what: "open", path: path.into(), source })?;
+    let (entries, _) = parse(path, &contents(path, &mut file)?)?;
+    let history = replay(path, &entries)?;
+    Ok((entries, history))
+}
+
+fn replay(path: &Path, entries: &[Entry]) -> Result<History, JournalError> {
+    History::replay(entries.iter().map(|entry| &entry.record))
+        .map_err(|source| JournalError::Contradiction { path: path.into(), source })
+}
+
+fn contents(path: &Path, file: &mut File) -> Result<Vec<u8>, JournalError> {
+    let io = |source| JournalError::Io { what: "read", path: path.into(), source };
+    let mut bytes = Vec::new();
+    file.take(LARGEST_JOURNAL_BYTES + 1).read_to_end(&mut bytes).map_err(io)?;
+    if bytes.len() as u64 > LARGEST_JOURNAL_BYTES {
+        let what = format!("it is longer than {LARGEST_JOURNAL_BYTES} bytes");
+        return Err(JournalError::Damaged { path: path.into(), what });
+    }
+    Ok(bytes)
+}
+
+/// The entries, and how many bytes of the file they take.
+fn parse(path: &Path, bytes: &[u8]) -> Result<(Vec<Entry>, u64), JournalError> {
+    let damaged = |what: String| JournalError::Damaged { path: path.into(), what };
+    if !bytes.starts_with(&MAGIC) {
+        return Err(damaged("it does not begin as a journal of version 1 does".into()));
+    }
+    let mut entries = Vec::new();
+    let mut at = MAGIC.len();
+    while at < bytes.len() {
+        let Some(payload) = frame(&bytes[at..]) else {
+            if is_torn_tail(&bytes[at..]) {
+                break;
+            }
+            return Err(damaged(format!("record {} at byte {at} is not what was written", entries.len())));
+        };
+        let entry = codec::decode::<Entry, LARGEST_RECORD_BYTES>(payload)
+            .map_err(|error| damaged(format!("record {} at byte {at}: {error}", entries.len())))?;
+        entries.push(entry);
+        at += FRAME_BYTES + payload.len();
+    }
+    Ok((entries, at as u64))
+}
+
+/// The payload of the whole and true record at the start of `bytes`.
+fn frame(bytes: &[u8]) -> Option<&[u8]> {
+    let (length, rest) = bytes.split_first_chunk::<4>()?;
+    let (crc, rest) = rest.split_first_chunk::<4>()?;
+    let length = u32::from_le_bytes(*length);
+    if length == 0 || length as usize > LARGEST_RECORD_BYTES {
+        return None;
+    }
+    let payload = rest.get(..length as usize)?;
+    (checksum(length, payload) == u32::from_le_bytes(*crc)).then_some(payload)
+}
+
+/// Whether what follows the last true record can be one write that did not end: short, and no true record after it.
+fn is_torn_tail(tail: &[u8]) -> bool {
+    tail.len() <= FRAME_BYTES + LARGEST_RECORD_BYTES && (1..tail.len()).all(|skip| frame(&tail[skip..]).is_none())
+}
+
+fn checksum(length: u32, payload: &[u8]) -> u32 {
+    let mut hasher = crc32fast::Hasher::new();
+    hasher.update(&length.to_le_bytes());
+    hasher.update(payload);
+    hasher.finalize()
+}
+
+/// Flushes the directory a file stands in: only then does its name survive a power cut.
+pub(super) fn sync_parent(path: &Path) -> std::io::Result<()> {
+    match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => File::open(parent)?.sync_all(),
+        _ => File::open(".")?.sync_all(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// `/dev/full` answers every write with "no space left on device".
+    #[test]
+    fn a_full_disk_is_told_once_and_ends_the_journal() {
+        let Ok(file) = OpenOptions::new().write(true).open("/dev/full") else {
+            return eprintln!("skipped: no /dev/full");
+        };
+        let mut journal = Journal { path: "/dev/full".into(), file, length_bytes: 0, broken: false };
+        let full = journal.append(Record::Paused, 0).expect_err("no space").to_string();
+        assert!(full.contains("/dev/full") && full.contains("No space left"), "{full}");
+        let after = journal.append(Record::Paused, 0).expect_err("broken").to_string();
+        assert!(after.contains("earlier write failed"), "{after}");
+    }
+}

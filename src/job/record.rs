@@ -1,0 +1,273 @@
+//! What a journal says happened, and what follows from it after a crash.
+
+use bincode::{Decode, Encode};
+use serde::Serialize;
+
+use super::JobState;
+
+/// One fact, on disk before the act it announces.
+#[derive(Clone, Debug, PartialEq, Eq, Encode, Decode)]
+pub enum Record {
+    /// The job was taken. Always the first record.
+    Accepted {
+        /// Random, never 0: names the job's exposures to the device.
+        key: u64,
+        /// Number of layers.
+        layer_count: u32,
+        /// Name of the part, for people.
+        name: String,
+    },
+    /// An engine took the job up; layers from this one on are still to be exposed.
+    Started {
+        /// The next layer.
+        layer: u32,
+    },
+    /// This layer's exposure is about to be commanded.
+    Commanded {
+        /// The layer.
+        layer: u32,
+        /// [`crate::link::message::DeviceState::boot_id`] of the device it is commanded to.
+        boot_id: u32,
+    },
+    /// The device exposed the layer for its whole time.
+    Confirmed {
+        /// The layer.
+        layer: u32,
+    },
+    /// The layer was commanded, but certainly not exposed.
+    NotExposed {
+        /// The layer.
+        layer: u32,
+    },
+    /// The layer was commanded and nobody can tell how much light it had.
+    InDoubt {
+        /// The layer.
+        layer: u32,
+        /// What is known.
+        why: String,
+    },
+    /// The operator settled a layer in doubt.
+    Decided {
+        /// The layer.
+        layer: u32,
+        /// Whether it counts as exposed; otherwise it is exposed again.
+        exposed: bool,
+    },
+    /// The plate rests clear of the resin.
+    Paused,
+    /// Printing goes on after a pause.
+    Resumed,
+    /// The device confirmed that its light is off after an abort.
+    LightOff,
+    /// The engine is done with the job.
+    Ended {
+        /// The last state.
+        state: JobState,
+        /// Why.
+        reason: String,
+    },
+}
+
+/// A layer that was commanded and neither confirmed nor denied.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Unconfirmed {
+    /// The layer.
+    pub layer: u32,
+    /// The start of the device it was commanded to.
+    pub boot_id: u32,
+}
+
+/// What a journal comes to.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct History {
+    /// Names the job's exposures.
+    pub key: u64,
+    /// Name of the part.
+    pub name: String,
+    /// Number of layers.
+    pub layer_count: u32,
+    /// State as of now, no engine running: what was active is [`JobState::Interrupted`].
+    pub state: JobState,
+    /// The first layer not known to be exposed.
+    pub next_layer: u32,
+    /// [`History::next_layer`] was commanded, and only the device knows what became of it.
+    pub unconfirmed: Option<Unconfirmed>,
+    /// [`History::next_layer`] was commanded, and not even the device knows: what is known. The operator must decide.
+    pub in_doubt: Option<String>,
+    /// Why the job ended, where it did.
+    pub reason: String,
+}
+
+/// What the operator says about a layer in doubt.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ResumeChoice {
+    /// Nothing.
+    #[default]
+    None,
+    /// It was exposed enough: go on with the next.
+    AssumeExposed,
+    /// It was not: expose it again.
+    Repeat,
+}
+
+/// Where an engine takes a job up.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct StartPoint {
+    /// The first layer not known to be exposed.
+    pub next_layer: u32,
+    /// That layer was commanded: ask the device first.
+    pub unconfirmed: Option<Unconfirmed>,
+    /// That layer is in doubt: the choice settles it unless the device knows better.
+    pub in_doubt: bool,
+    /// What the operator said.
+    pub choice: ResumeChoice,
+}
+
+/// Why a job cannot be taken up.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum ResumeError {
+    /// The job is over.
+    #[error("the job is {0} and cannot be resumed; start the part again instead")]
+    Over(JobState),
+    /// A layer is in doubt and the operator has not decided.
+    #[error(
+        "layer {layer} is in doubt: {why}. Look at the part, then run `layerctl resume JOB --in-doubt exposed` to go on \
+         with layer {}, or `layerctl resume JOB --in-doubt repeat` to expose layer {layer} again", layer + 1
+    )]
+    InDoubt {
+        /// The layer.
+        layer: u32,
+        /// What is known.
+        why: String,
+    },
+}
+
+/// Records that contradict each other: the file is not a journal this program wrote.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("record {index} of the journal contradicts those before it: {what}")]
+pub struct Contradiction {
+    /// The record, from 0.
+    pub index: usize,
+    /// How.
+    pub what: String,
+}
+
+impl History {
+    /// Reads a journal's records from the first to the last.
+    ///
+    /// # Errors
+    /// [`Contradiction`] where they cannot all be true.
+    pub fn replay<'a>(records: impl IntoIterator<Item = &'a Record>) -> Result<Self, Contradiction> {
+        let mut records = records.into_iter();
+        let Some(Record::Accepted { key, layer_count, name }) = records.next() else {
+            return Err(Contradiction { index: 0, what: "a journal begins with the job's acceptance".into() });
+        };
+        let mut history = Self {
+            key: *key,
+            name: name.clone(),
+            layer_count: *layer_count,
+            state: JobState::Queued,
+            next_layer: 0,
+            unconfirmed: None,
+            in_doubt: None,
+            reason: String::new(),
+        };
+        for (position, record) in records.enumerate() {
+            history.apply(record).map_err(|what| Contradiction { index: position + 1, what })?;
+        }
+        if history.state.is_active() {
+            history.state = JobState::Interrupted;
+            history.reason = "the daemon ended without warning (crash or lost power)".into();
+        }
+        Ok(history)
+    }
+
+    /// Where an engine takes the job up.
+    ///
+    /// # Errors
+    /// [`ResumeError`] where the job is over, or a layer is in doubt and `choice` does not settle it.
+    pub fn start(&self, choice: ResumeChoice) -> Result<StartPoint, ResumeError> {
+        if self.state.is_final() {
+            return Err(ResumeError::Over(self.state));
+        }
+        match (&self.in_doubt, choice) {
+            (Some(why), ResumeChoice::None) => {
+                Err(ResumeError::InDoubt { layer: self.next_layer, why: why.clone() })
+            }
+            _ => Ok(StartPoint {
+                next_layer: self.next_layer,
+                unconfirmed: self.unconfirmed,
+                in_doubt: self.in_doubt.is_some(),
+                choice,
+            }),
+        }
+    }
+
+    fn apply(&mut self, record: &Record) -> Result<(), String> {
+        if self.state.is_final() {
+            return Err(format!("the job was {} already", self.state));
+        }
+        match record {
+            Record::Accepted { .. } => return Err("the job is accepted twice".into()),
+            Record::Started { layer } => {
+                self.expect_next(*layer)?;
+                self.state = JobState::Printing;
+                self.reason.clear();
+            }
+            Record::Commanded { layer, boot_id } => {
+                self.expect_next(*layer)?;
+                if self.in_doubt.is_some() || self.unconfirmed.is_some() {
+                    return Err(format!("layer {layer} is commanded twice"));
+                }
+                self.unconfirmed = Some(Unconfirmed { layer: *layer, boot_id: *boot_id });
+            }
+            Record::Confirmed { layer } => {
+                self.expect_commanded(*layer)?;
+                self.settle(true);
+            }
+            Record::NotExposed { layer } => {
+                self.expect_commanded(*layer)?;
+                self.settle(false);
+            }
+            Record::InDoubt { layer, why } => {
+                self.expect_commanded(*layer)?;
+                self.unconfirmed = None;
+                self.in_doubt = Some(why.clone());
+            }
+            Record::Decided { layer, exposed } => {
+                self.expect_commanded(*layer)?;
+                self.settle(*exposed);
+            }
+            Record::Paused => self.state = JobState::Paused,
+            Record::Resumed => self.state = JobState::Printing,
+            Record::LightOff => {}
+            Record::Ended { state, reason } => {
+                self.state = *state;
+                self.reason.clone_from(reason);
+            }
+        }
+        Ok(())
+    }
+
+    fn settle(&mut self, exposed: bool) {
+        self.unconfirmed = None;
+        self.in_doubt = None;
+        self.next_layer += u32::from(exposed);
+    }
+
+    fn expect_next(&self, layer: u32) -> Result<(), String> {
+        if layer == self.next_layer && layer <= self.layer_count {
+            return Ok(());
+        }
+        Err(format!("layer {layer} where layer {} of {} is next", self.next_layer, self.layer_count))
+    }
+
+    fn expect_commanded(&self, layer: u32) -> Result<(), String> {
+        self.expect_next(layer)?;
+        if self.unconfirmed.is_none() && self.in_doubt.is_none() {
+            return Err(format!("layer {layer} was not commanded"));
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,271 @@
+//! The spool: one directory a job, from its acceptance until it is forgotten.
+//!
+//! ```text
+//! SPOOL/lock                      held by the daemon that owns the spool
+//! SPOOL/incoming/…                parts being received; deleted at the next opening
+//! SPOOL/jobs/00000001/part.layerd
+//!                    /recipe.toml  as it was when the job was accepted
+//!                    /machine.toml
+//!                    /journal
+//! ```
+//!
+//! A job appears whole or not at all: its directory is made under a hidden name, flushed, renamed, and its parent flushed.
+//! Of jobs that are over, the newest [`MOST_RECORDS`] are kept for `layerctl jobs`, and the parts of the newest
+//! [`MOST_PARTS`]; [`Spool::tidy`] deletes the rest.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use super::journal::sync_parent;
+use super::{Journal, JournalError, Record};
+
+/// Finished jobs whose records are kept: some months of a busy machine, a few kilobytes to megabytes each.
+pub const MOST_RECORDS: usize = 100;
+/// Finished jobs whose part files are kept, each up to gigabytes.
+pub const MOST_PARTS: usize = 10;
+/// Free space a spool must keep beyond what is being written: journals and the rest of the system live there too.
+const RESERVE_BYTES: u64 = 16 << 20;
+
+const PART: &str = "part.layerd";
+const RECIPE: &str = "recipe.toml";
+const MACHINE: &str = "machine.toml";
+const JOURNAL: &str = "journal";
+
+/// A spool that cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum SpoolError {
+    /// A file operation failed.
+    #[error("cannot {what} {}: {source}", path.display())]
+    Io {
+        /// What was tried.
+        what: &'static str,
+        /// The file or directory.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// Another daemon owns the spool.
+    #[error("the spool {} is in use by another layerd; stop it, or give this one its own `spool`", .0.display())]
+    InUse(PathBuf),
+    /// Not enough room.
+    #[error(
+        "{} has {free_bytes} bytes free, {need_bytes} are needed: delete files there or move the spool", path.display()
+    )]
+    NoSpace {
+        /// The spool.
+        path: PathBuf,
+        /// Free bytes.
+        free_bytes: u64,
+        /// Needed bytes, the reserve included.
+        need_bytes: u64,
+    },
+    /// All job numbers are used up.
+    #[error("the spool {} has used all job numbers; empty it", .0.display())]
+    NumbersUsedUp(PathBuf),
+    /// The job's journal could not be created.
+    #[error(transparent)]
+    Journal(#[from] JournalError),
+}
+
+/// The spool directory, held for this process alone.
+#[derive(Debug)]
+pub struct Spool {
+    root: PathBuf,
+    _lock: File,
+}
+
+/// One job's directory.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct JobDirectory {
+    /// The job's number, from 1, ascending in order of acceptance.
+    pub id: u32,
+    path: PathBuf,
+}
+
+/// What a new job needs besides its part.
+#[derive(Clone, Debug)]
+pub struct NewJob<'a> {
+    /// The part, received whole, on the spool's file system (see [`Spool::incoming`]); moved into the job.
+    pub part: &'a Path,
+    /// Text of the recipe.
+    pub recipe: &'a str,
+    /// Text of the machine file.
+    pub machine: &'a str,
+    /// The journal's first record, [`Record::Accepted`].
+    pub accepted: Record,
+    /// Wall clock, milliseconds since 1970.
+    pub at_unix_ms: u64,
+}
+
+impl Spool {
+    /// Opens a spool, creating it where there is none, and deletes what an earlier process left unfinished.
+    ///
+    /// # Errors
+    /// [`SpoolError`]: no access, or in use by another process.
+    pub fn open(root: &Path) -> Result<Self, SpoolError> {
+        for directory in [root.to_path_buf(), root.join("jobs"), root.join("incoming")] {
+            fs::create_dir_all(&directory).map_err(io("create", &directory))?;
+        }
+        let lock_path = root.join("lock");
+        let options = OpenOptions::new().write(true).create(true).truncate(false).open(&lock_path);
+        let lock = options.map_err(io("open", &lock_path))?;
+        match lock.try_lock() {
+            Ok(()) => {}
+            Err(fs::TryLockError::WouldBlock) => return Err(SpoolError::InUse(root.into())),
+            Err(fs::TryLockError::Error(source)) => return Err(io("lock", &lock_path)(source)),
+        }
+        let spool = Self { root: root.into(), _lock: lock };
+        spool.delete_leftovers()?;
+        Ok(spool)
+    }
+
+    /// Where parts are received: on the same file system as the jobs, emptied at every opening.
+    pub fn incoming(&self) -> PathBuf {
+        self.root.join("incoming")
+    }
+
+    /// Checks that `bytes` more fit.
+    ///
+    /// # Errors
+    /// [`SpoolError::NoSpace`] says how much is there and how much is needed.
+    pub fn check_space(&self, bytes: u64) -> Result<(), SpoolError> {
+        let stat = rustix::fs::statvfs(&self.root).map_err(|error| io("ask the free space of", &self.root)(error.into()))?;
+        let free_bytes = stat.f_bavail.saturating_mul(stat.f_frsize);
+        let need_bytes = bytes.saturating_add(RESERVE_BYTES);
+        if free_bytes >= need_bytes {
+            return Ok(());
+        }
+        Err(SpoolError::NoSpace { path: self.root.clone(), free_bytes, need_bytes })
+    }
+
+    /// Makes a job out of a received part: whole or not at all, flushed.
+    ///
+    /// # Errors
+    /// [`SpoolError`]; nothing is left behind then but the part where it was.
+    pub fn create(&self, job: NewJob<'_>) -> Result<(JobDirectory, Journal), SpoolError> {
+        let jobs = self.root.join("jobs");
+        let last = self.jobs()?.last().map_or(0, |job| job.id);
+        let id = last.checked_add(1).ok_or_else(|| SpoolError::NumbersUsedUp(self.root.clone()))?;
+        let hidden = jobs.join(format!(".{id:08}"));
+        let path = jobs.join(format!("{id:08}"));
+        let part = job.part.to_path_buf();
+        let filled = self.fill(&hidden, job).and_then(|()| {
+            fs::rename(&hidden, &path).map_err(io("rename", &hidden))?;
+            sync_parent(&path).map_err(io("flush", &jobs))
+        });
+        if let Err(error) = filled {
+            // Best effort; what stays is deleted at the next opening.
+            let _ = fs::rename(hidden.join(PART), part);
+            let _ = fs::remove_dir_all(&hidden);
+            return Err(error);
+        }
+        let directory = JobDirectory { id, path };
+        let (journal, _) = Journal::open(&directory.journal())?;
+        Ok((directory, journal))
+    }
+
+    fn fill(&self, hidden: &Path, job: NewJob<'_>) -> Result<(), SpoolError> {
+        fs::create_dir(hidden).map_err(io("create", hidden))?;
+        for (name, text) in [(RECIPE, job.recipe), (MACHINE, job.machine)] {
+            let path = hidden.join(name);
+            let write = || {
+                let mut file = File::create_new(&path)?;
+                file.write_all(text.as_bytes())?;
+                file.sync_all()
+            };
+            write().map_err(io("write", &path))?;
+        }
+        Journal::create(&hidden.join(JOURNAL), job.accepted, job.at_unix_ms)?;
+        let flush_part = File::open(job.part).and_then(|file| file.sync_all());
+        flush_part.map_err(io("flush", job.part))?;
+        fs::rename(job.part, hidden.join(PART)).map_err(io("move", job.part))?;
+        sync_parent(&hidden.join(PART)).map_err(io("flush", hidden))
+    }
+
+    /// All jobs, in order of acceptance.
+    ///
+    /// # Errors
+    /// [`SpoolError::Io`] where the directory cannot be read.
+    pub fn jobs(&self) -> Result<Vec<JobDirectory>, SpoolError> {
+        let jobs = self.root.join("jobs");
+        let mut found = Vec::new();
+        for entry in fs::read_dir(&jobs).map_err(io("list", &jobs))? {
+            let path = entry.map_err(io("list", &jobs))?.path();
+            if let Some(id) = job_id(&path) {
+                found.push(JobDirectory { id, path });
+            }
+        }
+        found.sort_by_key(|job| job.id);
+        Ok(found)
+    }
+
+    /// Deletes the parts and records of jobs that are over, beyond [`MOST_PARTS`] and [`MOST_RECORDS`]. `over` lists the
+    /// jobs in whose state nothing can change any more.
+    ///
+    /// # Errors
+    /// [`SpoolError::Io`] names what could not be deleted.
+    pub fn tidy(&self, over: &[u32]) -> Result<(), SpoolError> {
+        let mut jobs = self.jobs()?;
+        // The last job stays whatever it is: its number must not be given again.
+        let newest = jobs.last().map(|job| job.id);
+        jobs.retain(|job| over.contains(&job.id));
+        for (age, job) in jobs.iter().rev().enumerate() {
+            if age >= MOST_RECORDS && Some(job.id) != newest {
+                fs::remove_dir_all(&job.path).map_err(io("delete", &job.path))?;
+            } else if age >= MOST_PARTS && job.part().exists() {
+                fs::remove_file(job.part()).map_err(io("delete", &job.part()))?;
+            }
+        }
+        Ok(())
+    }
+
+    fn delete_leftovers(&self) -> Result<(), SpoolError> {
+        let jobs = self.root.join("jobs");
+        for directory in [self.incoming(), jobs.clone()] {
+            for entry in fs::read_dir(&directory).map_err(io("list", &directory))? {
+                let path = entry.map_err(io("list", &directory))?.path();
+                let hidden = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
+                if directory == jobs && !hidden {
+                    continue;
+                }
+                let deleted = if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
+                deleted.map_err(io("delete", &path))?;
+            }
+        }
+        Ok(())
+    }
+}
+
+impl JobDirectory {
+    /// The part; deleted some time after the job is over.
+    pub fn part(&self) -> PathBuf {
+        self.path.join(PART)
+    }
+
+    /// The recipe as it was when the job was accepted.
+    pub fn recipe(&self) -> PathBuf {
+        self.path.join(RECIPE)
+    }
+
+    /// The machine file as it was when the job was accepted.
+    pub fn machine(&self) -> PathBuf {
+        self.path.join(MACHINE)
+    }
+
+    /// The journal.
+    pub fn journal(&self) -> PathBuf {
+        self.path.join(JOURNAL)
+    }
+}
+
+/// The number of the job whose directory this is.
+fn job_id(path: &Path) -> Option<u32> {
+    let name = path.file_name()?.to_str()?;
+    let id = name.parse().ok().filter(|id| *id > 0)?;
+    (name == format!("{id:08}")).then_some(id)
+}
+
+fn io<'a>(what: &'static str, path: &'a Path) -> impl Fn(std::io::Error) -> SpoolError + use<'a> {
+    move |source| SpoolError::Io { what, path: path.into(), source }
+}
