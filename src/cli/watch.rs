@@ -137,7 +137,10 @@ fn draw(frame: &mut Frame<'_>, view: &View) {
     let [progress, status, device, keys] = Layout::vertical(rows).areas(frame.area());
     frame.render_widget(gauge(view.status.active.as_ref()), progress);
     let text = status::lines(&view.status).join("\n");
-    frame.render_widget(Paragraph::new(text).wrap(Wrap { trim: false }).block(Block::bordered().title("layerd")), status);
+    frame.render_widget(
+        Paragraph::new(text).wrap(Wrap { trim: false }).block(Block::bordered().title("layerd")),
+        status,
+    );
     frame.render_widget(Paragraph::new(device_text(&view.device)).block(Block::bordered().title("device")), device);
     let (text, colour) = if view.asks_abort {
         ("abort this print now? y aborts, any other key does not".into(), Color::Red)
