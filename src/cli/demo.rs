@@ -2,6 +2,7 @@
 
 mod processes;
 
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -60,7 +61,8 @@ pub(super) fn run(args: DemoArgs) -> anyhow::Result<()> {
     write_config(&directory, short.path())?;
     let part = directory.join("demo.layerd");
     eprintln!("generating a lattice");
-    run_self(["generate", "bcc", "--struts", "4000", "--box", "24,16,5", "--radius", "0.2", "-o"], &[&part])?;
+    let generate = ["generate", "bcc", "--struts", "4000", "--box", "24,16,5", "--radius", "0.2", "-o"].map(OsStr::new);
+    run_self(&[&generate[..], &[part.as_os_str()]].concat())?;
 
     let began = Instant::now();
     let mut children = Children::default();
@@ -134,13 +136,25 @@ async fn print(
 ) -> anyhow::Result<(JobView, Status)> {
     let port = short.join("port");
     eprintln!("starting a simulated DLP printer and the daemon");
-    let device = ["simulate".as_ref(), "dlp".as_ref(), "--link".as_ref(), port.as_os_str(), "-o".as_ref()];
     let exposed = directory.join("exposed");
-    children.add("the simulated device", spawn_self(device, &[&exposed], &directory.join("device.log"))?);
+    let machine = directory.join("machine.toml");
+    let device: [&OsStr; 10] = [
+        "simulate".as_ref(),
+        "dlp".as_ref(),
+        "--machine".as_ref(),
+        machine.as_ref(),
+        "--baud".as_ref(),
+        "3000000".as_ref(),
+        "--link".as_ref(),
+        port.as_ref(),
+        "-o".as_ref(),
+        exposed.as_ref(),
+    ];
+    children.add("the simulated device", spawn_self(&device, &directory.join("device.log"))?);
     wait_until("the simulated device's port", children, async || std::fs::symlink_metadata(&port).is_ok()).await?;
-    let daemon = ["daemon".as_ref(), "--config".as_ref()];
     let config = directory.join("layerd.toml");
-    children.add("the daemon", spawn_self(daemon, &[&config], &directory.join("layerd.log"))?);
+    let daemon: [&OsStr; 3] = ["daemon".as_ref(), "--config".as_ref(), config.as_ref()];
+    children.add("the daemon", spawn_self(&daemon, &directory.join("layerd.log"))?);
     let client = Client::new(short.join("control.sock"));
     wait_until("the line between daemon and device", children, async || {
         client.status().await.is_ok_and(|status| status.link.state == LinkState::Connected)
@@ -197,16 +211,16 @@ fn summarise(directory: &Path, job: &JobView, status: &Status, took: Duration) -
 fn compare(directory: &Path, part: &Path, layers: u32) -> anyhow::Result<()> {
     let (machine, recipe) = (directory.join("machine.toml"), directory.join("recipe.toml"));
     let sliced = directory.join("sliced");
-    let arguments: [&std::ffi::OsStr; 7] = [
+    run_self(&[
         "slice".as_ref(),
-        part.as_os_str(),
+        part.as_ref(),
         "--machine".as_ref(),
-        machine.as_os_str(),
+        machine.as_ref(),
         "--recipe".as_ref(),
-        recipe.as_os_str(),
+        recipe.as_ref(),
         "-o".as_ref(),
-    ];
-    run_self(arguments, &[&sliced])?;
+        sliced.as_ref(),
+    ])?;
     for layer in 0..layers {
         let name = format!("layer_{layer:06}.png");
         let picture = |of: &str| {

@@ -58,10 +58,10 @@ fn end(child: &mut Child) {
     let _ = child.wait();
 }
 
-/// This program with other arguments and then `paths`; waits for its end. Its own messages say what went wrong.
-pub(super) fn run_self<A: AsRef<OsStr>>(arguments: impl IntoIterator<Item = A>, paths: &[&Path]) -> anyhow::Result<()> {
+/// This program with other arguments; waits for its end. Its own messages say what went wrong.
+pub(super) fn run_self(arguments: &[&OsStr]) -> anyhow::Result<()> {
     let mut command = this_program()?;
-    command.args(arguments).args(paths).stdin(Stdio::null()).stdout(Stdio::null());
+    command.args(arguments).stdin(Stdio::null()).stdout(Stdio::null());
     let status = command.status().context("cannot start layerctl")?;
     if !status.success() {
         bail!("this failed ({status}): {command:?}");
@@ -69,17 +69,13 @@ pub(super) fn run_self<A: AsRef<OsStr>>(arguments: impl IntoIterator<Item = A>, 
     Ok(())
 }
 
-/// This program with other arguments and then `paths`, in the background; what it says goes to `log`.
-pub(super) fn spawn_self<A: AsRef<OsStr>>(
-    arguments: impl IntoIterator<Item = A>,
-    paths: &[&Path],
-    log: &Path,
-) -> anyhow::Result<Child> {
+/// This program with other arguments, in the background; what it says goes to `log`.
+pub(super) fn spawn_self(arguments: &[&OsStr], log: &Path) -> anyhow::Result<Child> {
     let writing = || format!("cannot write {}", log.display());
     let stderr = File::create(log).with_context(writing)?;
     let stdout = stderr.try_clone().with_context(writing)?;
     let mut command = this_program()?;
-    command.args(arguments).args(paths).stdin(Stdio::null()).stdout(stdout).stderr(stderr);
+    command.args(arguments).stdin(Stdio::null()).stdout(stdout).stderr(stderr);
     command.spawn().with_context(|| format!("cannot start {command:?}"))
 }
 
