@@ -1,4 +1,184 @@
-//! `layerctl`: the operator's command.
+//! `layerctl`: what an operator types. Exit codes: 0 done, 1 failed, 2 wrong usage; `start --wait`: 3 aborted or stopped,
+//! 4 interrupted and resumable.
 
+pub mod client;
+mod commands;
+mod demo;
+mod device;
 pub mod info;
+mod jobs;
 pub mod pack;
+mod start;
+mod status;
+mod watch;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Prints implicit geometry just in time: pack a part, check it, start it, watch it.
+#[derive(Debug, Parser)]
+#[command(name = "layerctl", version, propagate_version = true, after_help = EXAMPLES)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+const EXAMPLES: &str = "\
+From a part to a print:
+  layerctl pack lattice.3mf -o lattice.layerd
+  layerctl check lattice.layerd --machine sim-dlp --recipe default
+  layerctl start lattice.layerd --recipe default --wait
+  layerctl watch
+
+The daemon is asked through its control socket, $LAYERD_SOCKET or /run/layerd/control.sock.
+Exit codes: 0 done, 1 failed, 2 wrong usage; start --wait: 3 aborted or stopped, 4 interrupted (resumable).";
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    // MERGE offline commands, each `XxxArgs` and `run(XxxArgs) -> anyhow::Result<()>`:
+    /// Turn 3MF or edge text into a build file.
+    Pack(pack::PackArgs),
+    // /// Make a synthetic lattice.
+    // Generate(generate::GenerateArgs),
+    /// Tell what is in a build file.
+    Info(info::InfoArgs),
+    // /// Preflight: does a part fit volume, budget and line.
+    // Check(check::CheckArgs),
+    // /// Write the very layers a print would send.
+    // Slice(slice::SliceArgs),
+    // /// Be a device on a pseudo-terminal.
+    // Simulate(simulate::SimulateArgs),
+    // /// The daemon itself, so that `demo` needs no second program.
+    // #[command(hide = true)]
+    // Daemon { #[arg(long)] config: std::path::PathBuf },
+    // MERGE end
+    /// Give a build file to the daemon as a new job; prints its id.
+    Start(start::StartArgs),
+    /// Everything at a glance: line, job, queue, budget.
+    Status(status::StatusArgs),
+    /// Follow the print in the terminal; keys pause, resume, stop and abort it.
+    Watch(watch::WatchArgs),
+    /// List the jobs the daemon remembers.
+    Jobs(jobs::JobsArgs),
+    /// Show what the device is and does.
+    Device(device::DeviceArgs),
+    /// End the layer under way, lift the plate clear and wait.
+    Pause(commands::JobArgs),
+    /// Let a paused or interrupted job go on.
+    Resume(commands::ResumeArgs),
+    /// End the job after the layer under way.
+    Stop(commands::JobArgs),
+    /// End the job now: light off first, then lift.
+    Abort(commands::JobArgs),
+    /// Print a lattice on a simulated printer: everything in one go.
+    Demo(demo::DemoArgs),
+}
+
+/// How a command ended, beyond "failed" (an error, exit code 1) and "wrong usage" (clap, exit code 2).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Ending {
+    Done,
+    Failed,
+    Aborted,
+    Interrupted,
+}
+
+impl From<Ending> for ExitCode {
+    fn from(ending: Ending) -> Self {
+        match ending {
+            Ending::Done => Self::SUCCESS,
+            Ending::Failed => Self::from(1),
+            Ending::Aborted => Self::from(3),
+            Ending::Interrupted => Self::from(4),
+        }
+    }
+}
+
+/// Parses the command line and carries it out; errors go to stderr with their causes.
+pub fn run() -> ExitCode {
+    match dispatch(Arguments::parse().command) {
+        Ok(ending) => ending.into(),
+        Err(error) => {
+            report(&error);
+            ExitCode::from(1)
+        }
+    }
+}
+
+fn dispatch(command: Command) -> anyhow::Result<Ending> {
+    match command {
+        // MERGE Command::Pack(args) => pack::run(args).map(done), … and
+        // MERGE Command::Daemon { config } => crate::daemon::run(&config).map(done),
+        Command::Start(args) => start::run(args),
+        Command::Status(args) => status::run(args).map(done),
+        Command::Watch(args) => watch::run(args).map(done),
+        Command::Jobs(args) => jobs::run(args).map(done),
+        Command::Device(args) => device::run(args).map(done),
+        Command::Pause(args) => commands::order(args, "pause").map(done),
+        Command::Resume(args) => commands::resume(args).map(done),
+        Command::Stop(args) => commands::order(args, "stop").map(done),
+        Command::Abort(args) => commands::order(args, "abort").map(done),
+        Command::Demo(args) => demo::run(args).map(done),
+    }
+}
+
+fn done((): ()) -> Ending {
+    Ending::Done
+}
+
+/// `error: …` and each cause that its text does not already contain.
+fn report(error: &anyhow::Error) {
+    let mut told = error.to_string();
+    eprintln!("error: {told}");
+    for cause in error.chain().skip(1).map(ToString::to_string) {
+        if !told.contains(&cause) {
+            eprintln!("  because: {cause}");
+            told.push_str(&cause);
+        }
+    }
+}
+
+/// Runs a conversation with the daemon on this thread.
+fn block_on<T>(conversation: impl Future<Output = anyhow::Result<T>>) -> anyhow::Result<T> {
+    tokio::runtime::Builder::new_current_thread().enable_all().build()?.block_on(conversation)
+}
+
+/// One JSON object on stdout, nothing else.
+fn print_json(value: &impl serde::Serialize) -> anyhow::Result<()> {
+    print(&serde_json::to_string(value)?)
+}
+
+/// A line on stdout; a closed pipe is an error, not a panic.
+fn print(text: &str) -> anyhow::Result<()> {
+    use std::io::Write;
+    writeln!(std::io::stdout().lock(), "{text}").map_err(|error| anyhow::anyhow!("cannot write to stdout: {error}"))
+}
+
+/// `1 h 05 min`, `4 min 10 s`, `12 s`.
+fn duration_text(seconds: u64) -> String {
+    match (seconds / 3600, seconds / 60 % 60, seconds % 60) {
+        (0, 0, s) => format!("{s} s"),
+        (0, m, s) => format!("{m} min {s:02} s"),
+        (h, m, _) => format!("{h} h {m:02} min"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Arguments::command().debug_assert();
+    }
+
+    #[test]
+    fn durations_read_well() {
+        assert_eq!(duration_text(12), "12 s");
+        assert_eq!(duration_text(250), "4 min 10 s");
+        assert_eq!(duration_text(3900), "1 h 05 min");
+    }
+}

@@ -1,0 +1,354 @@
+//! Talks to the daemon: HTTP over its Unix socket, one connection a request.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use http_body_util::{BodyExt, Either, Full};
+use hyper::body::{Bytes, Incoming};
+use hyper::client::conn::http1;
+use hyper::{Method, Request, Response, header};
+use hyper_util::rt::TokioIo;
+use serde::de::DeserializeOwned;
+use tokio::io::AsyncReadExt;
+use tokio::net::UnixStream;
+use tokio::time::timeout;
+
+use crate::daemon::api::{
+    ErrorBody, Event, JobList, JobView, NAME_HEADER, RECIPE_HEADER, RECIPE_NAME_HEADER, ResumeBody, Status,
+};
+use crate::daemon::{ChannelBody, percent_encode};
+
+/// Where the daemon listens unless `LAYERD_SOCKET` says otherwise.
+pub const DEFAULT_SOCKET: &str = "/run/layerd/control.sock";
+/// No answer of the API but events is larger; a wrong socket must not fill memory.
+const LARGEST_ANSWER_BYTES: usize = 16 << 20;
+/// The daemon answers from memory, and orders at once; checking a submitted job takes longest.
+const LONGEST_ANSWER: Duration = Duration::from_secs(60);
+/// The daemon sends something every five seconds.
+const LONGEST_SILENCE: Duration = Duration::from_secs(20);
+/// Bytes read from the build file at a time.
+const PART_BYTES: usize = 64 << 10;
+
+/// Why the daemon could not be asked.
+#[derive(Debug, thiserror::Error)]
+pub enum ClientError {
+    /// Nobody listens.
+    #[error(
+        "no layerd answers at {}: start it (systemctl start layerd), or say where it listens (LAYERD_SOCKET=PATH)",
+        socket.display()
+    )]
+    NoDaemon {
+        /// The socket.
+        socket: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The socket may not be opened.
+    #[error("the control socket {} may not be opened: join its group (usermod -aG layerd USER) or use sudo", socket.display())]
+    NotAllowed {
+        /// The socket.
+        socket: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The daemon says no; the text is its own.
+    #[error("{message}")]
+    Refused {
+        /// HTTP status.
+        status: u16,
+        /// What is wrong and what to do.
+        message: String,
+    },
+    /// The conversation broke off.
+    #[error("the daemon broke off: {0}")]
+    Broken(String),
+    /// The build file cannot be read.
+    #[error("cannot read {}: {source}", path.display())]
+    Part {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+}
+
+/// A new job, as an operator gives it.
+#[derive(Clone, Debug)]
+pub struct NewJob {
+    /// The build file.
+    pub part: PathBuf,
+    /// For people.
+    pub name: String,
+    /// The recipe's name and TOML text; `None` for the daemon's default.
+    pub recipe: Option<(String, String)>,
+}
+
+/// The daemon, as seen from here.
+#[derive(Clone, Debug)]
+pub struct Client {
+    socket: PathBuf,
+}
+
+type RequestBody = Either<Full<Bytes>, ChannelBody>;
+
+impl Client {
+    /// The daemon at `$LAYERD_SOCKET`, else at [`DEFAULT_SOCKET`].
+    pub fn from_environment() -> Self {
+        let socket = std::env::var_os("LAYERD_SOCKET").filter(|path| !path.is_empty());
+        Self::new(socket.map_or_else(|| DEFAULT_SOCKET.into(), PathBuf::from))
+    }
+
+    /// The daemon at `socket`.
+    pub fn new(socket: impl Into<PathBuf>) -> Self {
+        Self { socket: socket.into() }
+    }
+
+    /// The socket.
+    pub fn socket(&self) -> &Path {
+        &self.socket
+    }
+
+    /// Everything at a glance.
+    ///
+    /// # Errors
+    /// [`ClientError`], as for every other call.
+    pub async fn status(&self) -> Result<Status, ClientError> {
+        self.get("/v1/status").await
+    }
+
+    /// Every job the daemon remembers.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub async fn jobs(&self) -> Result<Vec<JobView>, ClientError> {
+        Ok(self.get::<JobList>("/v1/jobs").await?.jobs)
+    }
+
+    /// One job.
+    ///
+    /// # Errors
+    /// [`ClientError`]; status 404 where there is none.
+    pub async fn job(&self, id: &str) -> Result<JobView, ClientError> {
+        self.get(&format!("/v1/jobs/{}", percent_encode(id))).await
+    }
+
+    /// Reads `path`, such as `/v1/device`.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub async fn get<T: DeserializeOwned>(&self, path: &str) -> Result<T, ClientError> {
+        let request = request(Method::GET, path).body(Either::Left(Full::default()));
+        read(self.send(request.map_err(broken)?).await?).await
+    }
+
+    /// Gives a job an order: `pause`, `stop` or `abort`.
+    ///
+    /// # Errors
+    /// [`ClientError`]; status 409 where the job's state does not allow it.
+    pub async fn order(&self, id: &str, order: &str) -> Result<JobView, ClientError> {
+        self.post(&format!("/v1/jobs/{}/{order}", percent_encode(id)), Bytes::new()).await
+    }
+
+    /// Lets a paused or interrupted job go on.
+    ///
+    /// # Errors
+    /// [`ClientError`]; status 409 where a layer is in doubt and `body` does not resolve it.
+    pub async fn resume(&self, id: &str, body: ResumeBody) -> Result<JobView, ClientError> {
+        let bytes = serde_json::to_vec(&body).map_err(broken)?;
+        self.post(&format!("/v1/jobs/{}/resume", percent_encode(id)), bytes.into()).await
+    }
+
+    /// Light off now, whichever job is active.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub async fn abort_active(&self) -> Result<JobView, ClientError> {
+        self.post("/v1/abort", Bytes::new()).await
+    }
+
+    async fn post(&self, path: &str, body: Bytes) -> Result<JobView, ClientError> {
+        let request = request(Method::POST, path).header(header::CONTENT_TYPE, "application/json");
+        let request = request.body(Either::Left(Full::new(body))).map_err(broken)?;
+        read(self.send(request).await?).await
+    }
+
+    /// Sends a build file as a new job; `progress` hears bytes sent and bytes in all.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub async fn submit(&self, job: &NewJob, mut progress: impl FnMut(u64, u64)) -> Result<JobView, ClientError> {
+        let unreadable = |source| ClientError::Part { path: job.part.clone(), source };
+        let mut file = tokio::fs::File::open(&job.part).await.map_err(unreadable)?;
+        let metadata = file.metadata().await.map_err(unreadable)?;
+        if !metadata.is_file() {
+            return Err(unreadable(std::io::Error::other("not a file")));
+        }
+        let total = metadata.len();
+        let mut request = request(Method::POST, "/v1/jobs")
+            .header(NAME_HEADER, percent_encode(&job.name))
+            .header(header::CONTENT_LENGTH, total);
+        if let Some((name, text)) = &job.recipe {
+            request =
+                request.header(RECIPE_NAME_HEADER, percent_encode(name)).header(RECIPE_HEADER, percent_encode(text));
+        }
+        let (parts, body) = ChannelBody::new();
+        let request = request.body(Either::Right(body)).map_err(broken)?;
+        let upload = async {
+            let mut sent = 0;
+            while sent < total {
+                // Never more than was announced, should the file grow meanwhile.
+                let mut part = Vec::with_capacity(PART_BYTES);
+                let most = (total - sent).min(PART_BYTES as u64);
+                let count = (&mut file).take(most).read_buf(&mut part).await.map_err(unreadable)?;
+                if count == 0 {
+                    return Err(unreadable(std::io::Error::other("the file became shorter while it was sent")));
+                }
+                if parts.send(part.into()).await.is_err() {
+                    break; // The daemon has answered early; its answer says why.
+                }
+                sent += count as u64;
+                progress(sent, total);
+            }
+            drop(parts);
+            Ok(())
+        };
+        let exchange = self.exchange(request);
+        tokio::pin!(upload, exchange);
+        tokio::select! {
+            // The daemon may refuse before everything is sent.
+            answer = &mut exchange => return read(answer?).await,
+            uploaded = &mut upload => uploaded?,
+        }
+        let answer = timeout(LONGEST_ANSWER, exchange).await.map_err(|_| no_answer())?;
+        read(answer?).await
+    }
+
+    /// News from now on; the first is [`Event::Status`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub async fn events(&self) -> Result<Events, ClientError> {
+        let request = request(Method::GET, "/v1/events").body(Either::Left(Full::default())).map_err(broken)?;
+        let (response, connection) = self.exchange(request).await?;
+        let response = accepted(response).await?;
+        Ok(Events { body: response.into_body(), text: Vec::new(), _connection: connection })
+    }
+
+    async fn send(&self, request: Request<RequestBody>) -> Result<Answer, ClientError> {
+        timeout(LONGEST_ANSWER, self.exchange(request)).await.map_err(|_| no_answer())?
+    }
+
+    async fn exchange(&self, request: Request<RequestBody>) -> Result<Answer, ClientError> {
+        let stream = UnixStream::connect(&self.socket).await.map_err(|source| {
+            let socket = self.socket.clone();
+            match source.kind() {
+                std::io::ErrorKind::PermissionDenied => ClientError::NotAllowed { socket, source },
+                _ => ClientError::NoDaemon { socket, source },
+            }
+        })?;
+        let (mut sender, connection) = http1::handshake(TokioIo::new(stream)).await.map_err(broken)?;
+        let connection = Connection(tokio::spawn(async move {
+            // What goes wrong here shows in the answer as well.
+            let _ = connection.await;
+        }));
+        let response = sender.send_request(request).await.map_err(broken)?;
+        Ok((response, connection))
+    }
+}
+
+type Answer = (Response<Incoming>, Connection);
+
+/// The task that moves a connection's bytes; it ends with its owner.
+#[derive(Debug)]
+struct Connection(tokio::task::JoinHandle<()>);
+
+impl Drop for Connection {
+    fn drop(&mut self) {
+        self.0.abort();
+    }
+}
+
+fn request(method: Method, path: &str) -> hyper::http::request::Builder {
+    Request::builder().method(method).uri(path).header(header::HOST, "layerd")
+}
+
+fn broken(error: impl std::fmt::Display) -> ClientError {
+    ClientError::Broken(error.to_string())
+}
+
+fn no_answer() -> ClientError {
+    let waited_s = LONGEST_ANSWER.as_secs();
+    ClientError::Broken(format!("no answer within {waited_s} s; journalctl -u layerd may tell why"))
+}
+
+async fn bytes(response: Response<Incoming>) -> Result<Bytes, ClientError> {
+    let limited = http_body_util::Limited::new(response.into_body(), LARGEST_ANSWER_BYTES);
+    let collected = timeout(LONGEST_ANSWER, limited.collect()).await.map_err(broken)?;
+    Ok(collected.map_err(broken)?.to_bytes())
+}
+
+/// The response, if it is one of success; else the error it tells.
+async fn accepted(response: Response<Incoming>) -> Result<Response<Incoming>, ClientError> {
+    let status = response.status();
+    if status.is_success() {
+        return Ok(response);
+    }
+    let bytes = bytes(response).await?;
+    let message = match serde_json::from_slice::<ErrorBody>(&bytes) {
+        Ok(body) => body.error,
+        Err(_) => format!("the daemon answered {status}"),
+    };
+    Err(ClientError::Refused { status: status.as_u16(), message })
+}
+
+async fn read<T: DeserializeOwned>((response, _connection): Answer) -> Result<T, ClientError> {
+    let bytes = bytes(accepted(response).await?).await?;
+    serde_json::from_slice(&bytes).map_err(|error| {
+        ClientError::Broken(format!("its answer is not understood ({error}); are layerd and layerctl of one version?"))
+    })
+}
+
+/// News from the daemon.
+#[derive(Debug)]
+pub struct Events {
+    body: Incoming,
+    text: Vec<u8>,
+    _connection: Connection,
+}
+
+impl Events {
+    /// The next event; `None` when the daemon ends the stream. Cancel-safe: what was read is kept.
+    ///
+    /// # Errors
+    /// [`ClientError::Broken`] where the daemon is gone or silent.
+    pub async fn next(&mut self) -> Result<Option<Event>, ClientError> {
+        loop {
+            while let Some(end) = self.text.windows(2).position(|pair| pair == b"\n\n") {
+                let block: Vec<u8> = self.text.drain(..end + 2).collect();
+                if let Some(event) = parse_block(&block)? {
+                    return Ok(Some(event));
+                }
+            }
+            if self.text.len() > LARGEST_ANSWER_BYTES {
+                return Err(ClientError::Broken("an event has no end".into()));
+            }
+            let frame = timeout(LONGEST_SILENCE, self.body.frame())
+                .await
+                .map_err(|_| ClientError::Broken(format!("silent for {} s", LONGEST_SILENCE.as_secs())))?;
+            let Some(frame) = frame else { return Ok(None) };
+            if let Ok(data) = frame.map_err(broken)?.into_data() {
+                self.text.extend_from_slice(&data);
+            }
+        }
+    }
+}
+
+/// One block of a server-sent event stream; `None` for comments and for events of a newer daemon.
+fn parse_block(block: &[u8]) -> Result<Option<Event>, ClientError> {
+    let text = std::str::from_utf8(block).map_err(broken)?;
+    let data: Vec<&str> = text.lines().filter_map(|line| line.strip_prefix("data:")).map(str::trim_start).collect();
+    if data.is_empty() {
+        return Ok(None);
+    }
+    Ok(serde_json::from_str(&data.join("\n")).ok())
+}

@@ -1,0 +1,265 @@
+//! `layerctl demo`: generates a lattice and prints it on a simulated device, every part a process of its own as in real life.
+
+mod processes;
+
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, bail};
+use clap::{Args, ValueEnum};
+
+use self::processes::{Children, run_self, spawn_self};
+use super::client::{Client, NewJob};
+use super::start::wait;
+use super::{block_on, duration_text};
+use crate::daemon::api::{JobView, LinkState, Status};
+use crate::job::JobState;
+
+/// Both processes are up within a second on a slow machine; this is for one that is busy with something else.
+const LONGEST_START: Duration = Duration::from_secs(30);
+/// First line of the configuration: tells a directory of an earlier demo from one that must not be touched.
+const MARK: &str = "# written by `layerctl demo`; the next demo replaces this directory's contents\n";
+/// What a demo leaves in its directory, and the next one removes.
+const CONTENTS: [&str; 8] =
+    ["layerd.toml", "machine.toml", "recipe.toml", "demo.layerd", "layerd.log", "device.log", "exposed", "sliced"];
+
+/// Print a lattice on a simulated printer: everything in one go.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  layerctl demo                  about half a minute; pictures in demo-out/exposed
+  layerctl demo dlp -o /tmp/d    somewhere else
+
+It runs: generate a lattice; simulate a DLP printer on a virtual serial port; the daemon; a job; then slice, and compares what
+the printer exposed with what slice says, pixel by pixel.")]
+pub(super) struct DemoArgs {
+    /// Kind of machine.
+    #[arg(value_enum, default_value_t = Kind::Dlp)]
+    kind: Kind,
+    /// Directory for everything the demo writes.
+    #[arg(short, long, value_name = "DIR", default_value = "demo-out")]
+    output: PathBuf,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Kind {
+    /// Resin and a projector.
+    Dlp,
+    /// Metal powder and a laser.
+    Slm,
+}
+
+pub(super) fn run(args: DemoArgs) -> anyhow::Result<()> {
+    if args.kind == Kind::Slm {
+        bail!("the simulated SLM machine comes with a later version; `layerctl demo dlp` works");
+    }
+    let directory = prepare(&args.output)?;
+    // Socket and port have short paths whatever DIR is called: a socket's path ends at 107 bytes.
+    let short =
+        tempfile::Builder::new().prefix("layerd-demo-").tempdir().context("cannot make a directory for sockets")?;
+    write_config(&directory, short.path())?;
+    let part = directory.join("demo.layerd");
+    eprintln!("generating a lattice");
+    let generate = ["generate", "bcc", "--struts", "4000", "--box", "24,16,5", "--radius", "0.2", "-o"].map(OsStr::new);
+    run_self(&[&generate[..], &[part.as_os_str()]].concat())?;
+
+    let began = Instant::now();
+    let mut children = Children::default();
+    let print = block_on(async {
+        tokio::select! {
+            printed = print(&directory, short.path(), &part, &mut children) => printed,
+            () = interrupted() => bail!("interrupted; daemon and device are being ended"),
+        }
+    });
+    drop(children);
+    let (job, status) = print.with_context(|| format!("logs are in {}", directory.display()))?;
+    if job.state != JobState::Completed {
+        bail!("the job is {} instead of completed; logs are in {}", job.state, directory.display());
+    }
+    summarise(&directory, &job, &status, began.elapsed())?;
+    compare(&directory, &part, job.layers_total)
+}
+
+/// The directory, absolute, made or emptied of an earlier demo.
+fn prepare(output: &Path) -> anyhow::Result<PathBuf> {
+    std::fs::create_dir_all(output).with_context(|| format!("cannot make {}", output.display()))?;
+    let directory = output.canonicalize().with_context(|| format!("cannot find {}", output.display()))?;
+    let ours = std::fs::read_to_string(directory.join("layerd.toml")).is_ok_and(|text| text.starts_with(MARK));
+    let empty = std::fs::read_dir(&directory).context("cannot list the demo's directory")?.next().is_none();
+    if !ours && !empty {
+        bail!("{} holds something else than a demo: name another directory with -o", directory.display());
+    }
+    for name in CONTENTS.iter().chain(&["spool"]) {
+        let path = directory.join(name);
+        let removed = if path.is_dir() { std::fs::remove_dir_all(&path) } else { std::fs::remove_file(&path) };
+        match removed {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                return Err(error).with_context(|| format!("cannot remove {}", path.display()));
+            }
+            _ => {}
+        }
+    }
+    Ok(directory)
+}
+
+/// Machine and recipe are the shipped ones, so that the demo shows what `config/` holds.
+fn write_config(directory: &Path, short: &Path) -> anyhow::Result<()> {
+    let machine = include_str!("../../config/machines/sim-dlp.toml");
+    let port = toml_text(&short.join("port"));
+    let machine = machine.replace("\"/tmp/layerd-sim-dlp\"", &port);
+    let socket = toml_text(&short.join("control.sock"));
+    let daemon = format!(
+        "{MARK}socket = {socket}\nspool = \"spool\"\nmemory_budget = \"64MiB\"\nmachine = \"machine.toml\"\nrecipe = \"recipe.toml\"\n"
+    );
+    let write = |name: &str, text: &str| {
+        let path = directory.join(name);
+        std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))
+    };
+    write("layerd.toml", &daemon)?;
+    write("machine.toml", &machine)?;
+    write("recipe.toml", include_str!("../../config/recipes/demo.toml"))?;
+    std::fs::create_dir_all(directory.join("spool")).context("cannot make the demo's spool")
+}
+
+/// A path as a TOML string; JSON's escapes are TOML's.
+fn toml_text(path: &Path) -> String {
+    serde_json::Value::from(path.to_string_lossy()).to_string()
+}
+
+/// Starts device and daemon and prints; leaves them running in `children`.
+async fn print(
+    directory: &Path,
+    short: &Path,
+    part: &Path,
+    children: &mut Children,
+) -> anyhow::Result<(JobView, Status)> {
+    let port = short.join("port");
+    eprintln!("starting a simulated DLP printer and the daemon");
+    let exposed = directory.join("exposed");
+    let machine = directory.join("machine.toml");
+    let device: [&OsStr; 10] = [
+        "simulate".as_ref(),
+        "dlp".as_ref(),
+        "--machine".as_ref(),
+        machine.as_ref(),
+        "--baud".as_ref(),
+        "3000000".as_ref(),
+        "--link".as_ref(),
+        port.as_ref(),
+        "-o".as_ref(),
+        exposed.as_ref(),
+    ];
+    children.add("the simulated device", spawn_self(&device, &directory.join("device.log"))?);
+    wait_until("the simulated device's port", children, async || std::fs::symlink_metadata(&port).is_ok()).await?;
+    let config = directory.join("layerd.toml");
+    let daemon: [&OsStr; 3] = ["daemon".as_ref(), "--config".as_ref(), config.as_ref()];
+    children.add("the daemon", spawn_self(&daemon, &directory.join("layerd.log"))?);
+    let client = Client::new(short.join("control.sock"));
+    wait_until("the line between daemon and device", children, async || {
+        client.status().await.is_ok_and(|status| status.link.state == LinkState::Connected)
+    })
+    .await?;
+    let events = client.events().await?;
+    let new = NewJob { part: part.into(), name: "demo.layerd".into(), recipe: None };
+    let job = client.submit(&new, |_, _| {}).await?;
+    let (job, _) = wait(&client, job, events).await?;
+    Ok((job, client.status().await?))
+}
+
+async fn wait_until(what: &str, children: &mut Children, met: impl AsyncFn() -> bool) -> anyhow::Result<()> {
+    let began = Instant::now();
+    while !met().await {
+        children.check()?;
+        if began.elapsed() > LONGEST_START {
+            bail!("{what} did not come up within {} s", LONGEST_START.as_secs());
+        }
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    }
+    Ok(())
+}
+
+/// Ctrl-C, or the polite end of a terminal or a service.
+async fn interrupted() {
+    use tokio::signal::unix::{SignalKind, signal};
+    let streams = [SignalKind::interrupt(), SignalKind::terminate(), SignalKind::hangup()].map(signal);
+    let [Ok(mut interrupt), Ok(mut terminate), Ok(mut hangup)] = streams else {
+        // Without handlers the signals end this process as they always do.
+        return std::future::pending().await;
+    };
+    tokio::select! {
+        _ = interrupt.recv() => {}
+        _ = terminate.recv() => {}
+        _ = hangup.recv() => {}
+    }
+}
+
+fn summarise(directory: &Path, job: &JobView, status: &Status, took: Duration) -> anyhow::Result<()> {
+    let line = status.line;
+    super::print(&format!("layers   {} in {}", job.layers_done, duration_text(took.as_secs())))?;
+    super::print(&format!("late     {} layers, {} ms in all", job.late_layers, job.late_ms_total))?;
+    let sent = format!("{:.2} MB sent", line.sent_bytes as f64 / 1e6);
+    let again = line.retransmitted_frames;
+    super::print(&format!("line     {sent} in {} frames, {again} of them again", line.sent_frames))?;
+    let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
+    let budget = status.budget;
+    super::print(&format!("memory   {:.1} of {:.1} MiB at most", mib(budget.peak_bytes), mib(budget.limit_bytes)))?;
+    super::print(&format!("pictures {}", directory.join("exposed").display()))
+}
+
+/// Slices the same part and compares every picture with what was exposed.
+fn compare(directory: &Path, part: &Path, layers: u32) -> anyhow::Result<()> {
+    let (machine, recipe) = (directory.join("machine.toml"), directory.join("recipe.toml"));
+    let sliced = directory.join("sliced");
+    run_self(&[
+        "slice".as_ref(),
+        part.as_ref(),
+        "--machine".as_ref(),
+        machine.as_ref(),
+        "--recipe".as_ref(),
+        recipe.as_ref(),
+        "-o".as_ref(),
+        sliced.as_ref(),
+    ])?;
+    for layer in 0..layers {
+        let name = format!("layer_{layer:06}.png");
+        let picture = |of: &str| {
+            let path = directory.join(of).join(&name);
+            image::open(&path)
+                .map(image::DynamicImage::into_luma8)
+                .with_context(|| format!("cannot read {}", path.display()))
+        };
+        if picture("exposed")? != picture("sliced")? {
+            bail!("{name}: what was exposed is not what `layerctl slice` says; both are in {}", directory.display());
+        }
+    }
+    super::print(&format!("compared all {layers} pictures are, pixel by pixel, those of `layerctl slice`"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::{DaemonConfig, Machine, Recipe};
+
+    #[test]
+    fn the_demo_writes_configuration_the_daemon_takes() {
+        let directory = tempfile::tempdir().unwrap();
+        let short = directory.path().join("a \"quoted\" place");
+        write_config(directory.path(), &short).unwrap();
+        let config = DaemonConfig::load(&directory.path().join("layerd.toml")).unwrap();
+        assert_eq!(config.socket, short.join("control.sock"));
+        let machine = Machine::load(&config.machine).unwrap();
+        assert_eq!(machine.link.path, short.join("port"), "the shipped path was replaced");
+        Recipe::load(&config.recipe).unwrap();
+        prepare(directory.path()).unwrap();
+        assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), 0, "a demo cleans up after the one before");
+    }
+
+    #[test]
+    fn a_directory_with_other_things_is_left_alone() {
+        let directory = tempfile::tempdir().unwrap();
+        std::fs::write(directory.path().join("layerd.toml"), "my own settings").unwrap();
+        assert!(prepare(directory.path()).unwrap_err().to_string().contains("-o"));
+        assert!(directory.path().join("layerd.toml").exists());
+    }
+}

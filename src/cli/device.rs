@@ -1,0 +1,56 @@
+//! `layerctl device`.
+
+use clap::Args;
+
+use super::client::Client;
+use super::{block_on, print, print_json};
+use crate::daemon::api::{DeviceInfo, DeviceStateView, DeviceView};
+
+/// Show what the device is and does.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  layerctl device
+  layerctl device --json | jq .state.light_on")]
+pub(super) struct DeviceArgs {
+    /// Print one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(args: DeviceArgs) -> anyhow::Result<()> {
+    let device: DeviceView = block_on(async { Ok(Client::from_environment().get("/v1/device").await?) })?;
+    if args.json {
+        return print_json(&device);
+    }
+    let Some(info) = &device.info else {
+        return print("the device has not answered yet; `layerctl status` tells why");
+    };
+    print_info(info)?;
+    if !device.connected {
+        print("connected  no; the rest is what it said last")?;
+    }
+    device.state.as_ref().map_or(Ok(()), print_state)
+}
+
+fn print_info(info: &DeviceInfo) -> anyhow::Result<()> {
+    print(&format!("device     {} ({})", info.name, info.kind))?;
+    let [x, y] = info.pixel_um;
+    print(&format!("picture    {} x {} pixels of {x} x {y} um", info.width_px, info.height_px))?;
+    print(&format!("encodings  {}", info.encodings.join(", ")))?;
+    print(&format!(
+        "receives   {} layers, {} bytes unacknowledged, frames up to {} bytes",
+        info.layer_slots, info.window_bytes, info.largest_frame_bytes
+    ))?;
+    print(&format!("limits     exposure {} ms, plate {} um", info.max_exposure_ms, info.max_position_um))
+}
+
+fn print_state(state: &DeviceStateView) -> anyhow::Result<()> {
+    print(&format!("light      {}", if state.light_on { "ON" } else { "off" }))?;
+    let plate = state.position_um.map_or_else(|| "not homed".into(), |position| format!("{position} um"));
+    print(&format!("plate      {plate}{}", if state.moving { ", moving" } else { "" }))?;
+    if let Some(last) = &state.last_exposed {
+        print(&format!("exposed    layer {} of job {}", last.layer, last.job))?;
+    }
+    state.fault.as_ref().map_or(Ok(()), |fault| print(&format!("FAULT      {fault}")))
+}

@@ -1,0 +1,75 @@
+//! `layerctl status`.
+
+use clap::Args;
+
+use super::client::Client;
+use super::jobs::notes;
+use super::{block_on, duration_text, print, print_json};
+use crate::daemon::api::{JobView, Status};
+
+/// Everything at a glance: line, job, queue, budget.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  layerctl status
+  layerctl status --json | jq .active.layers_done")]
+pub(super) struct StatusArgs {
+    /// Print one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(args: StatusArgs) -> anyhow::Result<()> {
+    let status = block_on(async { Ok(Client::from_environment().status().await?) })?;
+    if args.json {
+        return print_json(&status);
+    }
+    for line in lines(&status) {
+        print(&line)?;
+    }
+    Ok(())
+}
+
+/// The status as an operator reads it; shared with `watch`.
+pub(super) fn lines(status: &Status) -> Vec<String> {
+    let link = &status.link;
+    let mut lines = vec![format!("machine  {} (layerd {})", status.machine, status.version)];
+    let device = link.device.as_deref().unwrap_or("no device yet");
+    lines.push(format!("line     {} on {}: {device}", link.state, link.path));
+    lines.extend(link.reason.iter().map(|reason| format!("         {reason}")));
+    match &status.active {
+        Some(job) => lines.extend(job_lines(job)),
+        None => lines.push("job      none".into()),
+    }
+    for job in &status.queue {
+        lines.push(format!("queued   {} {}", job.id, job.name));
+    }
+    let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
+    let budget = status.budget;
+    lines.push(format!(
+        "budget   {:.1} of {:.1} MiB used, {:.1} at most",
+        mib(budget.used_bytes),
+        mib(budget.limit_bytes),
+        mib(budget.peak_bytes)
+    ));
+    let line = status.line;
+    lines.push(format!(
+        "traffic  {} bytes sent, {} of {} frames again, {} bad frames, {} reconnects",
+        line.sent_bytes, line.retransmitted_frames, line.sent_frames, line.bad_frames, line.reconnects
+    ));
+    if let (Some(rtt), Some(busy)) = (line.round_trip_ms, line.busy_share) {
+        lines.push(format!("         round trip {rtt:.1} ms, line busy {:.0} %", busy * 100.0));
+    }
+    lines
+}
+
+fn job_lines(job: &JobView) -> Vec<String> {
+    let mut lines = vec![format!("job      {} {}: {}, recipe {}", job.id, job.name, job.state, job.recipe)];
+    let eta = job.eta_s.map_or_else(String::new, |eta| format!(", {} to go", duration_text(eta)));
+    lines.push(format!("layers   {} of {}{eta}", job.layers_done, job.layers_total));
+    if job.late_layers > 0 {
+        lines.push(format!("late     {} layers, {} ms in all", job.late_layers, job.late_ms_total));
+    }
+    lines.extend(notes(job).into_iter().map(|note| format!("         {note}")));
+    lines
+}

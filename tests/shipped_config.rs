@@ -1,0 +1,88 @@
+//! Every configuration file that is shipped loads; every mistake in one is told with file, key, value and range.
+
+use std::path::{Path, PathBuf};
+
+use layerd::config::{DaemonConfig, Machine, Recipe};
+
+fn shipped(directory: &str) -> Vec<PathBuf> {
+    let directory = Path::new(env!("CARGO_MANIFEST_DIR")).join("config").join(directory);
+    let files = std::fs::read_dir(&directory).unwrap().map(|entry| entry.unwrap().path());
+    files.filter(|path| path.extension().is_some_and(|extension| extension == "toml")).collect()
+}
+
+#[test]
+fn every_shipped_file_loads() {
+    let machines = shipped("machines");
+    assert!(machines.len() >= 3);
+    for path in machines {
+        Machine::load(&path).unwrap();
+    }
+    let recipes = shipped("recipes");
+    assert!(recipes.len() >= 3);
+    for path in recipes {
+        Recipe::load(&path).unwrap();
+    }
+    let daemon = DaemonConfig::load(&Path::new(env!("CARGO_MANIFEST_DIR")).join("config/layerd.toml")).unwrap();
+    assert!(daemon.machine.is_file() && daemon.recipe.is_file(), "what it names is shipped as well");
+}
+
+/// The default recipe with one line changed.
+fn recipe_with(line: &str) -> String {
+    let text =
+        std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("config/recipes/default.toml")).unwrap();
+    let key = line.split('=').next().unwrap().trim();
+    let kept = text.lines().filter(|old| old.split('=').next().unwrap().trim() != key);
+    kept.chain([line]).collect::<Vec<_>>().join("\n")
+}
+
+#[test]
+fn mistakes_in_a_recipe_are_told_with_file_key_value_and_range() {
+    let cases = [
+        ("exposure_ms = 600001", ["exposure_ms", "600001", "1 to 600000"]),
+        ("exposure_ms = 0", ["exposure_ms", "0", "1 to 600000"]),
+        ("layer_height_um = nan", ["layer_height_um", "NaN", "1 to 1000"]),
+        ("layer_height_um = -5.0", ["layer_height_um", "-5", "1 to 1000"]),
+        ("light_pwm = 0", ["light_pwm", "0", "1 to 255"]),
+        ("lift_speed_um_s = 1", ["lift_speed_um_s", "1", "10 to 1000000"]),
+        ("light_pwm = 256", ["light_pwm", "256", "u8"]),
+        ("exposure_ms = -1", ["exposure_ms", "-1", "u32"]),
+        ("exposure_ms = \"2 s\"", ["exposure_ms", "2 s", "u32"]),
+        ("exposure_seconds = 2", ["exposure_seconds", "unknown field", "exposure_ms"]),
+    ];
+    for (line, words) in cases {
+        let message = Recipe::parse(Path::new("my.toml"), &recipe_with(line)).unwrap_err().to_string();
+        for word in words.iter().chain(&["my.toml"]) {
+            assert!(message.contains(word), "{line}: `{word}` is not in: {message}");
+        }
+    }
+    let message = Recipe::parse(Path::new("my.toml"), "name = \"x\"").unwrap_err().to_string();
+    assert!(message.contains("missing field `layer_height_um`"), "{message}");
+}
+
+#[test]
+fn mistakes_in_machine_and_daemon_files_are_told() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("m.toml");
+    let machine = std::fs::read_to_string(shipped("machines").remove(0)).unwrap();
+    let cases = [
+        (machine.replace("baud = ", "baud = 1 # "), vec!["m.toml", "link.baud", "= 1:", "9600 to 12000000"]),
+        (machine.replace("width_px = ", "width_px = 9 # "), vec!["m.toml", "width_px", "= 9:", "16 to 32768"]),
+        (machine.replace("baud", "bauds"), vec!["m.toml", "bauds", "unknown field"]),
+        (machine.replace("\"dlp\"", "\"fdm\""), vec!["m.toml", "fdm", "dlp"]),
+    ];
+    for (text, words) in cases {
+        std::fs::write(&path, text).unwrap();
+        let message = Machine::load(&path).unwrap_err().to_string();
+        for word in words {
+            assert!(message.contains(word), "`{word}` is not in: {message}");
+        }
+    }
+    std::fs::write(&path, "memory_budget = \"64 parsecs\"\nmachine = \"m\"\nrecipe = \"r\"\n").unwrap();
+    let message = DaemonConfig::load(&path).unwrap_err().to_string();
+    assert!(message.contains("m.toml") && message.contains("64 parsecs") && message.contains("64MiB"), "{message}");
+    std::fs::write(&path, "memory_budget = \"1KiB\"\nmachine = \"m\"\nrecipe = \"r\"\n").unwrap();
+    let message = DaemonConfig::load(&path).unwrap_err().to_string();
+    assert!(message.contains("memory_budget") && message.contains("1024") && message.contains("8388608"), "{message}");
+    let message = DaemonConfig::load(&directory.path().join("none.toml")).unwrap_err().to_string();
+    assert!(message.contains("none.toml") && message.contains("No such file"), "{message}");
+}
