@@ -42,7 +42,9 @@ fn accepted() -> Record {
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Disturbance {
     /// The line is down for this long.
-    LineLost { for_us: u64 },
+    LineLost {
+        for_us: u64,
+    },
     /// The host dies; the daemon starts again and resumes.
     Crash,
     Order(Command),

@@ -341,7 +341,7 @@ impl Engine {
             return self.park(now_us);
         }
         match self.position_um {
-            None if self.touched => self.end_interrupted(POSITION_LOST.into(), now_us),
+            None if self.touched => self.end_unparked(POSITION_LOST.into()),
             None => self.start_act(Act::Home, Phase::Homing, now_us + HOMING_US),
             Some(position_um) if self.stuck => self.lift(position_um, now_us),
             Some(_) if !self.warm && !self.uploads.holds(self.next_layer) => {
@@ -388,7 +388,8 @@ impl Engine {
     fn command_exposure(&mut self, now_us: u64) {
         self.commands_of_layer += 1;
         if self.commands_of_layer > MOST_COMMANDS {
-            let text = format!("layer {} was commanded {MOST_COMMANDS} times in vain; check the device", self.next_layer);
+            let text =
+                format!("layer {} was commanded {MOST_COMMANDS} times in vain; check the device", self.next_layer);
             return self.wind_down(JobState::Interrupted, text, now_us);
         }
         let boot_id = self.device.boot_id;
@@ -460,10 +461,15 @@ impl Engine {
 
     fn on_act_done(&mut self, outcome: Outcome, now_us: u64) {
         match (self.phase, outcome) {
-            (Phase::Exposing { .. } | Phase::CuttingShort, Outcome::Exposed { layer, .. }) if layer == self.next_layer => {
+            (Phase::Exposing { .. } | Phase::CuttingShort, Outcome::Exposed { layer, .. })
+                if layer == self.next_layer =>
+            {
                 self.confirm();
             }
-            (Phase::Homing | Phase::Lifting | Phase::Approaching | Phase::Parking, Outcome::Arrived { position_um }) => {
+            (
+                Phase::Homing | Phase::Lifting | Phase::Approaching | Phase::Parking,
+                Outcome::Arrived { position_um },
+            ) => {
                 self.position_um = Some(position_um);
                 self.deadline_us = None;
                 self.on_arrived(position_um, now_us);
@@ -472,9 +478,9 @@ impl Engine {
             (_, outcome) => {
                 let text = format!("the device answered {outcome:?} to something else; check its firmware");
                 if self.unconfirmed.is_some() {
-                    self.doubt(text, now_us);
+                    self.doubt(&text, now_us);
                 } else {
-                    self.end_interrupted(text, now_us);
+                    self.end_unparked(text);
                 }
             }
         }
@@ -517,10 +523,10 @@ impl Engine {
             }
             Phase::Asking { until_us } => self.ask_again(until_us, now_us),
             Phase::Exposing { .. } => self.cut_short(now_us),
-            Phase::CuttingShort => self.doubt("the device did not say how the exposure ended".into(), now_us),
+            Phase::CuttingShort => self.doubt("the device did not say how the exposure ended", now_us),
             Phase::Homing | Phase::Lifting | Phase::Approaching | Phase::Parking => {
                 let text = "the plate did not arrive in time: check the axis and the device".into();
-                self.end_unparked(text, now_us);
+                self.end_unparked(text);
             }
             Phase::Checking | Phase::Lost => self.on_no_device(now_us),
             _ => {}
