@@ -551,6 +551,19 @@ fn a_full_disk_ends_the_print_dark_and_clear_before_the_next_layer() {
 }
 
 #[test]
+fn a_disk_that_fills_up_while_the_line_is_lost_still_ends_the_job() {
+    let mut world = world_exposing(1);
+    world.drop_line(30_000_000);
+    world.journal_full = true;
+    world.tell(Event::LineLost("cable".into()));
+    world.tell(Event::JournalFailed("no space left".into()));
+    while world.finished.is_none() {
+        assert!(world.next_event());
+    }
+    assert_eq!((world.end().0, world.device.position_um), (JobState::Interrupted, Some(CLEAR_UM)));
+}
+
+#[test]
 fn a_part_taller_than_the_travel_is_refused_before_anything_moves() {
     let mut world = World::new();
     world.tell(Event::Ready);

@@ -408,11 +408,14 @@ impl Engine {
     }
 
     /// The device says that the layer commanded had its light.
-    fn confirm(&mut self) {
+    fn confirm(&mut self, now_us: u64) {
         self.out.journal(Record::Confirmed { layer: self.next_layer });
         self.count_as_exposed();
         self.phase = Phase::Confirming;
         self.deadline_us = None;
+        if self.out.journal_broken {
+            self.advance(now_us);
+        }
     }
 
     fn count_as_exposed(&mut self) {
@@ -464,7 +467,7 @@ impl Engine {
             (Phase::Exposing { .. } | Phase::CuttingShort, Outcome::Exposed { layer, .. })
                 if layer == self.next_layer =>
             {
-                self.confirm();
+                self.confirm(now_us);
             }
             (
                 Phase::Homing | Phase::Lifting | Phase::Approaching | Phase::Parking,

@@ -11,6 +11,9 @@ const ASK_LIMIT_US: u64 = 620 * SECOND_US;
 /// Lines lost in a row without one layer printed in between.
 const MOST_LOSSES: u32 = 20;
 
+/// A reason this long gets no further ones added: it goes into the journal, whose records are limited.
+const LONGEST_REASON_BYTES: usize = 1000;
+
 /// What became of a layer that was commanded.
 enum Fate {
     Exposed,
@@ -153,7 +156,7 @@ impl Engine {
         }
         if self.unconfirmed.is_some() || self.in_doubt {
             match self.fate() {
-                Fate::Exposed => return self.confirm(),
+                Fate::Exposed => return self.confirm(now_us),
                 Fate::NotExposed => self.deny(),
                 Fate::Unknown(why) => return self.settle_doubt(&why, now_us),
             }
@@ -220,7 +223,7 @@ impl Engine {
             Intent::End(JobState::Completed, _) | Intent::Print | Intent::Pause => {
                 self.intent = Intent::End(state, reason)
             }
-            Intent::End(_, known) if known.contains(&reason) => {}
+            Intent::End(_, known) if known.contains(&reason) || known.len() > LONGEST_REASON_BYTES => {}
             Intent::End(_, known) => *known = format!("{known}; {reason}"),
         }
     }
