@@ -281,7 +281,7 @@ impl Engine {
             (Phase::Checking, _) => JobState::Checking,
             (Phase::Resting, Intent::Pause) => JobState::Paused,
             (_, Intent::Pause) => JobState::Pausing,
-            (_, Intent::End(JobState::Completed, _)) | (_, Intent::Print) => JobState::Printing,
+            (_, Intent::End(JobState::Completed, _) | Intent::Print) => JobState::Printing,
             (_, Intent::End(..)) => JobState::Stopping,
         }
     }

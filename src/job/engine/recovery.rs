@@ -221,7 +221,7 @@ impl Engine {
     pub(super) fn intend_to_end(&mut self, state: JobState, reason: String) {
         match &mut self.intent {
             Intent::End(JobState::Completed, _) | Intent::Print | Intent::Pause => {
-                self.intent = Intent::End(state, reason)
+                self.intent = Intent::End(state, reason);
             }
             Intent::End(_, known) if known.contains(&reason) || known.len() > LONGEST_REASON_BYTES => {}
             Intent::End(_, known) => *known = format!("{known}; {reason}"),
