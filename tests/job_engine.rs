@@ -42,7 +42,9 @@ fn accepted() -> Record {
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Disturbance {
     /// The line is down for this long.
-    LineLost { for_us: u64 },
+    LineLost {
+        for_us: u64,
+    },
     /// The host dies; the daemon starts again and resumes.
     Crash,
     Order(Command),
@@ -54,6 +56,8 @@ struct World {
     engine: Engine,
     now_us: u64,
     journal: Vec<Record>,
+    /// A record being flushed, and until when.
+    flushing: Option<(u64, Record)>,
     device: DeviceState,
     /// End of the device's act, and what it comes to.
     device_act: Option<(u64, Act)>,
@@ -80,6 +84,7 @@ impl World {
             engine: Engine::new(plan(), StartPoint::default()),
             now_us: 0,
             journal: vec![accepted()],
+            flushing: None,
             device,
             device_act: None,
             awaited: None,
@@ -180,19 +185,21 @@ impl World {
             return;
         };
         self.drop_line(2_000_000);
+        self.flushing = None;
         self.engine = Engine::new(plan(), start);
         self.finished = None;
         self.tell(Event::Ready);
     }
 
     fn perform(&mut self, action: Action) {
+        let may_overtake = matches!(action, Action::Urgent(_) | Action::Notice(_));
+        assert!(may_overtake || self.flushing.is_none(), "{action:?} before the journal is on disk");
         match action {
             Action::Journal(_) if self.journal_full => {
                 self.engine.handle(Event::JournalFailed("no space left".into()), self.now_us);
             }
             Action::Journal(record) => {
-                self.journal.push(record);
-                self.engine.handle(Event::Journalled, self.now_us);
+                self.flushing = Some((self.now_us + 5000, record));
             }
             Action::Act { number, act } => self.begin_act(number, act),
             Action::QueryState => {
@@ -289,12 +296,16 @@ impl World {
         }
         let act_us = self.device_act.map(|(at_us, _)| at_us);
         let upload_us = self.upload.map(|(at_us, ..)| at_us);
-        let times = [act_us, upload_us, self.reconnect_at_us, self.engine.next_timeout_us()];
+        let flushed_us = self.flushing.as_ref().map(|(at_us, _)| *at_us);
+        let times = [flushed_us, act_us, upload_us, self.reconnect_at_us, self.engine.next_timeout_us()];
         let Some(at_us) = times.iter().flatten().min().copied() else {
             return false;
         };
         self.now_us = self.now_us.max(at_us);
-        if act_us == Some(at_us) {
+        if flushed_us == Some(at_us) {
+            self.journal.extend(self.flushing.take().map(|(_, record)| record));
+            self.tell(Event::Journalled);
+        } else if act_us == Some(at_us) {
             self.end_act();
         } else if upload_us == Some(at_us) {
             if let Some((_, layer, slot)) = self.upload.take() {
@@ -549,10 +560,26 @@ fn a_full_disk_ends_the_print_dark_and_clear_before_the_next_layer() {
 }
 
 #[test]
+fn a_disk_that_fills_up_while_the_line_is_lost_still_ends_the_job() {
+    let mut world = world_exposing(1);
+    world.drop_line(30_000_000);
+    world.journal_full = true;
+    world.tell(Event::LineLost("cable".into()));
+    world.tell(Event::JournalFailed("no space left".into()));
+    while world.finished.is_none() {
+        assert!(world.next_event());
+    }
+    assert_eq!((world.end().0, world.device.position_um), (JobState::Interrupted, Some(CLEAR_UM)));
+}
+
+#[test]
 fn a_part_taller_than_the_travel_is_refused_before_anything_moves() {
     let mut world = World::new();
     world.tell(Event::Ready);
     world.tell(Event::Connected { state: world.device.clone(), max_position_um: 200 });
+    while world.finished.is_none() {
+        assert!(world.next_event());
+    }
     let (state, reason) = world.end();
     assert_eq!(state, JobState::Failed);
     assert!(reason.contains("250") && reason.contains("200"), "{reason}");

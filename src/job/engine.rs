@@ -32,6 +32,7 @@
 //! - with a part on the plate it never homes, for homing drives the plate to the bottom of the vat;
 //! - every wait for somebody else has an end, but that of a pause.
 
+mod cycle;
 mod ending;
 mod outbox;
 mod recovery;
@@ -41,7 +42,7 @@ use outbox::Outbox;
 use uploads::Uploads;
 
 use super::{Action, Command, Event, JobPlan, JobState, Progress, Record, ResumeChoice, StartPoint, Unconfirmed};
-use crate::device::{Act, Outcome};
+use crate::device::Act;
 use crate::link::message::DeviceState;
 
 const SECOND_US: u64 = 1_000_000;
@@ -51,13 +52,8 @@ const SECOND_US: u64 = 1_000_000;
 const RECONNECT_US: u64 = 60 * SECOND_US;
 /// What an act may take beyond its computed time: ramps, a busy line, one repair by the link (at most 5 s).
 const ACT_MARGIN_US: u64 = 15 * SECOND_US;
-/// Homing of the largest build height (2 m) at 10 mm/s takes 200 s.
-const HOMING_US: u64 = 300 * SECOND_US;
 /// A layer that takes ten minutes to compute will not come.
 const LATE_LIMIT_US: u64 = 600 * SECOND_US;
-/// How often one layer may be commanded: each time but the first follows a lost line or a refusal.
-const MOST_COMMANDS: u32 = 10;
-
 /// Why the engine does not simply print on.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Intent {
@@ -281,7 +277,7 @@ impl Engine {
             (Phase::Checking, _) => JobState::Checking,
             (Phase::Resting, Intent::Pause) => JobState::Paused,
             (_, Intent::Pause) => JobState::Pausing,
-            (_, Intent::End(JobState::Completed, _)) | (_, Intent::Print) => JobState::Printing,
+            (_, Intent::End(JobState::Completed, _) | Intent::Print) => JobState::Printing,
             (_, Intent::End(..)) => JobState::Stopping,
         }
     }
@@ -329,180 +325,6 @@ impl Engine {
         self.reconsider(now_us);
     }
 
-    /// Takes the next step once nothing is under way: no act, no unconfirmed exposure.
-    fn advance(&mut self, now_us: u64) {
-        if !self.line_up {
-            return self.lose(now_us);
-        }
-        if self.intent == Intent::Print && self.next_layer == self.plan.layer_count {
-            self.intent = Intent::End(JobState::Completed, String::new());
-        }
-        if self.intent != Intent::Print {
-            return self.park(now_us);
-        }
-        match self.position_um {
-            None if self.touched => self.end_interrupted(POSITION_LOST.into(), now_us),
-            None => self.start_act(Act::Home, Phase::Homing, now_us + HOMING_US),
-            Some(position_um) if self.stuck => self.lift(position_um, now_us),
-            Some(_) if !self.warm && !self.uploads.holds(self.next_layer) => {
-                self.wait_until(Phase::WarmingUp, now_us + LATE_LIMIT_US);
-            }
-            Some(position_um) => self.approach(position_um, now_us),
-        }
-    }
-
-    fn lift(&mut self, position_um: i32, now_us: u64) {
-        let exposed = self.next_layer.saturating_sub(1);
-        let target_um = self.plan.lifted_position_um(exposed).min(self.max_position_um);
-        if position_um >= target_um {
-            self.stuck = false;
-            return self.advance(now_us);
-        }
-        self.start_move(target_um, self.plan.recipe.lift_speed_um_s, Phase::Lifting, now_us);
-    }
-
-    fn approach(&mut self, position_um: i32, now_us: u64) {
-        self.warm = true;
-        let target_um = self.plan.layer_position_um(self.next_layer);
-        if position_um == target_um {
-            return self.settle(now_us);
-        }
-        self.start_move(target_um, self.plan.recipe.retract_speed_um_s, Phase::Approaching, now_us);
-    }
-
-    fn settle(&mut self, now_us: u64) {
-        let recipe = &self.plan.recipe;
-        let wait_ms = u64::from(recipe.light_off_delay_ms) + u64::from(recipe.wait_before_exposure_ms);
-        self.wait_until(Phase::Settling, now_us + wait_ms * 1000);
-    }
-
-    /// The layer is wanted now.
-    fn want_layer(&mut self, now_us: u64) {
-        if self.uploads.holds(self.next_layer) {
-            return self.command_exposure(now_us);
-        }
-        self.late_layers += 1;
-        self.wait_until(Phase::Waiting { since_us: now_us }, now_us + LATE_LIMIT_US);
-    }
-
-    fn command_exposure(&mut self, now_us: u64) {
-        self.commands_of_layer += 1;
-        if self.commands_of_layer > MOST_COMMANDS {
-            let text = format!("layer {} was commanded {MOST_COMMANDS} times in vain; check the device", self.next_layer);
-            return self.wind_down(JobState::Interrupted, text, now_us);
-        }
-        let boot_id = self.device.boot_id;
-        self.unconfirmed = Some(Unconfirmed { layer: self.next_layer, boot_id });
-        self.out.journal(Record::Commanded { layer: self.next_layer, boot_id });
-        self.phase = Phase::Commanding;
-        self.deadline_us = None;
-    }
-
-    fn expose(&mut self, now_us: u64) {
-        let duration_ms = self.plan.recipe.layer_exposure_ms(self.next_layer);
-        let act = Act::Expose { layer: self.next_layer, duration_ms, light_pwm: self.plan.recipe.light_pwm };
-        self.touched = true;
-        let light_until_us = now_us + u64::from(duration_ms) * 1000;
-        self.start_act(act, Phase::Exposing { light_until_us }, light_until_us + ACT_MARGIN_US);
-    }
-
-    /// The device says that the layer commanded had its light.
-    fn confirm(&mut self) {
-        self.out.journal(Record::Confirmed { layer: self.next_layer });
-        self.count_as_exposed();
-        self.phase = Phase::Confirming;
-        self.deadline_us = None;
-    }
-
-    fn count_as_exposed(&mut self) {
-        self.uploads.release(self.next_layer);
-        self.unconfirmed = None;
-        self.in_doubt = false;
-        self.next_layer += 1;
-        self.stuck = true;
-        self.touched = true;
-        self.commands_of_layer = 0;
-        self.losses_in_a_row = 0;
-    }
-
-    /// The layer commanded certainly had no light.
-    fn deny(&mut self) {
-        if self.unconfirmed.take().is_some() {
-            self.out.journal(Record::NotExposed { layer: self.next_layer });
-        }
-    }
-
-    fn on_journal_idle(&mut self, now_us: u64) {
-        match self.phase {
-            Phase::Commanding => self.expose(now_us),
-            Phase::Confirming => {
-                let wait_us = u64::from(self.plan.recipe.wait_after_exposure_ms) * 1000;
-                self.wait_until(Phase::Curing, now_us + wait_us);
-            }
-            Phase::Ending => self.finish(),
-            _ => {}
-        }
-    }
-
-    fn on_uploaded(&mut self, layer: u32, now_us: u64) {
-        if !self.uploads.uploaded(layer) || layer != self.next_layer {
-            return;
-        }
-        match self.phase {
-            Phase::WarmingUp => self.advance(now_us),
-            Phase::Waiting { since_us } => {
-                self.late_us_total += now_us.saturating_sub(since_us);
-                self.command_exposure(now_us);
-            }
-            _ => {}
-        }
-    }
-
-    fn on_act_done(&mut self, outcome: Outcome, now_us: u64) {
-        match (self.phase, outcome) {
-            (Phase::Exposing { .. } | Phase::CuttingShort, Outcome::Exposed { layer, .. }) if layer == self.next_layer => {
-                self.confirm();
-            }
-            (Phase::Homing | Phase::Lifting | Phase::Approaching | Phase::Parking, Outcome::Arrived { position_um }) => {
-                self.position_um = Some(position_um);
-                self.deadline_us = None;
-                self.on_arrived(position_um, now_us);
-            }
-            (_, Outcome::Refused(refusal)) => self.on_refused(refusal, now_us),
-            (_, outcome) => {
-                let text = format!("the device answered {outcome:?} to something else; check its firmware");
-                if self.unconfirmed.is_some() {
-                    self.doubt(text, now_us);
-                } else {
-                    self.end_interrupted(text, now_us);
-                }
-            }
-        }
-    }
-
-    fn on_arrived(&mut self, position_um: i32, now_us: u64) {
-        match self.phase {
-            Phase::Lifting => {
-                self.stuck = false;
-                let wait_us = u64::from(self.plan.recipe.wait_after_lift_ms) * 1000;
-                self.wait_until(Phase::Dripping, now_us + wait_us);
-            }
-            Phase::Approaching if self.intent == Intent::Print => {
-                let target_um = self.plan.layer_position_um(self.next_layer);
-                // Beyond half a layer the part would be wrong, and nothing later could mend it.
-                if f64::from((position_um - target_um).abs()) > self.plan.recipe.layer_height_um / 2.0 {
-                    let text = format!(
-                        "the plate is at {position_um} µm instead of {target_um} µm: check the axis, then resume"
-                    );
-                    return self.wind_down(JobState::Interrupted, text, now_us);
-                }
-                self.settle(now_us);
-            }
-            Phase::Parking if self.intent != Intent::Print => self.parked(now_us),
-            _ => self.advance(now_us),
-        }
-    }
-
     fn on_timeout(&mut self, now_us: u64) {
         match self.phase {
             Phase::Settling => self.want_layer(now_us),
@@ -517,10 +339,10 @@ impl Engine {
             }
             Phase::Asking { until_us } => self.ask_again(until_us, now_us),
             Phase::Exposing { .. } => self.cut_short(now_us),
-            Phase::CuttingShort => self.doubt("the device did not say how the exposure ended".into(), now_us),
+            Phase::CuttingShort => self.doubt("the device did not say how the exposure ended", now_us),
             Phase::Homing | Phase::Lifting | Phase::Approaching | Phase::Parking => {
                 let text = "the plate did not arrive in time: check the axis and the device".into();
-                self.end_unparked(text, now_us);
+                self.end_unparked(text);
             }
             Phase::Checking | Phase::Lost => self.on_no_device(now_us),
             _ => {}
@@ -558,8 +380,3 @@ impl Engine {
         }
     }
 }
-
-/// With a part on the plate, a device that lost its position cannot be homed by anyone but the operator.
-const POSITION_LOST: &str = "the device no longer knows where its plate is, and homing would drive the part into the vat's \
-     bottom. Nothing was moved. If the machine can restore its position without going down, do so and resume; otherwise \
-     take the part off and start it anew";

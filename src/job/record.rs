@@ -192,9 +192,7 @@ impl History {
             return Err(ResumeError::Over(self.state));
         }
         match (&self.in_doubt, choice) {
-            (Some(why), ResumeChoice::None) => {
-                Err(ResumeError::InDoubt { layer: self.next_layer, why: why.clone() })
-            }
+            (Some(why), ResumeChoice::None) => Err(ResumeError::InDoubt { layer: self.next_layer, why: why.clone() }),
             _ => Ok(StartPoint {
                 next_layer: self.next_layer,
                 unconfirmed: self.unconfirmed,

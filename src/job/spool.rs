@@ -130,7 +130,8 @@ impl Spool {
     /// # Errors
     /// [`SpoolError::NoSpace`] says how much is there and how much is needed.
     pub fn check_space(&self, bytes: u64) -> Result<(), SpoolError> {
-        let stat = rustix::fs::statvfs(&self.root).map_err(|error| io("ask the free space of", &self.root)(error.into()))?;
+        let stat =
+            rustix::fs::statvfs(&self.root).map_err(|error| io("ask the free space of", &self.root)(error.into()))?;
         let free_bytes = stat.f_bavail.saturating_mul(stat.f_frsize);
         let need_bytes = bytes.saturating_add(RESERVE_BYTES);
         if free_bytes >= need_bytes {

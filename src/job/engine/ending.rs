@@ -93,13 +93,9 @@ impl Engine {
     }
 
     /// Ends the job without moving the plate.
-    pub(super) fn end_unparked(&mut self, text: String, _now_us: u64) {
+    pub(super) fn end_unparked(&mut self, text: String) {
         self.intend_to_end(JobState::Interrupted, text);
         self.end();
-    }
-
-    pub(super) fn end_interrupted(&mut self, text: String, now_us: u64) {
-        self.end_unparked(text, now_us);
     }
 
     /// What a job ends as that could not begin: a new one failed, one with layers on its plate can be resumed.
@@ -108,10 +104,10 @@ impl Engine {
     }
 
     /// Nobody can tell how much light the layer commanded had.
-    pub(super) fn doubt(&mut self, why: String, now_us: u64) {
+    pub(super) fn doubt(&mut self, why: &str, now_us: u64) {
         let layer = self.next_layer;
         if !self.in_doubt {
-            self.out.journal(Record::InDoubt { layer, why: why.clone() });
+            self.out.journal(Record::InDoubt { layer, why: why.to_owned() });
         }
         self.unconfirmed = None;
         self.in_doubt = true;
@@ -167,10 +163,10 @@ impl Engine {
     pub(super) fn on_refused(&mut self, refusal: Refusal, now_us: u64) {
         let layer = self.next_layer;
         if !matches!(self.phase, Phase::Exposing { .. } | Phase::CuttingShort) {
-            return self.end_unparked(format!("the device refused to move: {}", remedy(refusal)), now_us);
+            return self.end_unparked(format!("the device refused to move: {}", remedy(refusal)));
         }
         match refusal {
-            Refusal::CutShort => self.doubt("the device ended its light early".into(), now_us),
+            Refusal::CutShort => self.doubt("the device ended its light early", now_us),
             Refusal::AlreadyExposed => {
                 self.out.notice(format!("the device says it exposed layer {layer} before; asking it for its state"));
                 self.ask(now_us);
@@ -183,8 +179,7 @@ impl Engine {
             }
             _ => {
                 self.deny();
-                let state =
-                    if refusal == Refusal::NotReady { JobState::Interrupted } else { JobState::Failed };
+                let state = if refusal == Refusal::NotReady { JobState::Interrupted } else { JobState::Failed };
                 let text = format!("the device refused to expose layer {layer}: {}", remedy(refusal));
                 self.wind_down_at_rest(state, text, now_us);
             }
@@ -293,7 +288,9 @@ fn remedy(refusal: Refusal) -> &'static str {
     match refusal {
         Refusal::NotReady => "it is not ready; look at the device, then resume",
         Refusal::AlreadyExposed => "it exposed that layer before",
-        Refusal::BadDuration => "the exposure is longer than it allows; lower exposure_ms and bottom_exposure_ms in the recipe",
+        Refusal::BadDuration => {
+            "the exposure is longer than it allows; lower exposure_ms and bottom_exposure_ms in the recipe"
+        }
         Refusal::NoSuchLayer => "it does not hold that layer",
         Refusal::SlotBusy | Refusal::Busy => "it is busy with something this job did not ask for; check its firmware",
         Refusal::BadLayer => "the layer did not arrive whole; check the line",

@@ -11,6 +11,9 @@ const ASK_LIMIT_US: u64 = 620 * SECOND_US;
 /// Lines lost in a row without one layer printed in between.
 const MOST_LOSSES: u32 = 20;
 
+/// A reason this long gets no further ones added: it goes into the journal, whose records are limited.
+const LONGEST_REASON_BYTES: usize = 1000;
+
 /// What became of a layer that was commanded.
 enum Fate {
     Exposed,
@@ -84,9 +87,12 @@ impl Engine {
                  then resume",
                 self.loss
             );
-            return self.end_unparked(text, now_us);
+            return self.end_unparked(text);
         }
-        self.out.notice(format!("the line to the device is lost ({}); the job waits, dark, for it to come back", self.loss));
+        self.out.notice(format!(
+            "the line to the device is lost ({}); the job waits, dark, for it to come back",
+            self.loss
+        ));
         self.wait_until(Phase::Lost, now_us + RECONNECT_US);
     }
 
@@ -101,7 +107,7 @@ impl Engine {
             let state = self.failed_or_interrupted();
             return self.wind_down(state, text, now_us);
         }
-        self.end_unparked(text, now_us);
+        self.end_unparked(text);
     }
 
     pub(super) fn on_state(&mut self, state: DeviceState, now_us: u64) {
@@ -121,7 +127,7 @@ impl Engine {
 
     pub(super) fn ask_again(&mut self, until_us: u64, now_us: u64) {
         if now_us >= until_us {
-            return self.end_unparked("the device did not come to rest in time: check it, then resume".into(), now_us);
+            return self.end_unparked("the device did not come to rest in time: check it, then resume".into());
         }
         self.out.query = true;
         self.deadline_us = Some(now_us + ASK_EVERY_US);
@@ -143,18 +149,20 @@ impl Engine {
         if self.device.light_on {
             self.out.urgent = Some(Urgent::LightOff);
             let text = "the device shows light without an exposure; it was told to put it off. Check the device";
-            return self.end_unparked(text.into(), now_us);
+            return self.end_unparked(text.into());
         }
         if self.aborting {
             return self.advance(now_us);
         }
         if self.unconfirmed.is_some() || self.in_doubt {
             match self.fate() {
-                Fate::Exposed => return self.confirm(),
+                Fate::Exposed => return self.confirm(now_us),
                 Fate::NotExposed => self.deny(),
-                Fate::Unknown(why) => return self.settle_doubt(why, now_us),
+                Fate::Unknown(why) => return self.settle_doubt(&why, now_us),
             }
-        } else if let Some(id) = self.device.last_exposed.filter(|id| id.job == self.plan.key && id.layer >= self.next_layer) {
+        } else if let Some(id) =
+            self.device.last_exposed.filter(|id| id.job == self.plan.key && id.layer >= self.next_layer)
+        {
             let text = format!(
                 "the device says it exposed layer {} of this job, of which the journal knows nothing beyond layer {}: the \
                  journal is not complete, the job cannot go on",
@@ -185,7 +193,7 @@ impl Engine {
     }
 
     /// Only the operator can tell; perhaps they did already.
-    fn settle_doubt(&mut self, why: String, now_us: u64) {
+    fn settle_doubt(&mut self, why: &str, now_us: u64) {
         let layer = self.next_layer;
         match std::mem::take(&mut self.choice) {
             ResumeChoice::None => self.doubt(why, now_us),
@@ -212,8 +220,10 @@ impl Engine {
     /// Sets the end the job comes to; the first end wanted stands, later reasons are added to its own.
     pub(super) fn intend_to_end(&mut self, state: JobState, reason: String) {
         match &mut self.intent {
-            Intent::End(JobState::Completed, _) | Intent::Print | Intent::Pause => self.intent = Intent::End(state, reason),
-            Intent::End(_, known) if known.contains(&reason) => {}
+            Intent::End(JobState::Completed, _) | Intent::Print | Intent::Pause => {
+                self.intent = Intent::End(state, reason);
+            }
+            Intent::End(_, known) if known.contains(&reason) || known.len() > LONGEST_REASON_BYTES => {}
             Intent::End(_, known) => *known = format!("{known}; {reason}"),
         }
     }

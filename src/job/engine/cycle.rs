@@ -1,0 +1,200 @@
+//! The cycle of a layer: lift, return, settle, command, expose, confirm.
+
+use super::{ACT_MARGIN_US, Engine, Intent, LATE_LIMIT_US, Phase, SECOND_US};
+use crate::device::{Act, Outcome};
+use crate::job::{JobState, Record, Unconfirmed};
+
+/// Homing of the largest build height (2 m) at 10 mm/s takes 200 s.
+const HOMING_US: u64 = 300 * SECOND_US;
+/// How often one layer may be commanded: each time but the first follows a lost line or a refusal.
+const MOST_COMMANDS: u32 = 10;
+
+impl Engine {
+    /// Takes the next step once nothing is under way: no act, no unconfirmed exposure.
+    pub(super) fn advance(&mut self, now_us: u64) {
+        if !self.line_up {
+            return self.lose(now_us);
+        }
+        if self.intent == Intent::Print && self.next_layer == self.plan.layer_count {
+            self.intent = Intent::End(JobState::Completed, String::new());
+        }
+        if self.intent != Intent::Print {
+            return self.park(now_us);
+        }
+        match self.position_um {
+            None if self.touched => self.end_unparked(POSITION_LOST.into()),
+            None => self.start_act(Act::Home, Phase::Homing, now_us + HOMING_US),
+            Some(position_um) if self.stuck => self.lift(position_um, now_us),
+            Some(_) if !self.warm && !self.uploads.holds(self.next_layer) => {
+                self.wait_until(Phase::WarmingUp, now_us + LATE_LIMIT_US);
+            }
+            Some(position_um) => self.approach(position_um, now_us),
+        }
+    }
+
+    pub(super) fn lift(&mut self, position_um: i32, now_us: u64) {
+        let exposed = self.next_layer.saturating_sub(1);
+        let target_um = self.plan.lifted_position_um(exposed).min(self.max_position_um);
+        if position_um >= target_um {
+            self.stuck = false;
+            return self.advance(now_us);
+        }
+        self.start_move(target_um, self.plan.recipe.lift_speed_um_s, Phase::Lifting, now_us);
+    }
+
+    pub(super) fn approach(&mut self, position_um: i32, now_us: u64) {
+        self.warm = true;
+        let target_um = self.plan.layer_position_um(self.next_layer);
+        if position_um == target_um {
+            return self.settle(now_us);
+        }
+        self.start_move(target_um, self.plan.recipe.retract_speed_um_s, Phase::Approaching, now_us);
+    }
+
+    pub(super) fn settle(&mut self, now_us: u64) {
+        let recipe = &self.plan.recipe;
+        let wait_ms = u64::from(recipe.light_off_delay_ms) + u64::from(recipe.wait_before_exposure_ms);
+        self.wait_until(Phase::Settling, now_us + wait_ms * 1000);
+    }
+
+    /// The layer is wanted now.
+    pub(super) fn want_layer(&mut self, now_us: u64) {
+        if self.uploads.holds(self.next_layer) {
+            return self.command_exposure(now_us);
+        }
+        self.late_layers += 1;
+        self.wait_until(Phase::Waiting { since_us: now_us }, now_us + LATE_LIMIT_US);
+    }
+
+    pub(super) fn command_exposure(&mut self, now_us: u64) {
+        self.commands_of_layer += 1;
+        if self.commands_of_layer > MOST_COMMANDS {
+            let text =
+                format!("layer {} was commanded {MOST_COMMANDS} times in vain; check the device", self.next_layer);
+            return self.wind_down(JobState::Interrupted, text, now_us);
+        }
+        let boot_id = self.device.boot_id;
+        self.unconfirmed = Some(Unconfirmed { layer: self.next_layer, boot_id });
+        self.out.journal(Record::Commanded { layer: self.next_layer, boot_id });
+        self.phase = Phase::Commanding;
+        self.deadline_us = None;
+    }
+
+    pub(super) fn expose(&mut self, now_us: u64) {
+        let duration_ms = self.plan.recipe.layer_exposure_ms(self.next_layer);
+        let act = Act::Expose { layer: self.next_layer, duration_ms, light_pwm: self.plan.recipe.light_pwm };
+        self.touched = true;
+        let light_until_us = now_us + u64::from(duration_ms) * 1000;
+        self.start_act(act, Phase::Exposing { light_until_us }, light_until_us + ACT_MARGIN_US);
+    }
+
+    /// The device says that the layer commanded had its light.
+    pub(super) fn confirm(&mut self, now_us: u64) {
+        self.out.journal(Record::Confirmed { layer: self.next_layer });
+        self.count_as_exposed();
+        self.phase = Phase::Confirming;
+        self.deadline_us = None;
+        if self.out.journal_broken {
+            self.advance(now_us);
+        }
+    }
+
+    pub(super) fn count_as_exposed(&mut self) {
+        self.uploads.release(self.next_layer);
+        self.unconfirmed = None;
+        self.in_doubt = false;
+        self.next_layer += 1;
+        self.stuck = true;
+        self.touched = true;
+        self.commands_of_layer = 0;
+        self.losses_in_a_row = 0;
+    }
+
+    /// The layer commanded certainly had no light.
+    pub(super) fn deny(&mut self) {
+        if self.unconfirmed.take().is_some() {
+            self.out.journal(Record::NotExposed { layer: self.next_layer });
+        }
+    }
+
+    pub(super) fn on_journal_idle(&mut self, now_us: u64) {
+        match self.phase {
+            Phase::Commanding => self.expose(now_us),
+            Phase::Confirming => {
+                let wait_us = u64::from(self.plan.recipe.wait_after_exposure_ms) * 1000;
+                self.wait_until(Phase::Curing, now_us + wait_us);
+            }
+            Phase::Ending => self.finish(),
+            _ => {}
+        }
+    }
+
+    pub(super) fn on_uploaded(&mut self, layer: u32, now_us: u64) {
+        if !self.uploads.uploaded(layer) || layer != self.next_layer {
+            return;
+        }
+        match self.phase {
+            Phase::WarmingUp => self.advance(now_us),
+            Phase::Waiting { since_us } => {
+                self.late_us_total += now_us.saturating_sub(since_us);
+                self.command_exposure(now_us);
+            }
+            _ => {}
+        }
+    }
+
+    pub(super) fn on_act_done(&mut self, outcome: Outcome, now_us: u64) {
+        match (self.phase, outcome) {
+            (Phase::Exposing { .. } | Phase::CuttingShort, Outcome::Exposed { layer, .. })
+                if layer == self.next_layer =>
+            {
+                self.confirm(now_us);
+            }
+            (
+                Phase::Homing | Phase::Lifting | Phase::Approaching | Phase::Parking,
+                Outcome::Arrived { position_um },
+            ) => {
+                self.position_um = Some(position_um);
+                self.deadline_us = None;
+                self.on_arrived(position_um, now_us);
+            }
+            (_, Outcome::Refused(refusal)) => self.on_refused(refusal, now_us),
+            (_, outcome) => {
+                let text = format!("the device answered {outcome:?} to something else; check its firmware");
+                if self.unconfirmed.is_some() {
+                    self.doubt(&text, now_us);
+                } else {
+                    self.end_unparked(text);
+                }
+            }
+        }
+    }
+
+    pub(super) fn on_arrived(&mut self, position_um: i32, now_us: u64) {
+        match self.phase {
+            Phase::Lifting => {
+                self.stuck = false;
+                let wait_us = u64::from(self.plan.recipe.wait_after_lift_ms) * 1000;
+                self.wait_until(Phase::Dripping, now_us + wait_us);
+            }
+            Phase::Approaching if self.intent == Intent::Print => {
+                let target_um = self.plan.layer_position_um(self.next_layer);
+                // Beyond half a layer the part would be wrong, and nothing later could mend it.
+                if f64::from((position_um - target_um).abs()) > self.plan.recipe.layer_height_um / 2.0 {
+                    let text = format!(
+                        "the plate is at {position_um} µm instead of {target_um} µm: check the axis, then resume"
+                    );
+                    return self.wind_down(JobState::Interrupted, text, now_us);
+                }
+                self.settle(now_us);
+            }
+            Phase::Parking if self.intent != Intent::Print => self.parked(now_us),
+            _ => self.advance(now_us),
+        }
+    }
+}
+
+/// With a part on the plate, a device that lost its position cannot be homed by anyone but the operator.
+const POSITION_LOST: &str = "the device no longer knows where its plate is, and homing would drive the part into the vat's \
+     bottom. Nothing was moved. If the machine can restore its position without going down, do so and resume; otherwise \
+     take the part off and start it anew";
