@@ -170,7 +170,11 @@ impl<'a> Collector<'a> {
                 0 => String::new(),
                 count => format!(" ({count} are shorter than {} mm)", self.quantum_um / 1000.0),
             };
-            return Err(PackError::input(names.join(", "), format!("there are no struts to print{short}")));
+            let left_out = match self.notes.as_slice() {
+                [] => String::new(),
+                notes => format!("; left out: {}", notes.join("; ")),
+            };
+            return Err(PackError::input(names.join(", "), format!("there are no struts to print{short}{left_out}")));
         }
         let blend = match self.options.blend {
             BlendChoice::Union => Blend::Union,

@@ -8,6 +8,7 @@ mod codec;
 mod collect;
 mod columns;
 mod format;
+mod generate;
 mod import;
 mod index;
 mod model;
@@ -19,6 +20,7 @@ mod sort;
 mod writer;
 
 pub use format::RADIUS_LIMIT;
+pub use generate::{GenerateOptions, Kind, generate};
 pub use index::ChunkEntry;
 pub use model::{Blend, Bounds, Cap, Caps, Header, Placement, Strut};
 pub use pack::{BlendChoice, PackError, PackOptions, PackProgress, PackReport, pack};

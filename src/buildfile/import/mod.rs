@@ -1,6 +1,7 @@
 //! Readers of sources. Each streams its file and hands beams and balls to the [`Collector`].
 
 mod edge_text;
+mod three_mf;
 
 use std::path::Path;
 
@@ -17,6 +18,7 @@ pub(super) type Importer = fn(&Path, &PackOptions, &mut Collector<'_>, &mut dyn 
 pub(super) fn importer(path: &Path) -> Result<Importer, PackError> {
     let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
     match extension.as_deref() {
+        Some("3mf") => Ok(three_mf::import),
         Some("txt") => Ok(edge_text::import),
         _ => Err(PackError::input(
             path.display().to_string(),
