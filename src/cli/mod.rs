@@ -1,1 +1,4 @@
-//! cli
+//! `layerctl`'s offline commands.
+
+pub mod check;
+pub mod slice;

@@ -1,5 +1,9 @@
 //! What a machine is asked to do, how a layer is written for it, and simulated machines behind the same protocol.
 
 mod act;
+mod dlp;
+pub mod encoding;
+pub mod sim;
 
 pub use act::{Act, Outcome};
+pub use dlp::{DlpDriver, DriverBusy, DriverEvent, MachineMismatch, check_capabilities};

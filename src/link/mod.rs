@@ -1,3 +1,13 @@
 //! The line to the device: frames, a reliable session with credit, the serial transport. It does not know what a layer is.
+//!
+//! | module        | owns                                                                                  |
+//! |---------------|---------------------------------------------------------------------------------------|
+//! | [`wire`]      | bytes: frames, messages, handshake; core and alloc only, firmware can share it         |
+//! | [`session`]   | order, loss, credit, urgency, silence: a pure state machine for host and device        |
+//!
+//! `docs/protocol.md` is the contract between both ends.
 
-pub mod message;
+pub mod session;
+pub mod wire;
+
+pub use wire::message;

@@ -15,5 +15,6 @@ mod sweep;
 
 pub use bitmap::{Bitmap, Depth};
 pub use plan::{Mirror, PlanError, Raster, SlicePlan};
+pub use png::write_png;
 pub use slicer::{SliceError, Slicer};
 pub use source::{ChunkSpan, MOST_CHUNK_STRUTS, MemoryStruts, StrutSource};

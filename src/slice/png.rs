@@ -1,28 +1,86 @@
-//! Layers as PNG: one bit a pixel stays one bit.
+//! A layer as a PNG file: what `layerctl slice` writes and what a simulated device writes of what it exposed.
+//!
+//! One encoder for both, so that equal layers are equal files. Always 8-bit grey, 0 dark and 255 lit: every viewer and
+//! library reads that, and deflate leaves nothing of the unused bits.
 
-use std::io::Write;
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::Path;
+
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::{ExtendedColorType, ImageEncoder};
 
 use super::{Bitmap, Depth};
 
-impl Bitmap {
-    /// Writes a greyscale PNG of the bitmap's own depth; lit is white.
-    ///
-    /// # Errors
-    /// What `out` answers, e.g. a full disk.
-    pub fn write_png(&self, out: impl Write) -> std::io::Result<()> {
-        let mut encoder = png::Encoder::new(out, self.width_px(), self.height_px());
-        encoder.set_color(png::ColorType::Grayscale);
-        encoder.set_depth(match self.depth() {
-            Depth::Bit => png::BitDepth::One,
-            Depth::Grey => png::BitDepth::Eight,
-        });
-        encoder.set_compression(png::Compression::Fast);
-        let into_io = |error| match error {
-            png::EncodingError::IoError(error) => error,
-            other => std::io::Error::other(other),
-        };
-        let mut writer = encoder.write_header().map_err(into_io)?;
-        writer.write_image_data(self.data()).map_err(into_io)?;
-        writer.finish().map_err(into_io)
+/// Writes a layer as 8-bit grey. The file appears whole or not at all: it is written beside its place and renamed.
+///
+/// # Errors
+/// Whatever the file system says; nothing is left behind then.
+pub fn write_png(path: &Path, bitmap: &Bitmap) -> io::Result<()> {
+    let part = path.with_extension("png.part");
+    let written = encode(&part, bitmap).and_then(|()| std::fs::rename(&part, path));
+    if written.is_err() {
+        // The first error is the one to tell; the part may not even exist.
+        let _ = std::fs::remove_file(&part);
+    }
+    written
+}
+
+fn encode(path: &Path, bitmap: &Bitmap) -> io::Result<()> {
+    let mut file = BufWriter::new(File::create(path)?);
+    // Layers are long runs: the fast setting with the filter against the row above is both quick and small.
+    let encoder = PngEncoder::new_with_quality(&mut file, CompressionType::Fast, FilterType::Up);
+    let (width_px, height_px) = (bitmap.width_px(), bitmap.height_px());
+    let written = match bitmap.depth() {
+        Depth::Grey => encoder.write_image(bitmap.data(), width_px, height_px, ExtendedColorType::L8),
+        Depth::Bit => encoder.write_image(&grey_of_bits(bitmap), width_px, height_px, ExtendedColorType::L8),
+    };
+    written.map_err(|error| match error {
+        image::ImageError::IoError(error) => error,
+        other => io::Error::other(other),
+    })?;
+    file.flush()
+}
+
+fn grey_of_bits(bitmap: &Bitmap) -> Vec<u8> {
+    let width = bitmap.width_px() as usize;
+    let mut grey = Vec::with_capacity(width * bitmap.height_px() as usize);
+    for row in bitmap.data().chunks_exact(bitmap.stride_bytes().max(1)) {
+        grey.extend((0..width).map(|x| if row[x / 8] & (0x80 >> (x % 8)) != 0 { 255 } else { 0 }));
+    }
+    grey
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn both_depths_read_back_pixel_for_pixel() {
+        let directory = tempfile::tempdir().expect("a directory");
+        let path = directory.path().join("layer_000000.png");
+        let mut bits = Bitmap::new(11, 2, Depth::Bit);
+        bits.data_mut().copy_from_slice(&[0b1010_0000, 0b0010_0000, 0, 0b1000_0000]);
+        write_png(&path, &bits).expect("written");
+        let read = image::open(&path).expect("a PNG").into_luma8();
+        let lit: Vec<_> = read.enumerate_pixels().filter(|(.., p)| p.0[0] == 255).map(|(x, y, _)| (x, y)).collect();
+        assert_eq!((read.dimensions(), lit), ((11, 2), vec![(0, 0), (2, 0), (10, 0), (8, 1)]));
+
+        let mut grey = Bitmap::new(3, 2, Depth::Grey);
+        grey.data_mut().copy_from_slice(&[0, 1, 255, 128, 254, 7]);
+        write_png(&path, &grey).expect("replaced");
+        assert_eq!(image::open(&path).expect("a PNG").into_luma8().into_raw(), grey.data());
+        assert_eq!(std::fs::read_dir(directory.path()).expect("listed").count(), 1, "no part is left");
+    }
+
+    #[test]
+    fn a_failed_write_leaves_nothing_behind() {
+        let directory = tempfile::tempdir().expect("a directory");
+        let missing = directory.path().join("missing").join("layer_000000.png");
+        assert!(write_png(&missing, &Bitmap::new(8, 8, Depth::Bit)).is_err());
+        let taken = directory.path().join("layer_000001.png");
+        std::fs::create_dir(&taken).expect("a directory in the way");
+        assert!(write_png(&taken, &Bitmap::new(8, 8, Depth::Bit)).is_err());
+        assert_eq!(std::fs::read_dir(directory.path()).expect("listed").count(), 1);
     }
 }

@@ -1,0 +1,255 @@
+//! CCITT Group 4 (ITU-T T.6): 1-bit pictures as changes against the row above.
+//!
+//! Lit is written as black. There is no header; the picture ends with EOFB and zero bits up to the byte. The run-length
+//! codes come from the `fax` crate; finding the changes a word at a time is ours, because that is where the time goes.
+
+use fax::maps::{Mode, black, mode, white};
+
+use super::bits::{BitReader, BitWriter};
+use super::decoder::DecodeError;
+use crate::slice::Bitmap;
+
+/// The mode codes of T.6 table 1: code and length.
+const PASS: (u32, u32) = (0b0001, 4);
+const HORIZONTAL: (u32, u32) = (0b001, 3);
+/// For a change 3 to the left of the one above, up to 3 to the right.
+const VERTICAL: [(u32, u32); 7] = [(0b10, 7), (0b10, 6), (0b10, 3), (1, 1), (0b11, 3), (0b11, 6), (0b11, 7)];
+/// Half of the end of the block.
+const EOL: (u32, u32) = (1, 12);
+/// The longest run one code carries; longer runs repeat it.
+const LONGEST_MAKE_UP: u32 = 2560;
+
+/// Appends a 1-bit picture to `bytes`.
+pub(super) fn encode(bitmap: &Bitmap, bytes: &mut Vec<u8>) {
+    let mut writer = BitWriter::new(bytes);
+    let (mut above, mut row) = (Vec::new(), Vec::new());
+    for pixels in bitmap.data().chunks_exact(bitmap.stride_bytes().max(1)) {
+        find_changes(pixels, bitmap.width_px(), &mut row);
+        encode_row(&row, &above, bitmap.width_px(), &mut writer);
+        std::mem::swap(&mut above, &mut row);
+    }
+    writer.put(EOL.0, EOL.1);
+    writer.put(EOL.0, EOL.1);
+    writer.finish();
+}
+
+/// Where the colour changes, ascending, starting from dark: even places begin lit runs, odd ones end them.
+fn find_changes(pixels: &[u8], width_px: u32, changes: &mut Vec<u32>) {
+    changes.clear();
+    let mut last_bit = 0;
+    let mut scan = |word: u64, first_x: u32| {
+        // Bit by bit against its left neighbour: 1 where they differ.
+        let mut differs = word ^ (word >> 1 | last_bit << 63);
+        last_bit = word & 1;
+        while differs != 0 {
+            let place = differs.leading_zeros();
+            changes.push(first_x + place);
+            differs &= !(1 << 63 >> place);
+        }
+    };
+    let (words, tail) = pixels.as_chunks::<8>();
+    for (index, word) in words.iter().enumerate() {
+        scan(u64::from_be_bytes(*word), index as u32 * 64);
+    }
+    if !tail.is_empty() {
+        let mut last = [0; 8];
+        last[..tail.len()].copy_from_slice(tail);
+        scan(u64::from_be_bytes(last), words.len() as u32 * 64);
+    }
+    // The padding is dark: a lit run up to the edge ends there without a change.
+    if changes.last().is_some_and(|&x| x >= width_px) {
+        changes.pop();
+    }
+}
+
+fn encode_row(row: &[u32], above: &[u32], width_px: u32, writer: &mut BitWriter<'_>) {
+    let mut reference = Reference::new(above, width_px);
+    let (mut a0, mut lit, mut next) = (None, false, 0);
+    while a0.is_none_or(|a0| a0 < width_px) {
+        let a1 = row.get(next).copied().unwrap_or(width_px);
+        let (b1, b2) = reference.find(a0, lit);
+        if b2 < a1 {
+            writer.put(PASS.0, PASS.1);
+            a0 = Some(b2);
+        } else if a1.abs_diff(b1) <= 3 {
+            let (code, length) = VERTICAL[(a1 + 3 - b1) as usize];
+            writer.put(code, length);
+            (a0, lit, next) = (Some(a1), !lit, next + 1);
+        } else {
+            let a2 = row.get(next + 1).copied().unwrap_or(width_px);
+            writer.put(HORIZONTAL.0, HORIZONTAL.1);
+            encode_run(a1 - a0.unwrap_or(0), lit, writer);
+            encode_run(a2 - a1, !lit, writer);
+            (a0, next) = (Some(a2), next + 2);
+        }
+    }
+}
+
+fn encode_run(mut length_px: u32, lit: bool, writer: &mut BitWriter<'_>) {
+    let table = if lit { &black::ENTRIES } else { &white::ENTRIES };
+    let mut put = |index: u32| {
+        let bits = table[index as usize].1;
+        writer.put(u32::from(bits.data), u32::from(bits.len));
+    };
+    // The table holds the runs 0 to 63, then the multiples of 64.
+    while length_px >= LONGEST_MAKE_UP {
+        put(63 + LONGEST_MAKE_UP / 64);
+        length_px -= LONGEST_MAKE_UP;
+    }
+    if length_px >= 64 {
+        put(63 + length_px / 64);
+    }
+    put(length_px % 64);
+}
+
+/// The row above, asked for b1 and b2 of T.6 from left to right.
+struct Reference<'a> {
+    changes: &'a [u32],
+    width_px: u32,
+    next: usize,
+}
+
+impl<'a> Reference<'a> {
+    fn new(changes: &'a [u32], width_px: u32) -> Self {
+        Self { changes, width_px, next: 0 }
+    }
+
+    /// b1: the first change right of `a0` away from the colour `lit`; b2: the change after it; the width where there is none.
+    fn find(&mut self, a0: Option<u32>, lit: bool) -> (u32, u32) {
+        if let Some(a0) = a0 {
+            // A vertical code to the left can bring changes back that were passed: at most a few.
+            while self.next > 0 && self.changes[self.next - 1] > a0 {
+                self.next -= 1;
+            }
+            while self.changes.get(self.next).is_some_and(|&x| x <= a0) {
+                self.next += 1;
+            }
+        }
+        let at = |index: usize| self.changes.get(index).copied().unwrap_or(self.width_px);
+        let first = self.next + usize::from((self.next % 2 == 1) != lit);
+        (at(first), at(first + 1))
+    }
+}
+
+/// Decodes row after row into pixels.
+#[derive(Debug)]
+pub(super) struct RowDecoder {
+    width_px: u32,
+    above: Vec<u32>,
+    row: Vec<u32>,
+    a0: Option<u32>,
+    lit: bool,
+    /// Inside a horizontal code, or its first run already known.
+    horizontal: Horizontal,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Horizontal {
+    No,
+    /// The run so far (make-up codes).
+    First(u32),
+    Second(u32),
+}
+
+impl RowDecoder {
+    pub(super) fn new(width_px: u32) -> Self {
+        Self { width_px, above: Vec::new(), row: Vec::new(), a0: None, lit: false, horizontal: Horizontal::No }
+    }
+
+    /// Takes one code; true where it completed the row, which is then in `pixels` (all 0 before).
+    pub(super) fn step(&mut self, bits: &mut BitReader, pixels: &mut [u8]) -> Result<bool, DecodeError> {
+        match self.horizontal {
+            Horizontal::No => self.take_mode(bits)?,
+            Horizontal::First(run) | Horizontal::Second(run) => self.take_run(run, bits)?,
+        }
+        if self.a0.is_none_or(|a0| a0 < self.width_px) || !matches!(self.horizontal, Horizontal::No) {
+            return Ok(false);
+        }
+        for run in self.row.chunks(2) {
+            fill_bits(pixels, run[0], run.get(1).copied().unwrap_or(self.width_px));
+        }
+        std::mem::swap(&mut self.above, &mut self.row);
+        self.row.clear();
+        (self.a0, self.lit) = (None, false);
+        Ok(true)
+    }
+
+    fn take_mode(&mut self, bits: &mut BitReader) -> Result<(), DecodeError> {
+        let code = mode::decode(bits).ok_or(DecodeError::BadCode)?;
+        let (b1, b2) = Reference::near(&self.above, self.width_px, self.a0, self.lit);
+        match code {
+            Mode::Pass if b2 < self.width_px => self.a0 = Some(b2),
+            Mode::Horizontal => self.horizontal = Horizontal::First(0),
+            Mode::Vertical(shift) => {
+                let a1 = b1.checked_add_signed(i32::from(shift)).ok_or(DecodeError::BadCode)?;
+                self.change(a1)?;
+            }
+            Mode::EOF => return Err(DecodeError::TooFewRows),
+            Mode::Pass | Mode::Extension => return Err(DecodeError::BadCode),
+        }
+        Ok(())
+    }
+
+    fn take_run(&mut self, run: u32, bits: &mut BitReader) -> Result<(), DecodeError> {
+        let second = matches!(self.horizontal, Horizontal::Second(_));
+        let code = if self.lit { black::decode(bits) } else { white::decode(bits) };
+        let code = u32::from(code.ok_or(DecodeError::BadCode)?);
+        let run = run + code;
+        if run > self.width_px {
+            return Err(DecodeError::BadCode);
+        }
+        if code >= 64 {
+            self.horizontal = if second { Horizontal::Second(run) } else { Horizontal::First(run) };
+            return Ok(());
+        }
+        // `change` turns the colour, and with it the table for the second run.
+        self.change(self.a0.unwrap_or(0) + run)?;
+        self.horizontal = if second { Horizontal::No } else { Horizontal::Second(0) };
+        Ok(())
+    }
+
+    /// The colour changes at `x`, which must advance (but for a row that begins lit, and the second run of a row's end).
+    fn change(&mut self, x: u32) -> Result<(), DecodeError> {
+        let advances = self.a0.is_none_or(|a0| x > a0) || x == self.width_px;
+        if !advances || x > self.width_px {
+            return Err(DecodeError::BadCode);
+        }
+        if x < self.width_px {
+            self.row.push(x);
+        }
+        (self.a0, self.lit) = (Some(x), !self.lit);
+        Ok(())
+    }
+}
+
+impl Reference<'_> {
+    /// [`find`](Self::find) without a place to begin from.
+    fn near(changes: &[u32], width_px: u32, a0: Option<u32>, lit: bool) -> (u32, u32) {
+        let next = a0.map_or(0, |a0| changes.partition_point(|&x| x <= a0));
+        Reference { changes, width_px, next }.find(None, lit)
+    }
+}
+
+/// EOFB and zero bits to the end of the byte.
+pub(super) fn take_end(bits: &mut BitReader) -> Result<(), DecodeError> {
+    if bits.remaining() < 24 {
+        return Err(DecodeError::TooFewRows);
+    }
+    if bits.take(24) == 0x00_1001 { Ok(()) } else { Err(DecodeError::TooManyRows) }
+}
+
+/// Lights the pixels from `start` to before `end`.
+fn fill_bits(pixels: &mut [u8], start: u32, end: u32) {
+    let (first, last) = ((start / 8) as usize, (end / 8) as usize);
+    let (head, tail) = (0xffu8 >> (start % 8), !(0xffu8 >> (end % 8)));
+    if first == last {
+        pixels[first] |= head & tail;
+        return;
+    }
+    pixels[first] |= head;
+    pixels[first + 1..last].fill(0xff);
+    // Where a run ends with the row's last byte there is no byte behind it.
+    if tail != 0 {
+        pixels[last] |= tail;
+    }
+}

@@ -1,0 +1,71 @@
+//! How a layer's pixels are written for a device, and read again.
+//!
+//! | encoding  | bits a pixel | what it is                                                        |
+//! |-----------|--------------|-------------------------------------------------------------------|
+//! | `RawBit`  | 1            | the rows as they are: every device can read it                    |
+//! | `Group4`  | 1            | ITU-T T.6 with lit as black: see [`group4`]                       |
+//! | `RawGrey` | 8            | the rows as they are                                              |
+//! | `RunGrey` | 8            | runs and edge values against the row above: see [`run_grey`]      |
+//!
+//! An encoder works through whole words and writes into a buffer that is used again for each layer. The [`Decoder`] takes
+//! the bytes in pieces as they arrive, keeps no more than the picture itself and the last row's transitions, and treats
+//! every byte as hostile: it ends in an error, never in a panic. `docs/encodings.md` is the text for firmware writers.
+
+mod bits;
+mod decoder;
+pub mod group4;
+pub mod run_grey;
+
+pub use decoder::{DecodeError, Decoder};
+
+use crate::link::message::Encoding;
+use crate::slice::{Bitmap, Depth};
+
+/// A picture of one depth was to be written in an encoding of the other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("a picture of {depth:?} pixels cannot be written as {encoding:?}")]
+pub struct WrongDepth {
+    /// What the picture has.
+    pub depth: Depth,
+    /// What was asked for.
+    pub encoding: Encoding,
+}
+
+/// The pixels an encoding carries.
+pub fn depth_of(encoding: Encoding) -> Depth {
+    match encoding {
+        Encoding::RawBit | Encoding::Group4 => Depth::Bit,
+        Encoding::RawGrey | Encoding::RunGrey => Depth::Grey,
+    }
+}
+
+/// The best encoding for pictures of `depth` among those a device decodes; `None` where it decodes none.
+pub fn choose(depth: Depth, offered: &[Encoding]) -> Option<Encoding> {
+    let by_size = match depth {
+        Depth::Bit => [Encoding::Group4, Encoding::RawBit],
+        Depth::Grey => [Encoding::RunGrey, Encoding::RawGrey],
+    };
+    by_size.into_iter().find(|encoding| offered.contains(encoding))
+}
+
+/// CRC-32 (IEEE) of a picture's rows: what a device compares after decoding.
+pub fn picture_crc32(bitmap: &Bitmap) -> u32 {
+    crc32fast::hash(bitmap.data())
+}
+
+/// Writes a picture into `bytes`, which is cleared first and keeps its memory.
+///
+/// # Errors
+/// [`WrongDepth`].
+pub fn encode(bitmap: &Bitmap, encoding: Encoding, bytes: &mut Vec<u8>) -> Result<(), WrongDepth> {
+    bytes.clear();
+    if depth_of(encoding) != bitmap.depth() {
+        return Err(WrongDepth { depth: bitmap.depth(), encoding });
+    }
+    match encoding {
+        Encoding::RawBit | Encoding::RawGrey => bytes.extend_from_slice(bitmap.data()),
+        Encoding::Group4 => group4::encode(bitmap, bytes),
+        Encoding::RunGrey => run_grey::encode(bitmap, bytes),
+    }
+    Ok(())
+}

@@ -1,0 +1,526 @@
+//! The firmware of a simulated DLP machine, behind the device's session: messages and the time come in, actions come out.
+//!
+//! Times are microseconds of the device's own clock. Whatever ends by that clock (an exposure, a move) is stamped with the
+//! moment it was due, however late [`DlpCore::advance`] is called. There is light only between the beginning of an exposure and
+//! its end, and an exposure ends by the device's clock, by an urgent light-off or abort, by a fault, or by a reset.
+
+use std::collections::VecDeque;
+
+use super::log::ActRecord;
+use crate::device::encoding::Decoder;
+use crate::link::message::{
+    Capabilities, DeviceMessage, DeviceState, Encoding, ExposureId, Fault, HostMessage, Refusal, Reply, Report,
+    Request, Urgent,
+};
+use crate::slice::Bitmap;
+
+/// Speed at which the plate looks for its zero position, micrometres a second.
+const HOMING_SPEED_UM_S: u32 = 20_000;
+/// Where the plate stands before the first homing, which nobody knows but the simulation.
+const UNKNOWN_POSITION_UM: i32 = 20_000;
+
+/// What the process around the core has to do, in this order.
+#[derive(Clone, Debug, PartialEq)]
+pub enum CoreAction {
+    /// Send to the host; void where there is no session.
+    Send(DeviceMessage),
+    /// Write a line of the log.
+    Record(ActRecord),
+    /// Keep the picture of a layer whose exposure ended.
+    Picture(u32, Bitmap),
+}
+
+/// What a device did since it was made; resets do not clear it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Statistics {
+    /// Exposures that ran their whole time.
+    pub exposed: u64,
+    /// Exposures ended early.
+    pub cut_short: u64,
+    /// Layers received whole and right.
+    pub uploads: u64,
+    /// Bytes of layer data taken.
+    pub layer_bytes: u64,
+    /// Bytes of layer data that belonged to no layer.
+    pub stray_bytes: u64,
+    /// Requests refused.
+    pub refused: u64,
+    /// Moves and homings that arrived.
+    pub moves: u64,
+    /// Times the host fell silent.
+    pub silences: u64,
+    /// Resets.
+    pub resets: u64,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Readiness {
+    Ready,
+    /// Begins nothing until released; at most one request waits.
+    Held,
+    /// Aborted, silent host or just started: begins nothing until a hello.
+    WaitsForHello,
+}
+
+#[derive(Debug)]
+struct Upload {
+    number: u32,
+    slot: usize,
+    id: ExposureId,
+    remaining_bytes: usize,
+    crc32: u32,
+    decoder: Decoder,
+}
+
+#[derive(Debug)]
+struct Exposure {
+    /// Of the request, while its session lasts.
+    number: Option<u32>,
+    slot: usize,
+    id: ExposureId,
+    began_us: u64,
+    duration_ms: u32,
+}
+
+#[derive(Debug)]
+struct Motion {
+    number: Option<u32>,
+    began_us: u64,
+    arrives_us: u64,
+    from_um: i32,
+    to_um: i32,
+    homing: bool,
+}
+
+/// The state of the firmware.
+#[derive(Debug)]
+pub struct DlpCore {
+    capabilities: Capabilities,
+    boot_id: u32,
+    readiness: Readiness,
+    fault: Option<Fault>,
+    slots: Vec<Option<(ExposureId, Bitmap)>>,
+    upload: Option<Upload>,
+    exposure: Option<Exposure>,
+    motion: Option<Motion>,
+    waiting: Option<(u32, Request)>,
+    position_um: i32,
+    homed: bool,
+    /// Kept across resets, as in a real device's non-volatile memory.
+    last_exposed: Option<ExposureId>,
+    cut_short: Option<(ExposureId, u32)>,
+    now_us: u64,
+    /// At most a handful of entries for each call; the owner empties it after each.
+    actions: VecDeque<CoreAction>,
+    statistics: Statistics,
+}
+
+impl DlpCore {
+    /// A device just switched on: dark, not homed, waiting for a hello. `boot_id` differs from start to start.
+    pub fn new(capabilities: Capabilities, boot_id: u32) -> Self {
+        let slots = vec![None; usize::from(capabilities.layer_slots)];
+        Self {
+            capabilities,
+            boot_id,
+            readiness: Readiness::WaitsForHello,
+            fault: None,
+            slots,
+            upload: None,
+            exposure: None,
+            motion: None,
+            waiting: None,
+            position_um: UNKNOWN_POSITION_UM,
+            homed: false,
+            last_exposed: None,
+            cut_short: None,
+            now_us: 0,
+            actions: VecDeque::new(),
+            statistics: Statistics::default(),
+        }
+    }
+
+    /// What this device says of itself.
+    pub fn capabilities(&self) -> &Capabilities {
+        &self.capabilities
+    }
+
+    /// What it did.
+    pub fn statistics(&self) -> Statistics {
+        self.statistics
+    }
+
+    /// The next thing to do for the owner.
+    pub fn action(&mut self) -> Option<CoreAction> {
+        self.actions.pop_front()
+    }
+
+    /// When [`advance`](Self::advance) must be called next.
+    pub fn next_timeout_us(&self) -> Option<u64> {
+        let light_off_us = self.exposure.as_ref().map(Exposure::ends_us);
+        let arrival_us = self.motion.as_ref().map(|motion| motion.arrives_us);
+        light_off_us.into_iter().chain(arrival_us).min()
+    }
+
+    /// Lets what is due by `now_us` end. Every other call with a time does this first.
+    pub fn advance(&mut self, now_us: u64) {
+        if let Some(exposure) = self.exposure.take_if(|exposure| exposure.ends_us() <= now_us) {
+            self.now_us = exposure.ends_us();
+            self.end_exposure(exposure);
+        }
+        if let Some(motion) = self.motion.take_if(|motion| motion.arrives_us <= now_us) {
+            self.now_us = motion.arrives_us;
+            self.arrive(&motion);
+        }
+        self.now_us = self.now_us.max(now_us);
+    }
+
+    /// The state, as the welcome and [`Request::State`] tell it.
+    pub fn state(&self) -> DeviceState {
+        let moving_at = self.motion.as_ref().map(|motion| motion.position_um(self.now_us));
+        DeviceState {
+            boot_id: self.boot_id,
+            last_exposed: self.last_exposed,
+            exposing: self.exposure.as_ref().map(|exposure| exposure.id),
+            cut_short: self.cut_short,
+            light_on: self.exposure.is_some(),
+            position_um: self.homed.then_some(moving_at.unwrap_or(self.position_um)),
+            moving: self.motion.is_some(),
+            slots: self.slots.iter().map(|slot| slot.as_ref().map(|(id, _)| *id)).collect(),
+            fault: self.fault.clone(),
+        }
+    }
+
+    /// A host begins a session. What runs goes on, but its reply is owed to nobody any more; an abort is over.
+    pub fn hello(&mut self, now_us: u64) -> DeviceState {
+        self.advance(now_us);
+        self.drop_session();
+        self.readiness = Readiness::Ready;
+        self.record(ActRecord { event: "hello", ..ActRecord::default() });
+        self.state()
+    }
+
+    /// Nothing was heard of the host for too long: what runs ends by the device's clock, nothing begins until a hello.
+    pub fn host_silent(&mut self, now_us: u64) {
+        self.advance(now_us);
+        self.drop_session();
+        self.readiness = Readiness::WaitsForHello;
+        self.statistics.silences += 1;
+        self.record(ActRecord { event: "host_silent", ..ActRecord::default() });
+    }
+
+    /// The device starts anew; only what it keeps in non-volatile memory survives.
+    pub fn reset(&mut self, boot_id: u32, now_us: u64) {
+        self.advance(now_us);
+        self.drop_session();
+        self.record(ActRecord { event: "reset", ..ActRecord::default() });
+        self.cut_exposure("reset");
+        self.stop_motion();
+        self.slots.fill(None);
+        (self.boot_id, self.readiness, self.homed, self.fault) = (boot_id, Readiness::WaitsForHello, false, None);
+        self.statistics.resets += 1;
+    }
+
+    /// Something keeps the device from working, or it works again.
+    pub fn set_fault(&mut self, fault: Option<Fault>, now_us: u64) {
+        self.advance(now_us);
+        if let Some(fault) = &fault {
+            self.cut_exposure("fault");
+            self.stop_motion();
+            self.record(ActRecord { event: "fault", reason: Some(fault.text.clone()), ..ActRecord::default() });
+        }
+        self.fault.clone_from(&fault);
+        self.send(DeviceMessage::Report(Report::Fault(fault)));
+    }
+
+    /// Carries out an urgent order at once; whether there is light afterwards.
+    pub fn urgent(&mut self, urgent: Urgent, now_us: u64) -> bool {
+        self.advance(now_us);
+        let name = match urgent {
+            Urgent::Abort => "abort",
+            Urgent::LightOff => "light_off",
+            Urgent::Hold => "hold",
+            Urgent::Release => "release",
+        };
+        self.record(ActRecord { event: "urgent", reason: Some(name.into()), ..ActRecord::default() });
+        match urgent {
+            Urgent::Abort => self.abort(),
+            Urgent::LightOff => self.cut_exposure("light_off"),
+            Urgent::Hold if self.readiness == Readiness::Ready => self.readiness = Readiness::Held,
+            Urgent::Release if self.readiness == Readiness::Held => {
+                self.readiness = Readiness::Ready;
+                if let Some((number, request)) = self.waiting.take() {
+                    self.request(number, request);
+                }
+            }
+            Urgent::Hold | Urgent::Release => {}
+        }
+        self.exposure.is_some()
+    }
+
+    fn abort(&mut self) {
+        self.cut_exposure("abort");
+        self.stop_motion();
+        self.readiness = Readiness::WaitsForHello;
+        self.slots.fill(None);
+        if let Some(upload) = self.upload.take() {
+            self.reply(Some(upload.number), Reply::Refused(Refusal::NotReady));
+        }
+        if let Some((number, _)) = self.waiting.take() {
+            self.reply(Some(number), Reply::Refused(Refusal::NotReady));
+        }
+    }
+
+    /// Takes what the session delivers.
+    pub fn handle(&mut self, message: HostMessage, now_us: u64) {
+        self.advance(now_us);
+        match message {
+            HostMessage::Request { number, request } => self.request(number, request),
+            HostMessage::LayerData(bytes) => self.layer_data(&bytes),
+        }
+    }
+
+    fn request(&mut self, number: u32, request: Request) {
+        let result = match request {
+            Request::State => {
+                let state = self.state();
+                self.reply(Some(number), Reply::State(state));
+                return;
+            }
+            Request::LayerBegin { slot, id, encoding, encoded_bytes, decoded_crc32 } => {
+                self.layer_begin(number, slot, id, (encoding, encoded_bytes, decoded_crc32))
+            }
+            Request::Expose { .. } | Request::Home | Request::Move { .. } => self.begin_act(number, &request),
+        };
+        if let Err(refusal) = result {
+            self.refuse(number, &request, refusal);
+        }
+    }
+
+    fn begin_act(&mut self, number: u32, request: &Request) -> Result<(), Refusal> {
+        self.check_ready()?;
+        if self.readiness == Readiness::Held {
+            if self.waiting.is_some() {
+                return Err(Refusal::Busy);
+            }
+            self.waiting = Some((number, request.clone()));
+            return Ok(());
+        }
+        // Light while the plate moves would cure a smear, and a plate that moves during an exposure does the same.
+        if self.exposure.is_some() || self.motion.is_some() {
+            return Err(Refusal::Busy);
+        }
+        match *request {
+            Request::Expose { id, duration_ms, light_pwm } => self.expose(number, id, duration_ms, light_pwm),
+            Request::Move { position_um, speed_um_s } => self.begin_move(number, position_um, speed_um_s),
+            _ => {
+                self.begin_motion(number, 0, HOMING_SPEED_UM_S, true);
+                Ok(())
+            }
+        }
+    }
+
+    fn check_ready(&self) -> Result<(), Refusal> {
+        let ready = self.readiness != Readiness::WaitsForHello && self.fault.is_none();
+        if ready { Ok(()) } else { Err(Refusal::NotReady) }
+    }
+
+    fn layer_begin(
+        &mut self,
+        number: u32,
+        slot: u8,
+        id: ExposureId,
+        (encoding, encoded_bytes, crc32): (Encoding, u32, u32),
+    ) -> Result<(), Refusal> {
+        // The host moved on without finishing: that layer will never be whole.
+        if let Some(upload) = self.upload.take() {
+            self.refuse_layer(&upload);
+        }
+        self.check_ready()?;
+        let slot = usize::from(slot);
+        if slot >= self.slots.len() {
+            return Err(Refusal::NoSuchLayer);
+        }
+        if self.exposure.as_ref().is_some_and(|exposure| exposure.slot == slot) {
+            return Err(Refusal::SlotBusy);
+        }
+        if !self.capabilities.encodings.contains(&encoding) {
+            return Err(Refusal::BadEncoding);
+        }
+        if encoded_bytes == 0 {
+            return Err(Refusal::BadLayer);
+        }
+        self.slots[slot] = None;
+        let decoder = Decoder::new(encoding, self.capabilities.width_px, self.capabilities.height_px);
+        self.upload = Some(Upload { number, slot, id, remaining_bytes: encoded_bytes as usize, crc32, decoder });
+        Ok(())
+    }
+
+    fn layer_data(&mut self, bytes: &[u8]) {
+        let Some(mut upload) = self.upload.take() else {
+            self.statistics.stray_bytes += bytes.len() as u64;
+            return;
+        };
+        self.statistics.layer_bytes += bytes.len() as u64;
+        let taken = upload.remaining_bytes.checked_sub(bytes.len()).filter(|_| upload.decoder.push(bytes).is_ok());
+        match taken {
+            None => self.refuse_layer(&upload),
+            Some(0) => self.layer_complete(upload),
+            Some(remaining_bytes) => self.upload = Some(Upload { remaining_bytes, ..upload }),
+        }
+    }
+
+    fn layer_complete(&mut self, upload: Upload) {
+        let Upload { number, slot, id, crc32, decoder, .. } = upload;
+        match decoder.finish() {
+            Ok((picture, found)) if found == crc32 => {
+                self.slots[slot] = Some((id, picture));
+                self.statistics.uploads += 1;
+                self.reply(Some(number), Reply::Done);
+            }
+            _ => self.refused(number, Some(id), "bad layer", Refusal::BadLayer),
+        }
+    }
+
+    fn refuse_layer(&mut self, upload: &Upload) {
+        self.refused(upload.number, Some(upload.id), "bad layer", Refusal::BadLayer);
+    }
+
+    fn expose(&mut self, number: u32, id: ExposureId, duration_ms: u32, light_pwm: u8) -> Result<(), Refusal> {
+        if duration_ms == 0 || light_pwm == 0 || duration_ms > self.capabilities.max_exposure_ms {
+            return Err(Refusal::BadDuration);
+        }
+        if self.last_exposed.is_some_and(|last| last.job == id.job && id.layer <= last.layer) {
+            return Err(Refusal::AlreadyExposed);
+        }
+        let held = |slot: &Option<(ExposureId, Bitmap)>| slot.as_ref().is_some_and(|(held, _)| *held == id);
+        let slot = self.slots.iter().position(held).ok_or(Refusal::NoSuchLayer)?;
+        self.exposure = Some(Exposure { number: Some(number), slot, id, began_us: self.now_us, duration_ms });
+        self.record(of_layer("light_on", id));
+        Ok(())
+    }
+
+    /// An exposure that ran its whole time.
+    fn end_exposure(&mut self, exposure: Exposure) {
+        let Exposure { number, slot, id, duration_ms, .. } = exposure;
+        self.last_exposed = Some(id);
+        self.statistics.exposed += 1;
+        self.record(of_layer("light_off", id));
+        // The picture before the line that tells of it: who reads the log finds the file.
+        if let Some((_, picture)) = self.slots[slot].take() {
+            self.actions.push_back(CoreAction::Picture(id.layer, picture));
+        }
+        self.record(ActRecord { duration_ms: Some(duration_ms), ..of_layer("exposed", id) });
+        self.reply(number, Reply::Exposed { id, duration_ms });
+    }
+
+    fn cut_exposure(&mut self, reason: &str) {
+        let Some(exposure) = self.exposure.take() else { return };
+        let lit_ms = ((self.now_us - exposure.began_us) / 1000) as u32;
+        self.cut_short = Some((exposure.id, lit_ms));
+        self.slots[exposure.slot] = None;
+        self.statistics.cut_short += 1;
+        let record = of_layer("light_off", exposure.id);
+        self.record(ActRecord { duration_ms: Some(lit_ms), reason: Some(reason.into()), ..record });
+        self.reply(exposure.number, Reply::Refused(Refusal::CutShort));
+    }
+
+    fn begin_move(&mut self, number: u32, position_um: i32, speed_um_s: u32) -> Result<(), Refusal> {
+        if !self.homed {
+            return Err(Refusal::NotHomed);
+        }
+        if speed_um_s == 0 || !(0..=self.capabilities.max_position_um).contains(&position_um) {
+            return Err(Refusal::BadMove);
+        }
+        self.begin_motion(number, position_um, speed_um_s, false);
+        Ok(())
+    }
+
+    fn begin_motion(&mut self, number: u32, to_um: i32, speed_um_s: u32, homing: bool) {
+        let way_um = u64::from(self.position_um.abs_diff(to_um));
+        let arrives_us = self.now_us + way_um * 1_000_000 / u64::from(speed_um_s);
+        let (began_us, from_um) = (self.now_us, self.position_um);
+        self.motion = Some(Motion { number: Some(number), began_us, arrives_us, from_um, to_um, homing });
+        // A move to where the plate stands is over at once.
+        self.advance(self.now_us);
+    }
+
+    fn arrive(&mut self, motion: &Motion) {
+        self.position_um = motion.to_um;
+        self.homed |= motion.homing;
+        self.statistics.moves += 1;
+        self.record(ActRecord { event: "moved", position_um: Some(motion.to_um), ..ActRecord::default() });
+        self.reply(motion.number, Reply::Moved { position_um: motion.to_um });
+    }
+
+    /// The plate stops where it is. A homing that did not arrive has found nothing.
+    fn stop_motion(&mut self) {
+        let Some(motion) = self.motion.take() else { return };
+        self.position_um = motion.position_um(self.now_us);
+        let position_um = self.homed.then_some(self.position_um);
+        self.record(ActRecord { event: "moved", position_um, reason: Some("stopped".into()), ..ActRecord::default() });
+        self.reply(motion.number, Reply::Refused(Refusal::CutShort));
+    }
+
+    /// Numbers of the old session mean nothing in the next, and half a layer will not be continued.
+    fn drop_session(&mut self) {
+        (self.upload, self.waiting) = (None, None);
+        if let Some(exposure) = &mut self.exposure {
+            exposure.number = None;
+        }
+        if let Some(motion) = &mut self.motion {
+            motion.number = None;
+        }
+    }
+
+    fn refuse(&mut self, number: u32, request: &Request, refusal: Refusal) {
+        let (what, id) = match request {
+            Request::State => ("state", None),
+            Request::LayerBegin { id, .. } => ("layer_begin", Some(*id)),
+            Request::Expose { id, .. } => ("expose", Some(*id)),
+            Request::Home => ("home", None),
+            Request::Move { .. } => ("move", None),
+        };
+        self.refused(number, id, what, refusal);
+    }
+
+    fn refused(&mut self, number: u32, id: Option<ExposureId>, what: &str, refusal: Refusal) {
+        self.statistics.refused += 1;
+        let reason = Some(format!("{what}: {refusal:?}"));
+        let record = id.map_or(ActRecord { event: "refused", ..ActRecord::default() }, |id| of_layer("refused", id));
+        self.record(ActRecord { reason, ..record });
+        self.reply(Some(number), Reply::Refused(refusal));
+    }
+
+    fn reply(&mut self, number: Option<u32>, reply: Reply) {
+        if let Some(number) = number {
+            self.send(DeviceMessage::Reply { number, reply });
+        }
+    }
+
+    fn send(&mut self, message: DeviceMessage) {
+        self.actions.push_back(CoreAction::Send(message));
+    }
+
+    fn record(&mut self, record: ActRecord) {
+        self.actions.push_back(CoreAction::Record(ActRecord { t_ms: self.now_us / 1000, ..record }));
+    }
+}
+
+fn of_layer(event: &'static str, id: ExposureId) -> ActRecord {
+    ActRecord { event, job: Some(id.job), layer: Some(id.layer), ..ActRecord::default() }
+}
+
+impl Exposure {
+    fn ends_us(&self) -> u64 {
+        self.began_us + u64::from(self.duration_ms) * 1000
+    }
+}
+
+impl Motion {
+    fn position_um(&self, now_us: u64) -> i32 {
+        let whole_us = (self.arrives_us - self.began_us).max(1) as i128;
+        let gone_us = now_us.clamp(self.began_us, self.arrives_us) - self.began_us;
+        let way_um = i128::from(self.to_um) - i128::from(self.from_um);
+        (i128::from(self.from_um) + way_um * i128::from(gone_us) / whole_us) as i32
+    }
+}

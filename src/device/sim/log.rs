@@ -1,0 +1,77 @@
+//! What a simulated device writes of itself: `acts.jsonl` and a PNG of every exposed layer.
+
+use std::fs::File;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+
+use crate::slice::{Bitmap, write_png};
+
+/// One line of `acts.jsonl`.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct ActRecord {
+    /// Device clock, milliseconds since its start.
+    pub t_ms: u64,
+    /// What happened: `exposed`, `light_on`, `light_off`, `moved`, `refused`, `urgent`, `fault`, `reset`, `host_silent`, `hello`.
+    pub event: &'static str,
+    /// Key of the job.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub job: Option<u64>,
+    /// Layer.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub layer: Option<u32>,
+    /// How long the light was on.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub duration_ms: Option<u32>,
+    /// Plate above the bottom of the vat.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub position_um: Option<i32>,
+    /// Why, or what exactly.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
+}
+
+/// The directory acts and layers are written to.
+#[derive(Debug)]
+pub struct ActLog {
+    directory: PathBuf,
+    acts: File,
+}
+
+impl ActLog {
+    /// Creates the directory and begins `acts.jsonl` anew.
+    ///
+    /// # Errors
+    /// What the file system says, with the path.
+    pub fn create(directory: &Path) -> io::Result<Self> {
+        let named = |error| at(directory, &error);
+        std::fs::create_dir_all(directory).map_err(named)?;
+        let acts = File::create(directory.join("acts.jsonl")).map_err(named)?;
+        Ok(Self { directory: directory.into(), acts })
+    }
+
+    /// Appends one act; it is in the file when this returns.
+    ///
+    /// # Errors
+    /// What the file system says, with the path.
+    pub fn append(&mut self, record: &ActRecord) -> io::Result<()> {
+        let mut line = serde_json::to_vec(record)?;
+        line.push(b'\n');
+        // One write a line: a reader never sees half of one.
+        self.acts.write_all(&line).map_err(|error| at(&self.directory, &error))
+    }
+
+    /// Writes an exposed layer as `layer_000000.png`.
+    ///
+    /// # Errors
+    /// What the file system says, with the path.
+    pub fn picture(&self, layer: u32, picture: &Bitmap) -> io::Result<()> {
+        let path = self.directory.join(format!("layer_{layer:06}.png"));
+        write_png(&path, picture).map_err(|error| at(&path, &error))
+    }
+}
+
+fn at(path: &Path, error: &io::Error) -> io::Error {
+    io::Error::new(error.kind(), format!("cannot write {}: {error}", path.display()))
+}

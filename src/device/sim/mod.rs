@@ -1,0 +1,10 @@
+//! Simulated devices: the firmware of a machine as a pure state machine, and the process that puts it on a pseudo-terminal.
+//!
+//! Three clocks are kept apart: the *line's* (protocol timers and baud pacing, always real), the *device's* (exposures, moves,
+//! `t_ms` in the log; runs `--time-scale` times faster) and the *seed* (faults, drawn from a fixed sequence).
+
+mod core;
+mod log;
+
+pub use self::core::{CoreAction, DlpCore, Statistics};
+pub use log::{ActLog, ActRecord};

@@ -1,0 +1,379 @@
+//! The device's end of a session: what the simulated devices run, and what firmware must do.
+
+use std::collections::VecDeque;
+
+use crate::link::message::{Capabilities, DeviceMessage, DeviceState, HostMessage, Refusal, Reply, Urgent};
+use crate::link::wire::{
+    Ack, Decoded, Frame, FrameKind, Hello, HelloRefused, MIN_HOST_FRAME_BYTES, PROTOCOL_VERSION, UrgentDone, Welcome,
+    WireError, decode_host_message, decode_urgent, encode_device_message,
+};
+
+use super::endpoint::{Endpoint, Terms};
+use super::line::Line;
+use super::{SendError, Statistics};
+
+/// Sessions that have ended, remembered so that a delayed hello does not bring one back. The line keeps the order of bytes;
+/// only converters on the way can delay a frame, and then by little.
+const RETIRED_SESSIONS: usize = 4;
+
+/// Urgent frames remembered so that a repetition is answered and not carried out again; twice what a host repeats.
+const REMEMBERED_URGENTS: usize = 32;
+
+/// A host that does not know better sends many frames of a session that is gone; one answer in this time is enough.
+const NO_SESSION_PAUSE_US: u64 = 50_000;
+
+/// What the device must know of the line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DeviceSettings {
+    /// Line rate, 8N1.
+    pub baud: u32,
+    /// XON/XOFF is in use below: the bytes 0x11 and 0x13 are escaped.
+    pub escaped: bool,
+}
+
+/// What happened.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum DeviceEvent {
+    /// A host opens a session; all messages of the one before are void. The device must answer with
+    /// [`DeviceSession::welcome`]. Comes again for the same session when the welcome was lost.
+    Hello {
+        /// The session.
+        session_id: u32,
+    },
+    /// A message, in order, once.
+    Message(HostMessage),
+    /// To be carried out at once and answered with [`DeviceSession::urgent_done`].
+    Urgent {
+        /// Its number.
+        number: u32,
+        /// What.
+        urgent: Urgent,
+    },
+    /// Nothing was heard from the host for 2 s. The session has ended; only a hello starts another.
+    HostSilent,
+}
+
+/// Sessions as the device sees them, one after the other.
+#[derive(Debug)]
+pub struct DeviceSession {
+    capabilities: Capabilities,
+    settings: DeviceSettings,
+    line: Line,
+    phase: Phase,
+    /// Bounded: one hello, [`REMEMBERED_URGENTS`] urgents, one silence.
+    events: VecDeque<DeviceEvent>,
+    retired: VecDeque<u32>,
+    /// Number, and the answer once given; at most [`REMEMBERED_URGENTS`].
+    urgents: VecDeque<(u32, Option<bool>)>,
+    /// Number of the newest hold or release carried out.
+    last_hold: Option<u32>,
+    /// Answers to urgent frames and to hellos that wait for the line; at most [`REMEMBERED_URGENTS`] and three.
+    answers: VecDeque<Answer>,
+    no_session_after_us: u64,
+    first_sequence: u32,
+    now_us: u64,
+}
+
+#[derive(Debug)]
+enum Phase {
+    Closed,
+    /// The owner has not yet said welcome.
+    Greeted {
+        session_id: u32,
+        hello: Hello,
+    },
+    /// Confirmed once the host was heard in the session: it has the welcome.
+    Open {
+        endpoint: Box<Endpoint>,
+        confirmed: bool,
+    },
+}
+
+#[derive(Debug, PartialEq, Eq)]
+struct Answer {
+    kind: FrameKind,
+    session_id: u32,
+    sequence: u32,
+    payload: Vec<u8>,
+}
+
+impl DeviceSession {
+    /// A device that waits for a hello.
+    pub fn new(capabilities: Capabilities, settings: DeviceSettings, now_us: u64) -> Self {
+        let line = Line::new(capabilities.largest_frame_bytes.into(), settings.escaped, Statistics::default());
+        Self {
+            capabilities,
+            settings,
+            line,
+            phase: Phase::Closed,
+            events: VecDeque::new(),
+            retired: VecDeque::new(),
+            urgents: VecDeque::new(),
+            last_hold: None,
+            answers: VecDeque::new(),
+            no_session_after_us: now_us,
+            first_sequence: 0,
+            now_us,
+        }
+    }
+
+    /// Data sequences begin here at both ends, for tests of the wrap-around.
+    #[cfg(test)]
+    pub(super) fn starting_at(mut self, first_sequence: u32) -> Self {
+        self.first_sequence = first_sequence;
+        self
+    }
+
+    /// Takes bytes from the line, in whatever pieces they come.
+    pub fn receive(&mut self, bytes: &[u8], now_us: u64) {
+        self.now_us = now_us;
+        for decoded in self.line.receive(bytes) {
+            match decoded.frame.kind {
+                FrameKind::Hello => self.receive_hello(&decoded.frame),
+                FrameKind::Data | FrameKind::Ack | FrameKind::Urgent => self.receive_frame(decoded),
+                // What only a device sends: an echo of its own.
+                FrameKind::Welcome | FrameKind::HelloRefused | FrameKind::NoSession | FrameKind::UrgentDone => {
+                    self.line.statistics.malformed_frames += 1;
+                }
+            }
+        }
+    }
+
+    fn receive_hello(&mut self, frame: &Frame) {
+        let Ok(hello) = Hello::decode(&frame.payload) else {
+            self.line.statistics.malformed_frames += 1;
+            return;
+        };
+        let session_id = frame.session_id;
+        if hello.version != PROTOCOL_VERSION {
+            let refused = HelloRefused::Version { lowest: PROTOCOL_VERSION, highest: PROTOCOL_VERSION };
+            return self.answer(FrameKind::HelloRefused, session_id, 0, refused.encode());
+        }
+        if hello.largest_frame_bytes < MIN_HOST_FRAME_BYTES || hello.window_bytes < u32::from(MIN_HOST_FRAME_BYTES) {
+            return self.answer(FrameKind::HelloRefused, session_id, 0, HelloRefused::Limits.encode());
+        }
+        if self.retired.contains(&session_id) {
+            self.line.statistics.stale_frames += 1;
+            return;
+        }
+        match &self.phase {
+            Phase::Open { endpoint, confirmed: true } if endpoint.session_id() == session_id => {
+                self.line.statistics.stale_frames += 1;
+                return;
+            }
+            Phase::Open { endpoint, confirmed: false } if endpoint.session_id() == session_id => {}
+            _ => self.greet(session_id, hello),
+        }
+        let event = DeviceEvent::Hello { session_id };
+        if !self.events.contains(&event) {
+            self.events.push_back(event);
+        }
+    }
+
+    /// Leaves the old session, if any, for a new one.
+    fn greet(&mut self, session_id: u32, hello: Hello) {
+        self.close();
+        self.events.clear();
+        self.answers.clear();
+        self.urgents.clear();
+        self.last_hold = None;
+        self.phase = Phase::Greeted { session_id, hello };
+    }
+
+    fn close(&mut self) {
+        if let Phase::Open { endpoint, .. } = &self.phase {
+            if self.retired.len() >= RETIRED_SESSIONS {
+                self.retired.pop_front();
+            }
+            self.retired.push_back(endpoint.session_id());
+        }
+        self.phase = Phase::Closed;
+    }
+
+    /// Answers a [`DeviceEvent::Hello`]; does nothing where there was none.
+    pub fn welcome(&mut self, state: &DeviceState, now_us: u64) {
+        self.now_us = now_us;
+        let session_id = match &self.phase {
+            Phase::Closed => return,
+            Phase::Open { endpoint, .. } => endpoint.session_id(),
+            Phase::Greeted { session_id, hello } => {
+                let terms = Terms {
+                    session_id: *session_id,
+                    baud: self.settings.baud,
+                    peer_window_bytes: usize::try_from(hello.window_bytes).unwrap_or(usize::MAX),
+                    frame_bytes: hello.largest_frame_bytes.into(),
+                    own_window_bytes: usize::try_from(self.capabilities.window_bytes).unwrap_or(usize::MAX),
+                    first_sequence: self.first_sequence,
+                };
+                let session_id = *session_id;
+                let endpoint = Box::new(Endpoint::new(&terms, now_us));
+                self.phase = Phase::Open { endpoint, confirmed: false };
+                session_id
+            }
+        };
+        let welcome =
+            Welcome { version: PROTOCOL_VERSION, capabilities: self.capabilities.clone(), state: state.clone() };
+        self.answer(FrameKind::Welcome, session_id, 0, welcome.encode());
+    }
+
+    fn receive_frame(&mut self, decoded: Decoded) {
+        let now_us = self.now_us;
+        let Frame { kind, session_id, sequence, ref payload } = decoded.frame;
+        match &mut self.phase {
+            Phase::Open { endpoint, confirmed } if endpoint.session_id() == session_id => {
+                *confirmed = true;
+                endpoint.heard(now_us);
+                match kind {
+                    FrameKind::Data => endpoint.receive_data(decoded, &mut self.line, now_us),
+                    FrameKind::Ack => match Ack::decode(sequence, payload) {
+                        Ok(ack) => endpoint.receive_ack(&ack, &mut self.line, now_us),
+                        Err(_) => self.line.statistics.malformed_frames += 1,
+                    },
+                    _ => match decode_urgent(payload) {
+                        Ok(urgent) => self.receive_urgent(sequence, urgent),
+                        Err(_) => self.line.statistics.malformed_frames += 1,
+                    },
+                }
+            }
+            // The welcome is still to come; the host will repeat what it has to say.
+            Phase::Greeted { session_id: greeted, .. } if *greeted == session_id => {}
+            _ => {
+                self.line.statistics.stale_frames += 1;
+                if now_us >= self.no_session_after_us {
+                    self.no_session_after_us = now_us + NO_SESSION_PAUSE_US;
+                    self.answer(FrameKind::NoSession, session_id, 0, Vec::new());
+                }
+            }
+        }
+    }
+
+    fn receive_urgent(&mut self, number: u32, urgent: Urgent) {
+        if let Some((_, answer)) = self.urgents.iter().find(|(known, _)| *known == number) {
+            // Repeated; if the owner has not answered yet, its answer serves both.
+            if let Some(light_on) = *answer {
+                self.answer_urgent(number, light_on);
+            }
+            return;
+        }
+        if self.urgents.len() >= REMEMBERED_URGENTS {
+            self.urgents.pop_front();
+        }
+        if matches!(urgent, Urgent::Hold | Urgent::Release) {
+            // One that comes late, after a newer hold or release, is answered but must not undo the newer one.
+            if self.last_hold.is_some_and(|last| number.wrapping_sub(last) >= 1 << 31) {
+                let light_on = self.urgents.iter().rev().find_map(|(_, answer)| *answer).unwrap_or(false);
+                self.urgents.push_back((number, Some(light_on)));
+                return self.answer_urgent(number, light_on);
+            }
+            self.last_hold = Some(number);
+        }
+        self.urgents.push_back((number, None));
+        self.events.push_back(DeviceEvent::Urgent { number, urgent });
+        if self.events.len() > REMEMBERED_URGENTS {
+            // The owner takes no events: the oldest is void, the host repeats it while it waits.
+            self.events.pop_front();
+        }
+    }
+
+    /// Answers a [`DeviceEvent::Urgent`] that has been carried out.
+    pub fn urgent_done(&mut self, number: u32, light_on: bool) {
+        if let Some(entry) = self.urgents.iter_mut().find(|(known, _)| *known == number) {
+            entry.1 = Some(light_on);
+            self.answer_urgent(number, light_on);
+        }
+    }
+
+    fn answer_urgent(&mut self, number: u32, light_on: bool) {
+        if let Phase::Open { endpoint, .. } = &self.phase {
+            let session_id = endpoint.session_id();
+            self.answer(FrameKind::UrgentDone, session_id, number, UrgentDone { light_on }.encode());
+        }
+    }
+
+    /// Queues an answer, unless the same frame waits already; answers to urgent frames go first.
+    fn answer(&mut self, kind: FrameKind, session_id: u32, sequence: u32, payload: Vec<u8>) {
+        let same = |other: &Answer| (other.kind, other.session_id, other.sequence) == (kind, session_id, sequence);
+        self.answers.retain(|other| !same(other));
+        // Refusals of many sessions in a row, while the line takes nothing: the oldest is of no use to anyone.
+        if self.answers.len() >= REMEMBERED_URGENTS + 3 {
+            self.answers.pop_front();
+        }
+        let answer = Answer { kind, session_id, sequence, payload };
+        if kind == FrameKind::UrgentDone {
+            let urgents = self.answers.iter().take_while(|other| other.kind == FrameKind::UrgentDone).count();
+            self.answers.insert(urgents, answer);
+        } else {
+            self.answers.push_back(answer);
+        }
+    }
+
+    /// The next whole frame for the line. The caller asks again only once the line is about to take it.
+    pub fn transmit(&mut self, now_us: u64) -> Option<Vec<u8>> {
+        self.now_us = now_us;
+        if let Some(Answer { kind, session_id, sequence, payload }) = self.answers.pop_front() {
+            return Some(self.line.frame(kind, session_id, sequence, &payload));
+        }
+        match &mut self.phase {
+            Phase::Open { endpoint, .. } => endpoint.transmit(&mut self.line, now_us),
+            Phase::Closed | Phase::Greeted { .. } => None,
+        }
+    }
+
+    /// When to call [`Self::handle_timeout`] and [`Self::transmit`] if nothing else happens; `None` without a session.
+    pub fn next_timeout_us(&self) -> Option<u64> {
+        match &self.phase {
+            Phase::Open { endpoint, .. } => Some(endpoint.next_timeout_us()),
+            Phase::Closed | Phase::Greeted { .. } => None,
+        }
+    }
+
+    /// Handles every timer that has run out.
+    pub fn handle_timeout(&mut self, now_us: u64) {
+        self.now_us = now_us;
+        if let Phase::Open { endpoint, .. } = &mut self.phase
+            && endpoint.handle_timeout(&mut self.line, now_us)
+        {
+            self.close();
+            self.events.push_back(DeviceEvent::HostSilent);
+        }
+    }
+
+    /// The next thing that happened.
+    pub fn event(&mut self) -> Option<DeviceEvent> {
+        if let Some(event) = self.events.pop_front() {
+            return Some(event);
+        }
+        loop {
+            let Phase::Open { endpoint, .. } = &mut self.phase else { return None };
+            match decode_host_message(&endpoint.take_received(self.now_us)?) {
+                Ok(message) => return Some(DeviceEvent::Message(message)),
+                Err(WireError::BadRequest { number }) => {
+                    self.line.statistics.malformed_frames += 1;
+                    let reply = DeviceMessage::Reply { number, reply: Reply::Refused(Refusal::Unknown) };
+                    // If the queue is full the host takes no replies, and one more would not help it.
+                    let _ = endpoint.send(&encode_device_message(&reply), false);
+                }
+                Err(_) => self.line.statistics.malformed_frames += 1,
+            }
+        }
+    }
+
+    /// Queues a message.
+    ///
+    /// # Errors
+    /// [`SendError`]; the message is not queued then.
+    pub fn send(&mut self, message: &DeviceMessage) -> Result<(), SendError> {
+        let Phase::Open { endpoint, .. } = &mut self.phase else { return Err(SendError::NotConnected) };
+        endpoint.send(&encode_device_message(message), false)
+    }
+
+    /// Whether messages can be sent.
+    pub fn is_connected(&self) -> bool {
+        matches!(self.phase, Phase::Open { .. })
+    }
+
+    /// Counts.
+    pub fn statistics(&self) -> Statistics {
+        self.line.statistics
+    }
+}

@@ -1,0 +1,407 @@
+//! The host's end of a session.
+
+use std::collections::VecDeque;
+
+use crate::link::message::{Capabilities, DeviceMessage, DeviceState, HostMessage, Urgent};
+use crate::link::wire::{
+    Ack, Decoded, Frame, FrameKind, Hello, HelloRefused, MIN_FRAME_BYTES, PROTOCOL_VERSION, UrgentDone, Welcome,
+    WireError, decode_device_message, encode_host_message, encode_urgent,
+};
+
+use super::endpoint::{Endpoint, Terms};
+use super::line::Line;
+use super::{DEAD_MAN_US, HELLO_REPEAT_US, SendError, Statistics, URGENT_LIMIT, URGENT_REPEAT_US, line_bytes};
+
+/// Largest frame the host takes; the largest the protocol needs is 640 bytes.
+const LARGEST_FRAME_BYTES: u16 = 1024;
+/// Replies and reports the host takes unread: a dozen states.
+const WINDOW_BYTES: u32 = 8192;
+/// An urgent frame waits for the frame before it: this much line time at most.
+const FRAME_TIME_US: u64 = 20_000;
+
+/// What the host must know of the line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct HostSettings {
+    /// Line rate, 8N1.
+    pub baud: u32,
+    /// XON/XOFF is in use below: the bytes 0x11 and 0x13 are escaped.
+    pub escaped: bool,
+}
+
+/// What happened.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum HostEvent {
+    /// The device accepted the session.
+    Connected {
+        /// Of this session.
+        session_id: u32,
+        /// What it is.
+        capabilities: Capabilities,
+        /// What it was doing when it answered.
+        state: DeviceState,
+    },
+    /// A message, in order, once.
+    Message(DeviceMessage),
+    /// The device carried out an urgent frame.
+    UrgentDone {
+        /// Its number.
+        number: u32,
+        /// Whether there is light now.
+        light_on: bool,
+    },
+    /// The session has ended; the last event but for messages.
+    Lost(LostReason),
+    /// The device does not accept this host, or cannot be used; the session has ended.
+    Refused(HelloRefusal),
+}
+
+/// Why a session ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum LostReason {
+    /// No answer to the hello within 2 s.
+    #[error(
+        "the device does not answer (of what came, {garbage_frames} frames were garbage; if there were any, check the line rate)"
+    )]
+    NoAnswer {
+        /// Frames that were damaged or no frames at all.
+        garbage_frames: u64,
+    },
+    /// Nothing heard for 2 s.
+    #[error("the device has been silent for 2 s")]
+    Silent,
+    /// The device does not know the session: it was reset, or had not heard the host for 2 s.
+    #[error("the device no longer knows the session; it was reset or had lost the line")]
+    DeviceForgot,
+    /// A message came whole but makes no sense.
+    #[error("the device sent a message that makes no sense: {0}")]
+    BadMessage(WireError),
+}
+
+/// Why host and device do not fit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum HelloRefusal {
+    /// No common version.
+    #[error("the device speaks versions {lowest} to {highest} of the protocol, this host speaks {PROTOCOL_VERSION}")]
+    Version {
+        /// Lowest version the device speaks.
+        lowest: u16,
+        /// Highest version the device speaks.
+        highest: u16,
+    },
+    /// The device asks for larger limits than this host's.
+    #[error("the device finds the host's window or frames too small")]
+    Limits,
+    /// The welcome makes no sense.
+    #[error("the device's welcome makes no sense: {0}")]
+    BadWelcome(WireError),
+    /// The device's own limits are below what the protocol asks for.
+    #[error(
+        "the device states a window of {window_bytes} bytes and frames of {largest_frame_bytes}; both must be at least {MIN_FRAME_BYTES}"
+    )]
+    BadLimits {
+        /// Window it stated.
+        window_bytes: u32,
+        /// Largest frame it stated.
+        largest_frame_bytes: u16,
+    },
+}
+
+/// One session as the host sees it, from hello to loss. A lost session's [`Self::successor`] starts the next.
+#[derive(Debug)]
+pub struct HostSession {
+    session_id: u32,
+    settings: HostSettings,
+    line: Line,
+    phase: Phase,
+    events: VecDeque<HostEvent>,
+    /// Not yet answered, oldest first; at most [`URGENT_LIMIT`].
+    urgents: VecDeque<PendingUrgent>,
+    last_urgent: u32,
+    first_sequence: u32,
+    /// The latest time passed in.
+    now_us: u64,
+}
+
+#[derive(Debug)]
+enum Phase {
+    Greeting { hello_at_us: u64, give_up_at_us: u64, garbage_before: u64 },
+    // Boxed: the endpoint is many times larger than the rest.
+    Open(Box<Endpoint>),
+    Ended,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct PendingUrgent {
+    number: u32,
+    urgent: Urgent,
+    send_at_us: u64,
+    sent: bool,
+}
+
+impl HostSession {
+    /// Begins a session with a hello. `session_id` must be drawn at random: a device tells sessions apart by it.
+    pub fn new(session_id: u32, settings: HostSettings, now_us: u64) -> Self {
+        Self::begin(session_id, settings, Statistics::default(), 0, now_us)
+    }
+
+    fn begin(
+        session_id: u32,
+        settings: HostSettings,
+        statistics: Statistics,
+        first_sequence: u32,
+        now_us: u64,
+    ) -> Self {
+        let garbage_before = statistics.crc_errors + statistics.malformed_frames;
+        Self {
+            session_id,
+            settings,
+            line: Line::new(LARGEST_FRAME_BYTES.into(), settings.escaped, statistics),
+            phase: Phase::Greeting { hello_at_us: now_us, give_up_at_us: now_us + DEAD_MAN_US, garbage_before },
+            events: VecDeque::new(),
+            urgents: VecDeque::new(),
+            last_urgent: 0,
+            first_sequence,
+            now_us,
+        }
+    }
+
+    /// Data sequences begin here at both ends, for tests of the wrap-around.
+    #[cfg(test)]
+    pub(super) fn starting_at(mut self, first_sequence: u32) -> Self {
+        self.first_sequence = first_sequence;
+        self
+    }
+
+    /// The next session on the same line. Messages of this one are void; its unanswered urgent frames and its counts carry on.
+    #[must_use]
+    pub fn successor(&self, session_id: u32, now_us: u64) -> Self {
+        let mut next = Self::begin(session_id, self.settings, self.line.statistics, self.first_sequence, now_us);
+        next.last_urgent = self.last_urgent;
+        next.urgents = self.urgents.clone();
+        for pending in &mut next.urgents {
+            pending.send_at_us = now_us;
+        }
+        next
+    }
+
+    /// Takes bytes from the line, in whatever pieces they come.
+    pub fn receive(&mut self, bytes: &[u8], now_us: u64) {
+        self.now_us = now_us;
+        for decoded in self.line.receive(bytes) {
+            if decoded.frame.session_id == self.session_id {
+                self.receive_frame(decoded);
+            } else {
+                self.line.statistics.stale_frames += 1;
+            }
+        }
+    }
+
+    fn receive_frame(&mut self, decoded: Decoded) {
+        let now_us = self.now_us;
+        let Frame { kind, sequence, ref payload, .. } = decoded.frame;
+        match (&mut self.phase, kind) {
+            (Phase::Greeting { .. }, FrameKind::Welcome) => match Welcome::decode(payload) {
+                Ok(welcome) => self.open(welcome),
+                Err(error) => self.refuse(HelloRefusal::BadWelcome(error)),
+            },
+            (Phase::Greeting { .. }, FrameKind::HelloRefused) => match HelloRefused::decode(payload) {
+                Ok(HelloRefused::Version { lowest, highest }) => {
+                    self.refuse(HelloRefusal::Version { lowest, highest });
+                }
+                Ok(HelloRefused::Limits) => self.refuse(HelloRefusal::Limits),
+                Err(error) => self.refuse(HelloRefusal::BadWelcome(error)),
+            },
+            (Phase::Open(_), FrameKind::NoSession) => self.lose(LostReason::DeviceForgot),
+            (Phase::Open(endpoint), FrameKind::Data) => {
+                endpoint.heard(now_us);
+                endpoint.receive_data(decoded, &mut self.line, now_us);
+            }
+            (Phase::Open(endpoint), FrameKind::Ack) => {
+                endpoint.heard(now_us);
+                match Ack::decode(sequence, payload) {
+                    Ok(ack) => endpoint.receive_ack(&ack, &mut self.line, now_us),
+                    Err(_) => self.line.statistics.malformed_frames += 1,
+                }
+            }
+            (Phase::Open(endpoint), FrameKind::UrgentDone) => {
+                endpoint.heard(now_us);
+                match UrgentDone::decode(payload) {
+                    Ok(done) => self.urgent_done(sequence, done.light_on),
+                    Err(_) => self.line.statistics.malformed_frames += 1,
+                }
+            }
+            // A welcome that comes twice; or what a session that has ended no longer wants.
+            _ => {}
+        }
+    }
+
+    fn open(&mut self, welcome: Welcome) {
+        let Welcome { version, capabilities, state } = welcome;
+        if version != PROTOCOL_VERSION {
+            return self.refuse(HelloRefusal::Version { lowest: version, highest: version });
+        }
+        let (window_bytes, largest_frame_bytes) = (capabilities.window_bytes, capabilities.largest_frame_bytes);
+        if largest_frame_bytes < MIN_FRAME_BYTES || window_bytes < u32::from(MIN_FRAME_BYTES) {
+            return self.refuse(HelloRefusal::BadLimits { window_bytes, largest_frame_bytes });
+        }
+        let timely_bytes = line_bytes(FRAME_TIME_US, self.settings.baud).max(MIN_FRAME_BYTES.into());
+        let terms = Terms {
+            session_id: self.session_id,
+            baud: self.settings.baud,
+            peer_window_bytes: usize::try_from(window_bytes).unwrap_or(usize::MAX),
+            frame_bytes: usize::from(largest_frame_bytes).min(timely_bytes),
+            own_window_bytes: WINDOW_BYTES as usize,
+            first_sequence: self.first_sequence,
+        };
+        self.phase = Phase::Open(Box::new(Endpoint::new(&terms, self.now_us)));
+        self.events.push_back(HostEvent::Connected { session_id: self.session_id, capabilities, state });
+    }
+
+    fn refuse(&mut self, refusal: HelloRefusal) {
+        self.phase = Phase::Ended;
+        self.events.push_back(HostEvent::Refused(refusal));
+    }
+
+    fn lose(&mut self, reason: LostReason) {
+        self.phase = Phase::Ended;
+        self.events.push_back(HostEvent::Lost(reason));
+    }
+
+    fn urgent_done(&mut self, number: u32, light_on: bool) {
+        let before = self.urgents.len();
+        self.urgents.retain(|pending| pending.number != number);
+        if self.urgents.len() < before {
+            self.events.push_back(HostEvent::UrgentDone { number, light_on });
+        }
+    }
+
+    /// The next whole frame for the line, urgent first. The caller asks again only once the line is about to take it.
+    pub fn transmit(&mut self, now_us: u64) -> Option<Vec<u8>> {
+        self.now_us = now_us;
+        match &mut self.phase {
+            Phase::Ended => None,
+            Phase::Greeting { hello_at_us, .. } => {
+                if now_us < *hello_at_us {
+                    return None;
+                }
+                *hello_at_us = now_us + HELLO_REPEAT_US;
+                let hello = Hello {
+                    version: PROTOCOL_VERSION,
+                    window_bytes: WINDOW_BYTES,
+                    largest_frame_bytes: LARGEST_FRAME_BYTES,
+                };
+                Some(self.line.frame(FrameKind::Hello, self.session_id, 0, &hello.encode()))
+            }
+            Phase::Open(endpoint) => {
+                if let Some(pending) = self.urgents.iter_mut().find(|pending| now_us >= pending.send_at_us) {
+                    self.line.statistics.repeated_urgents += u64::from(pending.sent);
+                    pending.sent = true;
+                    pending.send_at_us = now_us + URGENT_REPEAT_US;
+                    let payload = encode_urgent(pending.urgent);
+                    return Some(self.line.frame(FrameKind::Urgent, self.session_id, pending.number, &payload));
+                }
+                endpoint.transmit(&mut self.line, now_us)
+            }
+        }
+    }
+
+    /// When to call [`Self::handle_timeout`] and [`Self::transmit`] if nothing else happens; `None` once the session has ended.
+    pub fn next_timeout_us(&self) -> Option<u64> {
+        match &self.phase {
+            Phase::Ended => None,
+            Phase::Greeting { hello_at_us, give_up_at_us, .. } => Some(*hello_at_us.min(give_up_at_us)),
+            Phase::Open(endpoint) => {
+                let urgent = self.urgents.iter().map(|pending| pending.send_at_us).min();
+                Some(endpoint.next_timeout_us().min(urgent.unwrap_or(u64::MAX)))
+            }
+        }
+    }
+
+    /// Handles every timer that has run out.
+    pub fn handle_timeout(&mut self, now_us: u64) {
+        self.now_us = now_us;
+        match &mut self.phase {
+            Phase::Ended => {}
+            Phase::Greeting { give_up_at_us, garbage_before, .. } => {
+                if now_us >= *give_up_at_us {
+                    let statistics = &self.line.statistics;
+                    let garbage_frames = statistics.crc_errors + statistics.malformed_frames - *garbage_before;
+                    self.lose(LostReason::NoAnswer { garbage_frames });
+                }
+            }
+            Phase::Open(endpoint) => {
+                if endpoint.handle_timeout(&mut self.line, now_us) {
+                    self.lose(LostReason::Silent);
+                }
+            }
+        }
+    }
+
+    /// The next thing that happened.
+    pub fn event(&mut self) -> Option<HostEvent> {
+        if let Some(event) = self.events.pop_front() {
+            return Some(event);
+        }
+        loop {
+            let Phase::Open(endpoint) = &mut self.phase else { return None };
+            match decode_device_message(&endpoint.take_received(self.now_us)?) {
+                Ok(message) => return Some(HostEvent::Message(message)),
+                // Of a newer device: nobody waits for it.
+                Err(WireError::UnknownReport { .. }) => self.line.statistics.malformed_frames += 1,
+                Err(error) => {
+                    self.phase = Phase::Ended;
+                    return Some(HostEvent::Lost(LostReason::BadMessage(error)));
+                }
+            }
+        }
+    }
+
+    /// Queues a message.
+    ///
+    /// # Errors
+    /// [`SendError`]; the message is not queued then.
+    pub fn send(&mut self, message: &HostMessage) -> Result<(), SendError> {
+        let Phase::Open(endpoint) = &mut self.phase else { return Err(SendError::NotConnected) };
+        endpoint.send(&encode_host_message(message), matches!(message, HostMessage::LayerData(_)))
+    }
+
+    /// How many bytes of layer data may be queued now, in pieces of [`Self::largest_layer_data_bytes`].
+    pub fn send_capacity_bytes(&self) -> usize {
+        let Phase::Open(endpoint) = &self.phase else { return 0 };
+        endpoint.free_frames() * self.largest_layer_data_bytes()
+    }
+
+    /// The longest `LayerData` that fits a frame; 0 while not connected.
+    pub fn largest_layer_data_bytes(&self) -> usize {
+        let Phase::Open(endpoint) = &self.phase else { return 0 };
+        // One byte says that it is layer data.
+        endpoint.payload_limit() - 1
+    }
+
+    /// Sends something that overtakes all data, now or once connected, and again until it is answered by
+    /// [`HostEvent::UrgentDone`] with the number returned. Of more than [`URGENT_LIMIT`] unanswered the oldest is given up.
+    pub fn send_urgent(&mut self, urgent: Urgent, now_us: u64) -> u32 {
+        self.now_us = now_us;
+        if self.urgents.len() >= URGENT_LIMIT {
+            self.urgents.pop_front();
+        }
+        self.last_urgent = self.last_urgent.wrapping_add(1);
+        self.urgents.push_back(PendingUrgent { number: self.last_urgent, urgent, send_at_us: now_us, sent: false });
+        self.last_urgent
+    }
+
+    /// The session's identity.
+    pub fn session_id(&self) -> u32 {
+        self.session_id
+    }
+
+    /// Whether messages can be sent.
+    pub fn is_connected(&self) -> bool {
+        matches!(self.phase, Phase::Open(_))
+    }
+
+    /// Counts.
+    pub fn statistics(&self) -> Statistics {
+        self.line.statistics
+    }
+}

@@ -1,0 +1,109 @@
+//! The reliable session: order, loss, credit, urgency, silence. A pure state machine: no I/O, no clock.
+//!
+//! Bytes from the line go in, whole frames for the line come out, and the time in microseconds since any fixed start is
+//! passed in. [`HostSession`] and [`DeviceSession`] differ in who opens the session and who sends urgent frames; the
+//! machinery for data (`Endpoint`) is one. The owner calls, after every input: `transmit` while the line takes bytes,
+//! `event` until it is empty, and `handle_timeout` at `next_timeout_us`.
+
+mod device;
+mod endpoint;
+mod host;
+mod incoming;
+mod line;
+mod outgoing;
+#[cfg(test)]
+mod tests;
+mod timer;
+
+pub use device::{DeviceEvent, DeviceSession, DeviceSettings};
+pub use host::{HelloRefusal, HostEvent, HostSession, HostSettings, LostReason};
+
+use serde::Serialize;
+
+/// A peer not heard for this long is lost: four heartbeats.
+pub const DEAD_MAN_US: u64 = 2_000_000;
+
+/// An acknowledgement goes out at least this often, so that the peer hears something.
+pub const HEARTBEAT_US: u64 = 500_000;
+
+/// A hello without answer is repeated after this time: above the round trip of a welcome at 9600 baud without a fault text.
+pub const HELLO_REPEAT_US: u64 = 250_000;
+
+/// An urgent frame without answer is repeated after this time: two tries and the way back fit the 100 ms in which an urgent
+/// frame is to be answered.
+pub const URGENT_REPEAT_US: u64 = 40_000;
+
+/// An acknowledgement waits at most this long for more data: well below the 13.6 ms in which 3 Mbaud fill a 4 KiB window.
+pub const ACK_DELAY_US: u64 = 5_000;
+
+/// Most urgent frames without answer. They are answered within 100 ms, so more means that nothing is answered; the oldest
+/// is given up then, and never the newest.
+pub const URGENT_LIMIT: usize = 16;
+
+/// A message that was not queued.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum SendError {
+    /// The queue is at its bound; try again once acknowledgements came.
+    #[error("the send queue is full")]
+    Full,
+    /// Longer than a frame.
+    #[error("a message of {bytes} bytes does not fit a frame, which takes {limit}")]
+    TooLarge {
+        /// Encoded length.
+        bytes: usize,
+        /// What fits.
+        limit: usize,
+    },
+    /// No session.
+    #[error("there is no session with the other end")]
+    NotConnected,
+}
+
+/// Counts since the session object was made (for the host: since the first of a chain of sessions).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Statistics {
+    /// Bytes handed to the line.
+    pub bytes_sent: u64,
+    /// Bytes taken from the line.
+    pub bytes_received: u64,
+    /// Frames handed to the line.
+    pub frames_sent: u64,
+    /// Whole frames taken from the line.
+    pub frames_received: u64,
+    /// Data frames sent again.
+    pub retransmitted_frames: u64,
+    /// Times a gap report made data go again.
+    pub fast_retransmits: u64,
+    /// Times the retransmission timer ran out.
+    pub timeouts: u64,
+    /// Frames with a wrong checksum.
+    pub crc_errors: u64,
+    /// Bytes between delimiters that are no frame, and frames with a payload that makes no sense.
+    pub malformed_frames: u64,
+    /// Frames of another session.
+    pub stale_frames: u64,
+    /// Data frames that had been received before.
+    pub duplicate_frames: u64,
+    /// Data frames dropped because one before them was missing.
+    pub gap_frames: u64,
+    /// Data frames dropped because the receive buffer was full.
+    pub overrun_frames: u64,
+    /// Urgent frames sent again.
+    pub repeated_urgents: u64,
+    /// Smoothed round trip, microseconds; 0 before the first sample.
+    pub round_trip_us: u64,
+    /// Sent data bytes the peer may not have read yet.
+    pub flight_bytes: u64,
+    /// The most there ever were.
+    pub peak_flight_bytes: u64,
+}
+
+/// Microseconds that `bytes` take on an 8N1 line (ten bits a byte).
+pub fn line_time_us(bytes: usize, baud: u32) -> u64 {
+    (bytes as u64 * 10_000_000).div_ceil(u64::from(baud.max(1)))
+}
+
+/// Bytes that an 8N1 line carries in `us` microseconds.
+pub fn line_bytes(us: u64, baud: u32) -> usize {
+    usize::try_from(us.saturating_mul(u64::from(baud)) / 10_000_000).unwrap_or(usize::MAX)
+}

@@ -1,0 +1,141 @@
+//! Data frames on their way out: queued, in flight, acknowledged, lost. Go-back-N under a credit of bytes.
+
+use std::collections::VecDeque;
+
+use crate::link::wire::Ack;
+
+/// What an acknowledgement brought.
+#[derive(Debug, Default, PartialEq, Eq)]
+pub(super) struct Progress {
+    /// Frames newly acknowledged.
+    pub(super) frames: usize,
+    /// Round trip of the newest of them, if it was sent only once.
+    pub(super) round_trip_us: Option<u64>,
+    /// The first frame not acknowledged is known to be lost; sending starts again there.
+    pub(super) lost: bool,
+}
+
+/// Frames not yet acknowledged, in order.
+#[derive(Debug)]
+pub(super) struct Outgoing {
+    frames: VecDeque<Queued>,
+    /// Sequence of `frames[0]`.
+    first_sequence: u32,
+    /// `frames[..cursor]` were sent since sending last went back.
+    cursor: usize,
+    /// `frames[..reached]` were sent at least once.
+    reached: usize,
+    queued_bytes: usize,
+    /// Data frames in the order sent that the peer may not have read yet; a frame sent again stands here twice.
+    flight: VecDeque<(u32, usize)>,
+    flight_bytes: usize,
+    window_bytes: usize,
+    /// What the peer last said it has room for.
+    credit_bytes: usize,
+}
+
+#[derive(Debug)]
+struct Queued {
+    bytes: Vec<u8>,
+    sent_us: u64,
+    transmissions: u32,
+}
+
+impl Outgoing {
+    /// Sends at most `window_bytes` ahead of what the peer read.
+    pub(super) fn new(first_sequence: u32, window_bytes: usize) -> Self {
+        Self {
+            frames: VecDeque::new(),
+            first_sequence,
+            cursor: 0,
+            reached: 0,
+            queued_bytes: 0,
+            flight: VecDeque::new(),
+            flight_bytes: 0,
+            window_bytes,
+            credit_bytes: window_bytes,
+        }
+    }
+
+    /// Sequence of the next frame to push.
+    pub(super) fn next_sequence(&self) -> u32 {
+        // The queue is bounded by bytes, far below 2^32 frames.
+        self.first_sequence.wrapping_add(self.frames.len() as u32)
+    }
+
+    /// Bytes queued or sent, and not acknowledged.
+    pub(super) fn queued_bytes(&self) -> usize {
+        self.queued_bytes
+    }
+
+    pub(super) fn flight_bytes(&self) -> usize {
+        self.flight_bytes
+    }
+
+    /// Queues the encoded frame of [`Self::next_sequence`].
+    pub(super) fn push(&mut self, bytes: Vec<u8>) {
+        self.queued_bytes += bytes.len();
+        self.frames.push_back(Queued { bytes, sent_us: 0, transmissions: 0 });
+    }
+
+    /// The next frame that credit allows, and whether it goes again.
+    pub(super) fn transmit(&mut self, now_us: u64) -> Option<(&[u8], bool)> {
+        let frame = self.frames.get_mut(self.cursor)?;
+        let length = frame.bytes.len();
+        if self.flight_bytes + length > self.window_bytes.min(self.credit_bytes) {
+            return None;
+        }
+        self.flight.push_back((self.first_sequence.wrapping_add(self.cursor as u32), length));
+        self.flight_bytes += length;
+        self.cursor += 1;
+        self.reached = self.reached.max(self.cursor);
+        frame.sent_us = now_us;
+        frame.transmissions += 1;
+        Some((&frame.bytes, frame.transmissions > 1))
+    }
+
+    /// Takes an acknowledgement; one that is older than another, or of frames never sent, changes nothing.
+    pub(super) fn acknowledge(&mut self, ack: &Ack, now_us: u64) -> Progress {
+        let acknowledged = ack.next_sequence.wrapping_sub(self.first_sequence) as usize;
+        if acknowledged > self.reached {
+            return Progress::default();
+        }
+        let mut progress = Progress { frames: acknowledged, ..Progress::default() };
+        for frame in self.frames.drain(..acknowledged) {
+            self.queued_bytes -= frame.bytes.len();
+            progress.round_trip_us = (frame.transmissions == 1).then(|| now_us.saturating_sub(frame.sent_us));
+        }
+        self.first_sequence = ack.next_sequence;
+        self.cursor = self.cursor.saturating_sub(acknowledged);
+        self.reached -= acknowledged;
+        self.credit_bytes = usize::try_from(ack.free_bytes).unwrap_or(usize::MAX);
+        self.forget_flight_through(ack.last_heard);
+        // A line keeps the order: the peer heard something sent after this frame and does not have it.
+        let first_in_flight = self.flight.iter().any(|&(sequence, _)| sequence == self.first_sequence);
+        if ack.gap && self.cursor > 0 && !first_in_flight {
+            self.cursor = 0;
+            progress.lost = true;
+        }
+        progress
+    }
+
+    /// The peer read this frame: what was sent before it is read or lost. Of two sendings the earlier is meant, to be safe.
+    fn forget_flight_through(&mut self, last_heard: u32) {
+        if let Some(position) = self.flight.iter().position(|&(sequence, _)| sequence == last_heard) {
+            let read: usize = self.flight.drain(..=position).map(|(_, length)| length).sum();
+            self.flight_bytes -= read;
+        }
+    }
+
+    /// Nothing was heard of what was sent: all of it counts as lost.
+    pub(super) fn give_up_flight(&mut self) {
+        self.flight.clear();
+        self.flight_bytes = 0;
+        self.cursor = 0;
+    }
+
+    /// Whether something was sent that the peer may not have read.
+    pub(super) fn is_waiting(&self) -> bool {
+        !self.flight.is_empty() || self.cursor > 0
+    }
+}

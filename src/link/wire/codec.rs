@@ -1,0 +1,293 @@
+//! Messages as bytes, the payload of data frames.
+
+extern crate alloc;
+
+use alloc::vec::Vec;
+
+use super::bytes::{Reader, WireError, Writer};
+use super::message::{
+    Capabilities, DeviceKind, DeviceMessage, DeviceState, Encoding, ExposureId, Fault, HostMessage, Refusal, Reply,
+    Report, Request,
+};
+
+const REQUEST: u8 = 0x01;
+const LAYER_DATA: u8 = 0x02;
+const REPLY: u8 = 0x81;
+const REPORT: u8 = 0x82;
+
+/// Longest device name, bytes.
+const NAME_LIMIT: u8 = 64;
+/// Longest text of a fault, bytes.
+const FAULT_TEXT_LIMIT: u8 = 120;
+/// Most layer slots a device may have; bounds a state, which must fit a frame.
+const SLOT_LIMIT: u8 = 16;
+/// Most encodings a device may list.
+const ENCODING_LIMIT: u8 = 16;
+
+/// The payload of a data frame to the device.
+pub fn encode_host_message(message: &HostMessage) -> Vec<u8> {
+    let mut writer = Writer::default();
+    match message {
+        HostMessage::Request { number, request } => {
+            writer.u8(REQUEST).u32(*number);
+            write_request(&mut writer, request);
+        }
+        HostMessage::LayerData(bytes) => {
+            writer.u8(LAYER_DATA).raw(bytes);
+        }
+    }
+    writer.finish()
+}
+
+/// Reads the payload of a data frame to the device.
+///
+/// # Errors
+/// [`WireError`]; `BadRequest` carries the number to answer.
+pub fn decode_host_message(payload: &[u8]) -> Result<HostMessage, WireError> {
+    let mut reader = Reader::new(payload);
+    match reader.u8("message")? {
+        REQUEST => {
+            let number = reader.u32("number")?;
+            let request = read_request(&mut reader).and_then(|request| reader.end().map(|()| request));
+            let request = request.map_err(|_| WireError::BadRequest { number })?;
+            Ok(HostMessage::Request { number, request })
+        }
+        LAYER_DATA => Ok(HostMessage::LayerData(reader.rest().to_vec())),
+        other => Err(WireError::BadValue { field: "message", value: other.into() }),
+    }
+}
+
+/// The payload of a data frame to the host.
+pub fn encode_device_message(message: &DeviceMessage) -> Vec<u8> {
+    let mut writer = Writer::default();
+    match message {
+        DeviceMessage::Reply { number, reply } => {
+            writer.u8(REPLY).u32(*number);
+            write_reply(&mut writer, reply);
+        }
+        DeviceMessage::Report(Report::Fault(fault)) => {
+            writer.u8(REPORT).u8(1).option(fault.as_ref(), write_fault);
+        }
+    }
+    writer.finish()
+}
+
+/// Reads the payload of a data frame to the host.
+///
+/// # Errors
+/// [`WireError`]; an `UnknownReport` may be ignored.
+pub fn decode_device_message(payload: &[u8]) -> Result<DeviceMessage, WireError> {
+    let mut reader = Reader::new(payload);
+    let message = match reader.u8("message")? {
+        REPLY => DeviceMessage::Reply { number: reader.u32("number")?, reply: read_reply(&mut reader)? },
+        REPORT => match reader.u8("report")? {
+            1 => DeviceMessage::Report(Report::Fault(reader.option("fault", read_fault)?)),
+            kind => return Err(WireError::UnknownReport { kind }),
+        },
+        other => return Err(WireError::BadValue { field: "message", value: other.into() }),
+    };
+    reader.end()?;
+    Ok(message)
+}
+
+fn write_request(writer: &mut Writer, request: &Request) {
+    match request {
+        Request::State => {
+            writer.u8(1);
+        }
+        Request::LayerBegin { slot, id, encoding, encoded_bytes, decoded_crc32 } => {
+            writer.u8(2).u8(*slot);
+            write_id(writer, id);
+            writer.u8(*encoding as u8).u32(*encoded_bytes).u32(*decoded_crc32);
+        }
+        Request::Expose { id, duration_ms, light_pwm } => {
+            writer.u8(3);
+            write_id(writer, id);
+            writer.u32(*duration_ms).u8(*light_pwm);
+        }
+        Request::Home => {
+            writer.u8(4);
+        }
+        Request::Move { position_um, speed_um_s } => {
+            writer.u8(5).i32(*position_um).u32(*speed_um_s);
+        }
+    }
+}
+
+fn read_request(reader: &mut Reader<'_>) -> Result<Request, WireError> {
+    Ok(match reader.u8("request")? {
+        1 => Request::State,
+        2 => Request::LayerBegin {
+            slot: reader.u8("slot")?,
+            id: read_id(reader)?,
+            encoding: read_encoding(reader)?,
+            encoded_bytes: reader.u32("encoded_bytes")?,
+            decoded_crc32: reader.u32("decoded_crc32")?,
+        },
+        3 => Request::Expose {
+            id: read_id(reader)?,
+            duration_ms: reader.u32("duration_ms")?,
+            light_pwm: reader.u8("light_pwm")?,
+        },
+        4 => Request::Home,
+        5 => Request::Move { position_um: reader.i32("position_um")?, speed_um_s: reader.u32("speed_um_s")? },
+        other => return Err(WireError::BadValue { field: "request", value: other.into() }),
+    })
+}
+
+fn write_reply(writer: &mut Writer, reply: &Reply) {
+    match reply {
+        Reply::Done => {
+            writer.u8(1);
+        }
+        Reply::State(state) => {
+            writer.u8(2);
+            write_state(writer, state);
+        }
+        Reply::Exposed { id, duration_ms } => {
+            writer.u8(3);
+            write_id(writer, id);
+            writer.u32(*duration_ms);
+        }
+        Reply::Moved { position_um } => {
+            writer.u8(4).i32(*position_um);
+        }
+        Reply::Refused(refusal) => {
+            writer.u8(5).u8(*refusal as u8);
+        }
+    }
+}
+
+fn read_reply(reader: &mut Reader<'_>) -> Result<Reply, WireError> {
+    Ok(match reader.u8("reply")? {
+        1 => Reply::Done,
+        2 => Reply::State(read_state(reader)?),
+        3 => Reply::Exposed { id: read_id(reader)?, duration_ms: reader.u32("duration_ms")? },
+        4 => Reply::Moved { position_um: reader.i32("position_um")? },
+        5 => Reply::Refused(read_refusal(reader)?),
+        other => return Err(WireError::BadValue { field: "reply", value: other.into() }),
+    })
+}
+
+pub(super) fn write_capabilities(writer: &mut Writer, capabilities: &Capabilities) {
+    writer
+        .u8(capabilities.kind as u8)
+        .text(&capabilities.name, NAME_LIMIT)
+        .u32(capabilities.width_px)
+        .u32(capabilities.height_px)
+        .u32(capabilities.pixel_nm[0])
+        .u32(capabilities.pixel_nm[1])
+        .u8(capabilities.layer_slots)
+        .u32(capabilities.window_bytes)
+        .u16(capabilities.largest_frame_bytes)
+        .list(&capabilities.encodings, ENCODING_LIMIT, |writer, encoding| {
+            writer.u8(*encoding as u8);
+        })
+        .u32(capabilities.max_exposure_ms)
+        .i32(capabilities.max_position_um);
+}
+
+pub(super) fn read_capabilities(reader: &mut Reader<'_>) -> Result<Capabilities, WireError> {
+    Ok(Capabilities {
+        kind: match reader.u8("kind")? {
+            1 => DeviceKind::Dlp,
+            2 => DeviceKind::Slm,
+            other => return Err(WireError::BadValue { field: "kind", value: other.into() }),
+        },
+        name: reader.text("name", NAME_LIMIT.into())?,
+        width_px: reader.u32("width_px")?,
+        height_px: reader.u32("height_px")?,
+        pixel_nm: [reader.u32("pixel_nm")?, reader.u32("pixel_nm")?],
+        layer_slots: reader.u8("layer_slots")?,
+        window_bytes: reader.u32("window_bytes")?,
+        largest_frame_bytes: reader.u16("largest_frame_bytes")?,
+        // A device may list encodings of its own; the host uses those it knows.
+        encodings: reader
+            .list("encodings", ENCODING_LIMIT.into(), |reader| reader.u8("encoding"))?
+            .into_iter()
+            .filter_map(encoding_from_code)
+            .collect(),
+        max_exposure_ms: reader.u32("max_exposure_ms")?,
+        max_position_um: reader.i32("max_position_um")?,
+    })
+}
+
+pub(super) fn write_state(writer: &mut Writer, state: &DeviceState) {
+    writer
+        .u32(state.boot_id)
+        .option(state.last_exposed.as_ref(), write_id)
+        .option(state.exposing.as_ref(), write_id)
+        .option(state.cut_short.as_ref(), |writer, (id, light_ms)| {
+            write_id(writer, id);
+            writer.u32(*light_ms);
+        })
+        .bool(state.light_on)
+        .option(state.position_um.as_ref(), |writer, position_um| {
+            writer.i32(*position_um);
+        })
+        .bool(state.moving)
+        .list(&state.slots, SLOT_LIMIT, |writer, slot| {
+            writer.option(slot.as_ref(), write_id);
+        })
+        .option(state.fault.as_ref(), write_fault);
+}
+
+pub(super) fn read_state(reader: &mut Reader<'_>) -> Result<DeviceState, WireError> {
+    Ok(DeviceState {
+        boot_id: reader.u32("boot_id")?,
+        last_exposed: reader.option("last_exposed", read_id)?,
+        exposing: reader.option("exposing", read_id)?,
+        cut_short: reader.option("cut_short", |reader| Ok((read_id(reader)?, reader.u32("light_ms")?)))?,
+        light_on: reader.bool("light_on")?,
+        position_um: reader.option("position_um", |reader| reader.i32("position_um"))?,
+        moving: reader.bool("moving")?,
+        slots: reader.list("slots", SLOT_LIMIT.into(), |reader| reader.option("slot", read_id))?,
+        fault: reader.option("fault", read_fault)?,
+    })
+}
+
+fn write_id(writer: &mut Writer, id: &ExposureId) {
+    writer.u64(id.job).u32(id.layer);
+}
+
+fn read_id(reader: &mut Reader<'_>) -> Result<ExposureId, WireError> {
+    Ok(ExposureId { job: reader.u64("job")?, layer: reader.u32("layer")? })
+}
+
+fn write_fault(writer: &mut Writer, fault: &Fault) {
+    writer.u16(fault.code).text(&fault.text, FAULT_TEXT_LIMIT);
+}
+
+fn read_fault(reader: &mut Reader<'_>) -> Result<Fault, WireError> {
+    Ok(Fault { code: reader.u16("code")?, text: reader.text("text", FAULT_TEXT_LIMIT.into())? })
+}
+
+fn read_encoding(reader: &mut Reader<'_>) -> Result<Encoding, WireError> {
+    let code = reader.u8("encoding")?;
+    encoding_from_code(code).ok_or(WireError::BadValue { field: "encoding", value: code.into() })
+}
+
+fn encoding_from_code(code: u8) -> Option<Encoding> {
+    let known = [Encoding::RawBit, Encoding::Group4, Encoding::RawGrey, Encoding::RunGrey];
+    known.into_iter().find(|encoding| *encoding as u8 == code)
+}
+
+fn read_refusal(reader: &mut Reader<'_>) -> Result<Refusal, WireError> {
+    let code = reader.u8("refusal")?;
+    let known = [
+        Refusal::NotReady,
+        Refusal::AlreadyExposed,
+        Refusal::BadDuration,
+        Refusal::NoSuchLayer,
+        Refusal::SlotBusy,
+        Refusal::BadLayer,
+        Refusal::BadEncoding,
+        Refusal::BadMove,
+        Refusal::NotHomed,
+        Refusal::Busy,
+        Refusal::CutShort,
+        Refusal::Unknown,
+    ];
+    let refusal = known.into_iter().find(|refusal| *refusal as u8 == code);
+    refusal.ok_or(WireError::BadValue { field: "refusal", value: code.into() })
+}

@@ -1,0 +1,201 @@
+//! Payloads of all frames but data: hello, welcome, refusal, acknowledgement, urgent.
+
+extern crate alloc;
+
+use alloc::vec::Vec;
+
+use super::bytes::{Reader, WireError, Writer};
+use super::codec::{read_capabilities, read_state, write_capabilities, write_state};
+use super::message::{Capabilities, DeviceState, Urgent};
+
+/// What the host states when it opens a session.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Hello {
+    /// Version it speaks.
+    pub version: u16,
+    /// Most unacknowledged bytes of data frames the device may have on the way to it.
+    pub window_bytes: u32,
+    /// Largest frame it takes, delimiter included.
+    pub largest_frame_bytes: u16,
+}
+
+/// What the device states when it accepts.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Welcome {
+    /// Version both speak now.
+    pub version: u16,
+    /// What the device is.
+    pub capabilities: Capabilities,
+    /// What it is doing.
+    pub state: DeviceState,
+}
+
+/// Why a device does not accept a hello.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum HelloRefused {
+    /// It does not speak the host's version.
+    Version {
+        /// Lowest version it speaks.
+        lowest: u16,
+        /// Highest version it speaks.
+        highest: u16,
+    },
+    /// The host's window or largest frame is below what the protocol asks for.
+    Limits,
+}
+
+/// What was received and what may be sent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Ack {
+    /// All data frames before this one were received. The frame's sequence field.
+    pub next_sequence: u32,
+    /// A data frame came that could not be taken, because one before it is missing or the buffer was full.
+    pub gap: bool,
+    /// The data frame heard last, taken or not; `next_sequence - 1` before the first.
+    pub last_heard: u32,
+    /// Bytes of data frames the receiver has room for, beyond those it acknowledges.
+    pub free_bytes: u32,
+}
+
+/// Answer to an urgent frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct UrgentDone {
+    /// Whether there is light (or laser) now.
+    pub light_on: bool,
+}
+
+impl Hello {
+    /// The payload.
+    pub fn encode(&self) -> Vec<u8> {
+        Writer::default().u16(self.version).u32(self.window_bytes).u16(self.largest_frame_bytes).finish()
+    }
+
+    /// Reads a payload. Version and both limits come first in every version, so later versions may append.
+    ///
+    /// # Errors
+    /// [`WireError`] where it is too short, or too long for version 1.
+    pub fn decode(payload: &[u8]) -> Result<Self, WireError> {
+        let mut reader = Reader::new(payload);
+        let hello = Self {
+            version: reader.u16("version")?,
+            window_bytes: reader.u32("window_bytes")?,
+            largest_frame_bytes: reader.u16("largest_frame_bytes")?,
+        };
+        if hello.version == super::PROTOCOL_VERSION {
+            reader.end()?;
+        }
+        Ok(hello)
+    }
+}
+
+impl Welcome {
+    /// The payload.
+    pub fn encode(&self) -> Vec<u8> {
+        let mut writer = Writer::default();
+        writer.u16(self.version);
+        write_capabilities(&mut writer, &self.capabilities);
+        write_state(&mut writer, &self.state);
+        writer.finish()
+    }
+
+    /// Reads a payload.
+    ///
+    /// # Errors
+    /// [`WireError`] names the field that does not fit.
+    pub fn decode(payload: &[u8]) -> Result<Self, WireError> {
+        let mut reader = Reader::new(payload);
+        let welcome = Self {
+            version: reader.u16("version")?,
+            capabilities: read_capabilities(&mut reader)?,
+            state: read_state(&mut reader)?,
+        };
+        reader.end()?;
+        Ok(welcome)
+    }
+}
+
+impl HelloRefused {
+    /// The payload.
+    pub fn encode(&self) -> Vec<u8> {
+        let mut writer = Writer::default();
+        match *self {
+            Self::Version { lowest, highest } => writer.u8(1).u16(lowest).u16(highest),
+            Self::Limits => writer.u8(2),
+        };
+        writer.finish()
+    }
+
+    /// Reads a payload.
+    ///
+    /// # Errors
+    /// [`WireError`] names the field that does not fit.
+    pub fn decode(payload: &[u8]) -> Result<Self, WireError> {
+        let mut reader = Reader::new(payload);
+        let refused = match reader.u8("reason")? {
+            1 => Self::Version { lowest: reader.u16("lowest")?, highest: reader.u16("highest")? },
+            2 => Self::Limits,
+            other => return Err(WireError::BadValue { field: "reason", value: other.into() }),
+        };
+        reader.end()?;
+        Ok(refused)
+    }
+}
+
+impl Ack {
+    /// The payload; `next_sequence` goes into the frame's sequence field.
+    pub fn encode(&self) -> Vec<u8> {
+        Writer::default().bool(self.gap).u32(self.last_heard).u32(self.free_bytes).finish()
+    }
+
+    /// Reads a payload and the frame's sequence field.
+    ///
+    /// # Errors
+    /// [`WireError`] names the field that does not fit.
+    pub fn decode(next_sequence: u32, payload: &[u8]) -> Result<Self, WireError> {
+        let mut reader = Reader::new(payload);
+        let ack = Self {
+            next_sequence,
+            gap: reader.bool("gap")?,
+            last_heard: reader.u32("last_heard")?,
+            free_bytes: reader.u32("free_bytes")?,
+        };
+        reader.end()?;
+        Ok(ack)
+    }
+}
+
+impl UrgentDone {
+    /// The payload.
+    pub fn encode(&self) -> Vec<u8> {
+        Writer::default().bool(self.light_on).finish()
+    }
+
+    /// Reads a payload.
+    ///
+    /// # Errors
+    /// [`WireError`] names the field that does not fit.
+    pub fn decode(payload: &[u8]) -> Result<Self, WireError> {
+        let mut reader = Reader::new(payload);
+        let done = Self { light_on: reader.bool("light_on")? };
+        reader.end()?;
+        Ok(done)
+    }
+}
+
+/// The payload of an urgent frame.
+pub fn encode_urgent(urgent: Urgent) -> Vec<u8> {
+    Writer::default().u8(urgent as u8).finish()
+}
+
+/// Reads the payload of an urgent frame.
+///
+/// # Errors
+/// [`WireError`] where it is not exactly one known code.
+pub fn decode_urgent(payload: &[u8]) -> Result<Urgent, WireError> {
+    let mut reader = Reader::new(payload);
+    let code = reader.u8("urgent")?;
+    let known = [Urgent::Abort, Urgent::LightOff, Urgent::Hold, Urgent::Release];
+    let urgent = known.into_iter().find(|urgent| *urgent as u8 == code);
+    reader.end()?;
+    urgent.ok_or(WireError::BadValue { field: "urgent", value: code.into() })
+}

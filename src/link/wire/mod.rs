@@ -1,0 +1,30 @@
+//! Bytes on the line: frames, messages and the handshake. Core and alloc only: firmware, host and simulated device share it.
+//!
+//! ```text
+//! message ──codec──▶ payload ──frame──▶ type, session, sequence, payload, CRC ──COBS──▶ bytes, 0x00 (──escape──▶ line)
+//! ```
+//!
+//! All integers are little endian. Decoding returns a typed value or a typed error; no input makes it panic or allocate more
+//! than the largest frame.
+
+mod bytes;
+mod codec;
+mod escape;
+mod frame;
+mod handshake;
+pub mod message;
+
+pub use bytes::WireError;
+pub use codec::{decode_device_message, decode_host_message, encode_device_message, encode_host_message};
+pub use escape::{Unescaper, escape};
+pub use frame::{Decoded, Frame, FrameDecoder, FrameError, FrameKind, encode_frame, payload_limit};
+pub use handshake::{Ack, Hello, HelloRefused, UrgentDone, Welcome, decode_urgent, encode_urgent};
+
+/// The version this implementation speaks.
+pub const PROTOCOL_VERSION: u16 = 1;
+
+/// Smallest "largest frame" a device may state: the longest request (28 bytes) with its frame around it, and some room.
+pub const MIN_FRAME_BYTES: u16 = 64;
+
+/// Smallest "largest frame" a host may state: a welcome with every list and text at its limit has 602 bytes.
+pub const MIN_HOST_FRAME_BYTES: u16 = 640;
