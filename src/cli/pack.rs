@@ -1,0 +1,114 @@
+//! `layerctl pack`: 3MF and edge text become a build file.
+
+use std::path::PathBuf;
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+use crate::buildfile::{self, BlendChoice, BuildFile, PackOptions, PackProgress, Placement};
+use crate::config::byte_size;
+
+/// Least memory of the sort; below it merging takes too many passes.
+const MEMORY_LEAST_BYTES: u64 = 1 << 20;
+
+/// Pack 3MF lattices and edge text into a build file.
+#[derive(Debug, clap::Args)]
+pub struct PackArgs {
+    /// Sources, joined into one part: 3MF (.3mf) or edge text (.txt).
+    #[arg(required = true, value_name = "IN")]
+    inputs: Vec<PathBuf>,
+    /// The build file to write.
+    #[arg(short, long, value_name = "OUT.layerd")]
+    output: PathBuf,
+    /// Leave out what is not a lattice, and say what was left out.
+    #[arg(long)]
+    lattice_only: bool,
+    /// How struts are joined: a smooth convolution surface, or the exact union of beams.
+    #[arg(long, value_enum, default_value = "convolution")]
+    blend: BlendArg,
+    /// Kernel support R of the convolution [default: 1.5 times the largest radius].
+    #[arg(long, value_name = "MM")]
+    support: Option<f64>,
+    /// Turn about x, then y, then z, degrees.
+    #[arg(long, value_name = "X,Y,Z", value_parser = numbers::<3>, default_value = "0,0,0", allow_hyphen_values = true)]
+    rotate: [f64; 3],
+    /// Scale lengths and radii by this factor.
+    #[arg(long, value_name = "F", default_value_t = 1.0)]
+    scale: f64,
+    /// Middle of the part on the plate, millimetres from its corner [default: the plate's middle].
+    #[arg(long, value_name = "X,Y", value_parser = numbers::<2>, allow_hyphen_values = true)]
+    at: Option<[f64; 2]>,
+    /// Memory for the out-of-core sort.
+    #[arg(long, value_name = "SIZE", value_parser = memory, default_value = "256MiB")]
+    memory: u64,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum BlendArg {
+    Convolution,
+    Union,
+}
+
+/// Packs, showing progress on a terminal, and prints what was packed and everything that was not taken as it stood.
+///
+/// # Errors
+/// Names the file, the place in it, what was found and the remedy.
+pub fn run(args: PackArgs) -> anyhow::Result<()> {
+    let blend = match (args.blend, args.support) {
+        (BlendArg::Convolution, support_mm) => BlendChoice::Convolution { support_mm },
+        (BlendArg::Union, None) => BlendChoice::Union,
+        (BlendArg::Union, Some(_)) => anyhow::bail!("--support belongs to --blend convolution; a union has no kernel"),
+    };
+    let options = PackOptions {
+        lattice_only: args.lattice_only,
+        blend,
+        rotate_deg: args.rotate,
+        scale: args.scale,
+        placement: args.at.map_or(Placement::Centred, |[x_mm, y_mm]| Placement::At { x_mm, y_mm }),
+        memory_bytes: args.memory,
+    };
+    let bar = bar();
+    let report = buildfile::pack(&args.inputs, &args.output, &options, &mut |progress| show(&bar, progress));
+    bar.finish_and_clear();
+    let report = report?;
+    for note in &report.notes {
+        eprintln!("note: {note}");
+    }
+    println!("{}", super::info::Summary::of(&BuildFile::open(&args.output)?));
+    Ok(())
+}
+
+/// A bar on stderr; hidden where that is no terminal.
+pub(super) fn bar() -> ProgressBar {
+    let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr_with_hz(5));
+    let style = ProgressStyle::with_template("{msg:>8} [{wide_bar}] {percent:>3}% {eta}");
+    bar.with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+}
+
+fn show(bar: &ProgressBar, progress: PackProgress) {
+    let (name, done, total) = match progress {
+        PackProgress::Reading { done, total } => ("reading", done, total),
+        PackProgress::Writing { done, total } => ("writing", done, total),
+    };
+    bar.set_message(name);
+    bar.set_length(total);
+    bar.set_position(done);
+}
+
+/// `N` finite numbers with commas between them.
+pub(super) fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
+    let found: Vec<f64> = text
+        .split(',')
+        .map(|field| field.trim().parse().ok().filter(|value: &f64| value.is_finite()))
+        .collect::<Option<_>>()
+        .ok_or_else(|| format!("`{text}`: write {N} numbers with commas between them"))?;
+    let count = found.len();
+    found.try_into().map_err(|_| format!("{count} numbers; {N} are needed, with commas between them"))
+}
+
+fn memory(text: &str) -> Result<u64, String> {
+    let bytes = byte_size::parse(text)?;
+    if bytes < MEMORY_LEAST_BYTES {
+        return Err(format!("{bytes} bytes are too few; at least 1MiB is needed"));
+    }
+    Ok(bytes)
+}
