@@ -1,11 +1,6 @@
-<<<<<<< HEAD
-//! `layerctl`'s offline commands.
-
-pub mod check;
-pub mod slice;
-=======
 //! `layerctl`: the operator's command.
 
+pub mod check;
 pub mod info;
 pub mod pack;
->>>>>>> buildfile
+pub mod slice;
