@@ -78,7 +78,8 @@ struct Sample {
 /// # Errors
 /// Where the print does not fit, or cannot be judged.
 pub fn run(args: CheckArgs) -> anyhow::Result<()> {
-    let Setting { file, machine, recipe } = Setting::load(&args.file, &args.machine, &args.recipe)?;
+    let CheckArgs { file: path, machine, recipe, budget, json } = args;
+    let Setting { file, machine, recipe } = Setting::load(&path, &machine, &recipe)?;
     let depth = if recipe.antialias { Depth::Grey } else { Depth::Bit };
     let plan = SlicePlan::new(file.header(), machine.raster(), depth, recipe.layer_height_um)?;
     let peak_active_struts = file.peak_active();
@@ -90,25 +91,25 @@ pub fn run(args: CheckArgs) -> anyhow::Result<()> {
     drop(file);
 
     let mut problems = Vec::new();
-    if memory_needed_bytes > args.budget {
+    if memory_needed_bytes > budget {
         problems.push(format!(
             "it needs {:.1} MiB of memory, the budget is {:.1} MiB: raise `memory_budget`",
             mebibytes(memory_needed_bytes),
-            mebibytes(args.budget)
+            mebibytes(budget)
         ));
     }
-    let samples = measure(&args.file, &plan, threads, &recipe, f64::from(machine.link.baud))?;
+    let samples = measure(&path, &plan, threads, &recipe, f64::from(machine.link.baud))?;
     let late_layers = late_layers(&samples, layer_count);
     if !late_layers.is_empty() {
         problems.push(late_text(&late_layers));
     }
     let findings = Findings {
-        fits: memory_needed_bytes <= args.budget,
+        fits: memory_needed_bytes <= budget,
         problems,
         layer_count,
         peak_active_struts,
         memory_needed_bytes,
-        memory_budget_bytes: args.budget,
+        memory_budget_bytes: budget,
         encoded_bytes_mean: mean(&samples, |sample| sample.bytes as f64) as u64,
         encoded_bytes_max: samples.iter().map(|sample| sample.bytes as u64).max().unwrap_or(0),
         compute_ms_mean: mean(&samples, |sample| sample.compute_ms),
@@ -118,7 +119,7 @@ pub fn run(args: CheckArgs) -> anyhow::Result<()> {
         device_ms_normal_layer: device_ms(&recipe, layer_count),
         late_layers,
     };
-    if args.json {
+    if json {
         println!("{}", serde_json::to_string(&findings)?);
     } else {
         print(&findings);

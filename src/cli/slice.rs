@@ -83,14 +83,15 @@ pub(super) fn default_threads() -> usize {
 /// # Errors
 /// Whatever keeps it from being done; pictures already written stay, no half-written one is left.
 pub fn run(args: SliceArgs) -> anyhow::Result<()> {
-    let Setting { file, machine, recipe } = Setting::load(&args.file, &args.machine, &args.recipe)?;
-    let depth = if args.antialias || recipe.antialias { Depth::Grey } else { Depth::Bit };
-    let layer_height_um = args.layer_height.unwrap_or(recipe.layer_height_um);
+    let SliceArgs { file, machine, recipe, layer_height, layers, antialias, threads, output } = args;
+    let Setting { file, machine, recipe } = Setting::load(&file, &machine, &recipe)?;
+    let depth = if antialias || recipe.antialias { Depth::Grey } else { Depth::Bit };
+    let layer_height_um = layer_height.unwrap_or(recipe.layer_height_um);
     let plan = SlicePlan::new(file.header(), machine.raster(), depth, layer_height_um)?;
-    let range = layers_within(args.layers, plan.layer_count)?;
-    let threads = args.threads.unwrap_or_else(default_threads);
+    let range = layers_within(layers, plan.layer_count)?;
+    let threads = threads.unwrap_or_else(default_threads);
 
-    std::fs::create_dir_all(&args.output).with_context(|| format!("cannot make {}", args.output.display()))?;
+    std::fs::create_dir_all(&output).with_context(|| format!("cannot make {}", output.display()))?;
     let mut manifest = Manifest::new(file.header(), &plan);
     // Offline there is no printer to keep within bounds for: the slicer may have what its own estimate says.
     let budget = MemoryBudget::new(Slicer::memory_bytes(&file, &plan, threads));
@@ -101,13 +102,13 @@ pub fn run(args: SliceArgs) -> anyhow::Result<()> {
     for _ in range {
         let Some(layer) = slicer.next_layer(&mut bitmap)? else { bail!("the layers ended too early") };
         let name = format!("layer_{layer:06}.png");
-        let path = args.output.join(&name);
+        let path = output.join(&name);
         write_png(&path, &bitmap).with_context(|| cannot_write(&path))?;
         manifest.layers.push(LayerEntry { file: name, z_mm: slicer.plan().layer_z_um(layer) / 1000.0 });
         bar.inc(1);
     }
     bar.finish_and_clear();
-    manifest.write(&args.output.join("manifest.json"))
+    manifest.write(&output.join("manifest.json"))
 }
 
 fn cannot_write(path: &Path) -> String {
