@@ -1,6 +1,6 @@
 //! Where the sweep gets its struts: chunks in ascending order of the lowest z.
 
-use crate::buildfile::{Header, Strut};
+use crate::buildfile::{BuildFile, Header, Strut};
 
 /// Where a chunk's struts lie, in quanta.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,6 +37,34 @@ pub trait StrutSource: Send {
 
 /// Most struts a chunk holds.
 pub const MOST_CHUNK_STRUTS: usize = 8192;
+
+impl StrutSource for BuildFile {
+    fn header(&self) -> &Header {
+        self.header()
+    }
+
+    fn chunk_count(&self) -> usize {
+        self.chunks().len()
+    }
+
+    fn chunk_span(&self, chunk: usize) -> ChunkSpan {
+        let entry = &self.chunks()[chunk];
+        ChunkSpan { lowest_z: entry.z_low_min, highest_z: entry.z_high_max }
+    }
+
+    fn peak_active(&self) -> u64 {
+        self.peak_active()
+    }
+
+    fn memory_bytes(&self) -> u64 {
+        (self.memory_bytes() + self.scratch_bytes()) as u64
+    }
+
+    fn read_chunk(&mut self, chunk: usize, struts: &mut Vec<Strut>) -> anyhow::Result<()> {
+        struts.clear();
+        Ok(BuildFile::read_chunk(self, chunk, struts)?)
+    }
+}
 
 /// Struts in memory as a source, for tests and benchmarks.
 #[derive(Clone, Debug)]

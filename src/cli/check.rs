@@ -1,0 +1,245 @@
+//! `layerctl check`: would this print run well? Volume and memory from header and index alone; times from a few layers
+//! computed and encoded here.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::bail;
+use serde::Serialize;
+
+use super::slice::{Setting, default_threads};
+use crate::buildfile::BuildFile;
+use crate::config::Recipe;
+use crate::config::byte_size;
+use crate::device::encoding;
+use crate::link::message::Encoding;
+use crate::slice::{Bitmap, Depth, SlicePlan, Slicer};
+use crate::stream::MemoryBudget;
+
+/// Says before a print whether it fits the machine, the memory and the line.
+#[derive(Debug, clap::Args)]
+pub struct CheckArgs {
+    /// Build file (.layerd)
+    pub file: PathBuf,
+    /// Machine: a name, or the path of a TOML file
+    #[arg(long, short)]
+    pub machine: String,
+    /// Recipe: a name, or the path of a TOML file
+    #[arg(long, short, default_value = "default")]
+    pub recipe: String,
+    /// Memory the daemon may use
+    #[arg(long, default_value = "64MiB", value_parser = byte_size::parse)]
+    pub budget: u64,
+    /// One JSON object on stdout
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Layers computed as a sample, spread over the height: some seconds at most.
+const SAMPLES: u32 = 12;
+
+/// Bits on the line a byte: 8N1.
+const LINE_BITS: f64 = 10.0;
+
+/// Layers finished or encoded that a print holds beside the slicer: one being drawn, one waiting, one on the line.
+const LAYERS_HELD: u64 = 3;
+
+/// What `check` found; `--json` prints it.
+#[derive(Debug, Serialize)]
+struct Findings {
+    fits: bool,
+    problems: Vec<String>,
+    layer_count: u32,
+    peak_active_struts: u64,
+    memory_needed_bytes: u64,
+    memory_budget_bytes: u64,
+    encoded_bytes_mean: u64,
+    encoded_bytes_max: u64,
+    compute_ms_mean: f64,
+    compute_ms_max: f64,
+    line_ms_mean: f64,
+    line_ms_max: f64,
+    device_ms_normal_layer: f64,
+    /// Ranges of layers, first to last, round samples where computing or the line takes longer than the device.
+    late_layers: Vec<[u32; 2]>,
+}
+
+/// One layer computed and encoded.
+struct Sample {
+    layer: u32,
+    compute_ms: f64,
+    line_ms: f64,
+    device_ms: f64,
+    bytes: usize,
+}
+
+/// Carries the command out.
+///
+/// # Errors
+/// Where the print does not fit, or cannot be judged.
+pub fn run(args: CheckArgs) -> anyhow::Result<()> {
+    let CheckArgs { file: path, machine, recipe, budget, json } = args;
+    let Setting { file, machine, recipe } = Setting::load(&path, &machine, &recipe)?;
+    let depth = if recipe.antialias { Depth::Grey } else { Depth::Bit };
+    let plan = SlicePlan::new(file.header(), machine.raster(), depth, recipe.layer_height_um)?;
+    let peak_active_struts = file.peak_active();
+    let threads = default_threads();
+    let picture_bytes = Bitmap::new(machine.width_px, machine.height_px, depth).data().len() as u64;
+    let memory_needed_bytes =
+        Slicer::memory_bytes(&file, &plan, threads).saturating_add(picture_bytes.saturating_mul(LAYERS_HELD));
+    let layer_count = plan.layer_count;
+    drop(file);
+
+    let mut problems = Vec::new();
+    if memory_needed_bytes > budget {
+        problems.push(format!(
+            "it needs {:.1} MiB of memory, the budget is {:.1} MiB: raise `memory_budget`",
+            mebibytes(memory_needed_bytes),
+            mebibytes(budget)
+        ));
+    }
+    let samples = measure(&path, &plan, threads, &recipe, f64::from(machine.link.baud))?;
+    let late_layers = late_layers(&samples, layer_count);
+    if !late_layers.is_empty() {
+        problems.push(late_text(&late_layers));
+    }
+    let findings = Findings {
+        fits: memory_needed_bytes <= budget,
+        problems,
+        layer_count,
+        peak_active_struts,
+        memory_needed_bytes,
+        memory_budget_bytes: budget,
+        encoded_bytes_mean: mean(&samples, |sample| sample.bytes as f64) as u64,
+        encoded_bytes_max: samples.iter().map(|sample| sample.bytes as u64).max().unwrap_or(0),
+        compute_ms_mean: mean(&samples, |sample| sample.compute_ms),
+        compute_ms_max: most(&samples, |sample| sample.compute_ms),
+        line_ms_mean: mean(&samples, |sample| sample.line_ms),
+        line_ms_max: most(&samples, |sample| sample.line_ms),
+        device_ms_normal_layer: device_ms(&recipe, layer_count),
+        late_layers,
+    };
+    if json {
+        println!("{}", serde_json::to_string(&findings)?);
+    } else {
+        print(&findings);
+    }
+    if !findings.fits {
+        bail!("the print does not fit: {}", findings.problems[0]);
+    }
+    Ok(())
+}
+
+/// Computes and encodes layers spread evenly over the part, each from a sweep of its own. Beginning a sweep reads the chunks
+/// within reach; the time counted is that of a second layer, as a print would go on.
+fn measure(
+    file: &std::path::Path,
+    plan: &SlicePlan,
+    threads: usize,
+    recipe: &Recipe,
+    baud: f64,
+) -> anyhow::Result<Vec<Sample>> {
+    let encoding = match plan.depth {
+        Depth::Bit => Encoding::Group4,
+        Depth::Grey => Encoding::RunGrey,
+    };
+    let mut bitmap = Bitmap::new(plan.raster.width_px, plan.raster.height_px, plan.depth);
+    let mut bytes = Vec::new();
+    let mut samples = Vec::new();
+    let count = SAMPLES.min(plan.layer_count);
+    for index in 0..count {
+        let layer = (u64::from(plan.layer_count) * u64::from(2 * index + 1) / u64::from(2 * count)) as u32;
+        let source = BuildFile::open(file)?;
+        let budget = MemoryBudget::new(Slicer::memory_bytes(&source, plan, threads));
+        let mut slicer = Slicer::new(source, plan.clone(), threads, layer.saturating_sub(1), &budget)?;
+        if layer > 0 {
+            slicer.next_layer(&mut bitmap)?;
+        }
+        let start = Instant::now();
+        slicer.next_layer(&mut bitmap)?;
+        encoding::encode(&bitmap, encoding, &mut bytes)?;
+        let compute_ms = start.elapsed().as_secs_f64() * 1e3;
+        let line_ms = bytes.len() as f64 * LINE_BITS / baud * 1e3;
+        samples.push(Sample { layer, compute_ms, line_ms, device_ms: device_ms(recipe, layer), bytes: bytes.len() });
+    }
+    Ok(samples)
+}
+
+/// Time the device spends on a layer: exposure, waits, lift and retract.
+fn device_ms(recipe: &Recipe, layer: u32) -> f64 {
+    let travel_ms = |speed_um_s: u32| f64::from(recipe.lift_height_um) / f64::from(speed_um_s) * 1e3;
+    let waits_ms = [
+        recipe.light_off_delay_ms,
+        recipe.wait_before_exposure_ms,
+        recipe.wait_after_exposure_ms,
+        recipe.wait_after_lift_ms,
+        recipe.layer_exposure_ms(layer),
+    ];
+    waits_ms.into_iter().map(f64::from).sum::<f64>()
+        + travel_ms(recipe.lift_speed_um_s)
+        + travel_ms(recipe.retract_speed_um_s)
+}
+
+/// Each sample stands for the layers nearer to it than to another.
+fn late_layers(samples: &[Sample], layer_count: u32) -> Vec<[u32; 2]> {
+    let mut ranges: Vec<[u32; 2]> = Vec::new();
+    for (index, sample) in samples.iter().enumerate() {
+        if sample.compute_ms.max(sample.line_ms) <= sample.device_ms {
+            continue;
+        }
+        let count = samples.len() as u64;
+        let border = |index: u64| (u64::from(layer_count) * index / count) as u32;
+        let (first, last) = (border(index as u64), border(index as u64 + 1).max(sample.layer + 1) - 1);
+        match ranges.last_mut() {
+            Some(range) if range[1] + 1 >= first => range[1] = last,
+            _ => ranges.push([first, last]),
+        }
+    }
+    ranges
+}
+
+fn late_text(ranges: &[[u32; 2]]) -> String {
+    let list: Vec<String> = ranges.iter().map(|[first, last]| format!("{first} to {last}")).collect();
+    format!(
+        "the device would wait, dark, for layers {} (estimate): a faster line, a longer exposure or lift, or a coarser raster \
+         would help",
+        list.join(", ")
+    )
+}
+
+fn mean(samples: &[Sample], value: impl Fn(&Sample) -> f64) -> f64 {
+    samples.iter().map(value).sum::<f64>() / samples.len().max(1) as f64
+}
+
+fn most(samples: &[Sample], value: impl Fn(&Sample) -> f64) -> f64 {
+    samples.iter().map(value).fold(0.0, f64::max)
+}
+
+fn mebibytes(bytes: u64) -> f64 {
+    bytes as f64 / f64::from(1 << 20)
+}
+
+fn print(findings: &Findings) {
+    println!("layers          {}", findings.layer_count);
+    println!("active struts   {} at most in one layer", findings.peak_active_struts);
+    println!(
+        "memory          {:.1} MiB of a budget of {:.1} MiB",
+        mebibytes(findings.memory_needed_bytes),
+        mebibytes(findings.memory_budget_bytes)
+    );
+    println!("encoded layer   {} bytes, at most {} (sampled)", findings.encoded_bytes_mean, findings.encoded_bytes_max);
+    println!("computing       {:.1} ms a layer, at most {:.1}", findings.compute_ms_mean, findings.compute_ms_max);
+    println!("line            {:.1} ms a layer, at most {:.1}", findings.line_ms_mean, findings.line_ms_max);
+    println!("device          {:.1} ms a normal layer", findings.device_ms_normal_layer);
+    for problem in &findings.problems {
+        println!("note            {problem}");
+    }
+    println!(
+        "verdict         {}",
+        match (findings.fits, findings.late_layers.is_empty()) {
+            (false, _) => "does not fit",
+            (true, true) => "fits; the device never waits",
+            (true, false) => "fits; the device will wait for some layers",
+        }
+    );
+}

@@ -1,0 +1,199 @@
+//! `layerctl slice`: the very layers a print would send, as PNG, with a manifest to check them against the mathematics.
+
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail, ensure};
+use serde::Serialize;
+
+use crate::buildfile::{Blend, BuildFile, Header};
+use crate::config::{Folder, Machine, Recipe, find};
+use crate::slice::{Bitmap, Depth, Mirror, SlicePlan, Slicer, write_png};
+use crate::stream::MemoryBudget;
+
+/// Writes the layers a print would send as pictures.
+#[derive(Debug, clap::Args)]
+pub struct SliceArgs {
+    /// Build file (.layerd)
+    pub file: PathBuf,
+    /// Machine: a name, or the path of a TOML file
+    #[arg(long, short)]
+    pub machine: String,
+    /// Recipe: a name, or the path of a TOML file; gives layer height and antialiasing
+    #[arg(long, short, default_value = "default")]
+    pub recipe: String,
+    /// Layer height in micrometres instead of the recipe's
+    #[arg(long, value_name = "UM")]
+    pub layer_height: Option<f64>,
+    /// Layers A to before B, e.g. 100..200, ..10 or 2990..; default all
+    #[arg(long, value_name = "A..B", value_parser = parse_layers)]
+    pub layers: Option<LayerRange>,
+    /// 8-bit grey edges, whatever the recipe says
+    #[arg(long)]
+    pub antialias: bool,
+    /// Threads that compute; default one for each core
+    #[arg(long)]
+    pub threads: Option<usize>,
+    /// Directory for the pictures and manifest.json; made where it is missing
+    #[arg(long, short)]
+    pub output: PathBuf,
+}
+
+/// Layers from a first to before an end, or to the last.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LayerRange {
+    first: u32,
+    end: Option<u32>,
+}
+
+fn parse_layers(text: &str) -> Result<LayerRange, String> {
+    let wrong = || format!("`{text}` is not a range of layers; write for example 100..200, ..10 or 2990..");
+    let (first, end) = text.split_once("..").ok_or_else(wrong)?;
+    let number = |text: &str| text.parse::<u32>().map_err(|_| wrong());
+    let first = if first.is_empty() { 0 } else { number(first)? };
+    let end = if end.is_empty() { None } else { Some(number(end)?) };
+    if end.is_some_and(|end| end <= first) {
+        return Err(format!("`{text}` holds no layer: the end must be greater than the beginning"));
+    }
+    Ok(LayerRange { first, end })
+}
+
+/// What a part is sliced for: shared with `check`.
+pub(super) struct Setting {
+    pub(super) file: BuildFile,
+    pub(super) machine: Machine,
+    pub(super) recipe: Recipe,
+}
+
+impl Setting {
+    pub(super) fn load(file: &Path, machine: &str, recipe: &str) -> anyhow::Result<Self> {
+        let machine = Machine::load(&find(Folder::Machines, machine)?)?;
+        let recipe = Recipe::load(&find(Folder::Recipes, recipe)?)?;
+        Ok(Self { file: BuildFile::open(file)?, machine, recipe })
+    }
+}
+
+/// One thread a core, within what a slicer takes.
+pub(super) fn default_threads() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from).min(Slicer::MOST_THREADS)
+}
+
+/// Carries the command out.
+///
+/// # Errors
+/// Whatever keeps it from being done; pictures already written stay, no half-written one is left.
+pub fn run(args: SliceArgs) -> anyhow::Result<()> {
+    let SliceArgs { file, machine, recipe, layer_height, layers, antialias, threads, output } = args;
+    let Setting { file, machine, recipe } = Setting::load(&file, &machine, &recipe)?;
+    let depth = if antialias || recipe.antialias { Depth::Grey } else { Depth::Bit };
+    let layer_height_um = layer_height.unwrap_or(recipe.layer_height_um);
+    let plan = SlicePlan::new(file.header(), machine.raster(), depth, layer_height_um)?;
+    let range = layers_within(layers, plan.layer_count)?;
+    let threads = threads.unwrap_or_else(default_threads);
+
+    std::fs::create_dir_all(&output).with_context(|| format!("cannot make {}", output.display()))?;
+    let mut manifest = Manifest::new(file.header(), &plan);
+    // Offline there is no printer to keep within bounds for: the slicer may have what its own estimate says.
+    let budget = MemoryBudget::new(Slicer::memory_bytes(&file, &plan, threads));
+    let mut bitmap = Bitmap::new(machine.width_px, machine.height_px, depth);
+    let mut slicer = Slicer::new(file, plan, threads, range.start, &budget)?;
+    let bar = indicatif::ProgressBar::new(u64::from(range.end - range.start))
+        .with_style(indicatif::ProgressStyle::with_template("{bar:40} {pos}/{len} layers, {eta} left")?);
+    for _ in range {
+        let Some(layer) = slicer.next_layer(&mut bitmap)? else { bail!("the layers ended too early") };
+        let name = format!("layer_{layer:06}.png");
+        let path = output.join(&name);
+        write_png(&path, &bitmap).with_context(|| cannot_write(&path))?;
+        manifest.layers.push(LayerEntry { file: name, z_mm: slicer.plan().layer_z_um(layer) / 1000.0 });
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    manifest.write(&output.join("manifest.json"))
+}
+
+fn cannot_write(path: &Path) -> String {
+    format!("cannot write {}; is the disk full or the directory read-only?", path.display())
+}
+
+fn layers_within(wanted: Option<LayerRange>, layer_count: u32) -> anyhow::Result<Range<u32>> {
+    let LayerRange { first, end } = wanted.unwrap_or(LayerRange { first: 0, end: None });
+    let end = end.unwrap_or(layer_count);
+    ensure!(
+        first < layer_count && end <= layer_count,
+        "layers {first}..{end} are wanted, but the part has {layer_count}: 0..{layer_count}"
+    );
+    Ok(first..end)
+}
+
+/// `manifest.json`.
+#[derive(Debug, Serialize)]
+struct Manifest {
+    width_px: u32,
+    height_px: u32,
+    pixel_um: [f64; 2],
+    /// Where the centre of the first pixel lies in the build file's coordinates.
+    origin_mm: [f64; 2],
+    mirror: Mirror,
+    layer_height_um: f64,
+    isovalue: f64,
+    /// R of a convolution surface; `null` for a union.
+    support_mm: Option<f64>,
+    blend: &'static str,
+    source_digest: String,
+    layers: Vec<LayerEntry>,
+}
+
+#[derive(Debug, Serialize)]
+struct LayerEntry {
+    file: String,
+    z_mm: f64,
+}
+
+impl Manifest {
+    fn new(header: &Header, plan: &SlicePlan) -> Self {
+        let (blend, support_mm) = match header.blend {
+            Blend::Convolution { support_um } => ("convolution", Some(support_um / 1000.0)),
+            Blend::Union => ("union", None),
+        };
+        Self {
+            width_px: plan.raster.width_px,
+            height_px: plan.raster.height_px,
+            pixel_um: plan.raster.pixel_um,
+            origin_mm: plan.origin_um.map(|x| x / 1000.0),
+            mirror: plan.raster.mirror,
+            layer_height_um: plan.layer_height_um,
+            isovalue: Blend::ISOVALUE,
+            support_mm,
+            blend,
+            source_digest: header.source_digest.iter().map(|byte| format!("{byte:02x}")).collect(),
+            layers: Vec::new(),
+        }
+    }
+
+    fn write(&self, path: &Path) -> anyhow::Result<()> {
+        let part = path.with_extension("json.part");
+        let text = serde_json::to_string_pretty(self)?;
+        let written = std::fs::write(&part, text).and_then(|()| std::fs::rename(&part, path));
+        if written.is_err() {
+            // The first error is the one to tell; the part may not even exist.
+            let _ = std::fs::remove_file(&part);
+        }
+        written.with_context(|| cannot_write(path))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ranges_are_read_and_empty_ones_refused() {
+        assert_eq!(parse_layers("3..5"), Ok(LayerRange { first: 3, end: Some(5) }));
+        assert_eq!(parse_layers(".."), Ok(LayerRange { first: 0, end: None }));
+        for wrong in ["", "5", "5..5", "6..5", "-1..2", "a..b"] {
+            assert!(parse_layers(wrong).is_err(), "{wrong}");
+        }
+        assert!(layers_within(parse_layers("0..11").ok(), 10).is_err());
+        assert_eq!(layers_within(parse_layers("8..").ok(), 10).expect("within"), 8..10);
+    }
+}
