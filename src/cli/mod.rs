@@ -1,1 +1,3 @@
-//! cli
+//! `layerctl`.
+
+pub mod simulate;
