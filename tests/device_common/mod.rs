@@ -1,6 +1,8 @@
 //! A device's firmware on the bench: virtual time, and everything it says and does kept.
 #![allow(dead_code, reason = "each test file uses its part")]
 
+pub mod print;
+
 use layerd::device::encoding::{encode, picture_crc32};
 use layerd::device::sim::{ActRecord, CoreAction, DlpCore};
 use layerd::link::message::{
