@@ -1,5 +1,5 @@
 //! A device's firmware on the bench: virtual time, and everything it says and does kept.
-#![allow(dead_code, reason = "each test file uses its part")]
+#![allow(dead_code, unreachable_pub, reason = "each test file uses its part")]
 
 pub mod print;
 

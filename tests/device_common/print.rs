@@ -15,12 +15,13 @@ pub struct Printer {
     /// Whether no exposure of an earlier session is running.
     settled: bool,
     unsent: Option<HostMessage>,
-    pub connections: u32,
+    /// How often the line was opened.
+    pub openings: u32,
 }
 
 impl Printer {
     pub fn new(layers: u32, exposure_ms: u32) -> Self {
-        Self { layers, exposure_ms, next: 0, driver: None, settled: false, unsent: None, connections: 0 }
+        Self { layers, exposure_ms, next: 0, driver: None, settled: false, unsent: None, openings: 0 }
     }
 
     pub fn is_done(&self) -> bool {
@@ -30,7 +31,6 @@ impl Printer {
     pub fn connected(&mut self, capabilities: &Capabilities, state: &DeviceState) {
         self.driver = Some(DlpDriver::new(id(0).job, capabilities, state));
         self.unsent = None;
-        self.connections += 1;
         self.learn(state);
     }
 
