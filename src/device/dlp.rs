@@ -131,6 +131,18 @@ impl DlpDriver {
         self.slots.contains(&Slot::Holds(layer))
     }
 
+    /// Whether a layer is on its way.
+    pub fn is_uploading(&self, layer: u32) -> bool {
+        self.uploads.iter().any(|upload| upload.layer == layer)
+    }
+
+    /// Gives up a layer the device holds: its slot is free. For what is left of an earlier session and not wanted any more.
+    pub fn forget(&mut self, layer: u32) {
+        if let Some(slot) = self.slots.iter_mut().find(|slot| **slot == Slot::Holds(layer)) {
+            *slot = Slot::Free;
+        }
+    }
+
     /// Whether an act's end is still to come.
     pub fn is_acting(&self) -> bool {
         self.act.is_some()

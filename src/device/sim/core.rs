@@ -165,7 +165,7 @@ impl DlpCore {
     pub fn advance(&mut self, now_us: u64) {
         if let Some(exposure) = self.exposure.take_if(|exposure| exposure.ends_us() <= now_us) {
             self.now_us = exposure.ends_us();
-            self.end_exposure(exposure);
+            self.end_exposure(&exposure);
         }
         if let Some(motion) = self.motion.take_if(|motion| motion.arrives_us <= now_us) {
             self.now_us = motion.arrives_us;
@@ -249,7 +249,7 @@ impl DlpCore {
             Urgent::Release if self.readiness == Readiness::Held => {
                 self.readiness = Readiness::Ready;
                 if let Some((number, request)) = self.waiting.take() {
-                    self.request(number, request);
+                    self.request(number, &request);
                 }
             }
             Urgent::Hold | Urgent::Release => {}
@@ -274,13 +274,13 @@ impl DlpCore {
     pub fn handle(&mut self, message: HostMessage, now_us: u64) {
         self.advance(now_us);
         match message {
-            HostMessage::Request { number, request } => self.request(number, request),
+            HostMessage::Request { number, request } => self.request(number, &request),
             HostMessage::LayerData(bytes) => self.layer_data(&bytes),
         }
     }
 
-    fn request(&mut self, number: u32, request: Request) {
-        let result = match request {
+    fn request(&mut self, number: u32, request: &Request) {
+        let result = match *request {
             Request::State => {
                 let state = self.state();
                 self.reply(Some(number), Reply::State(state));
@@ -289,10 +289,10 @@ impl DlpCore {
             Request::LayerBegin { slot, id, encoding, encoded_bytes, decoded_crc32 } => {
                 self.layer_begin(number, slot, id, (encoding, encoded_bytes, decoded_crc32))
             }
-            Request::Expose { .. } | Request::Home | Request::Move { .. } => self.begin_act(number, &request),
+            Request::Expose { .. } | Request::Home | Request::Move { .. } => self.begin_act(number, request),
         };
         if let Err(refusal) = result {
-            self.refuse(number, &request, refusal);
+            self.refuse(number, request, refusal);
         }
     }
 
@@ -400,8 +400,8 @@ impl DlpCore {
     }
 
     /// An exposure that ran its whole time.
-    fn end_exposure(&mut self, exposure: Exposure) {
-        let Exposure { number, slot, id, duration_ms, .. } = exposure;
+    fn end_exposure(&mut self, exposure: &Exposure) {
+        let Exposure { number, slot, id, duration_ms, .. } = *exposure;
         self.last_exposed = Some(id);
         self.statistics.exposed += 1;
         self.record(of_layer("light_off", id));

@@ -68,7 +68,7 @@ impl FromStr for FaultSpec {
 
 /// Something that happens to the whole device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Incident {
+pub(super) enum Incident {
     /// The line stands still.
     Stall {
         /// For how long.
@@ -85,16 +85,16 @@ pub enum Incident {
 
 /// A small generator (SplitMix64): the same seed gives the same faults on every machine.
 #[derive(Clone, Debug)]
-pub struct Dice(u64);
+pub(super) struct Dice(u64);
 
 impl Dice {
     /// A sequence for a seed.
-    pub fn new(seed: u64) -> Self {
+    pub(super) fn new(seed: u64) -> Self {
         Self(seed)
     }
 
     /// The next number.
-    pub fn next_u64(&mut self) -> u64 {
+    pub(super) fn next_u64(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut mixed = self.0;
         mixed = (mixed ^ mixed >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -103,7 +103,7 @@ impl Dice {
     }
 
     /// A number from 0 to below `limit`, which is not 0.
-    pub fn below(&mut self, limit: u64) -> u64 {
+    pub(super) fn below(&mut self, limit: u64) -> u64 {
         self.next_u64() % limit
     }
 
@@ -114,7 +114,7 @@ impl Dice {
 
 /// Damages frames on their way; one for each direction.
 #[derive(Clone, Debug)]
-pub struct FrameFaults {
+pub(super) struct FrameFaults {
     dice: Dice,
     drop: f64,
     corrupt: f64,
@@ -128,7 +128,7 @@ const LONGEST_FRAME_BYTES: usize = 8192;
 
 impl FrameFaults {
     /// Faults as specified; `stream` tells the directions apart.
-    pub fn new(specs: &[FaultSpec], seed: u64, stream: u64) -> Self {
+    pub(super) fn new(specs: &[FaultSpec], seed: u64, stream: u64) -> Self {
         let mut faults =
             Self { dice: Dice::new(seed ^ stream << 32), drop: 0.0, corrupt: 0.0, duplicate: 0.0, partial: Vec::new() };
         for spec in specs {
@@ -143,7 +143,7 @@ impl FrameFaults {
     }
 
     /// Takes bytes from one side and appends what reaches the other.
-    pub fn pass(&mut self, bytes: &[u8], out: &mut Vec<u8>) {
+    pub(super) fn pass(&mut self, bytes: &[u8], out: &mut Vec<u8>) {
         if self.drop + self.corrupt + self.duplicate == 0.0 {
             out.extend_from_slice(bytes);
             return;
@@ -173,7 +173,7 @@ impl FrameFaults {
 
 /// Incidents to come, in an order and at exposures that the seed fixes.
 #[derive(Clone, Debug)]
-pub struct Incidents {
+pub(super) struct Incidents {
     /// Each with the number of exposures begun after which it happens; the last comes first.
     planned: Vec<(u64, Incident)>,
     dice: Dice,
@@ -182,7 +182,7 @@ pub struct Incidents {
 
 impl Incidents {
     /// Plans all incidents of a print: 1 to 5 exposures lie between one and the next.
-    pub fn new(specs: &[FaultSpec], seed: u64) -> Self {
+    pub(super) fn new(specs: &[FaultSpec], seed: u64) -> Self {
         let mut dice = Dice::new(seed ^ 0x1ac1_de27);
         let mut incidents = Vec::new();
         for spec in specs {
@@ -214,7 +214,7 @@ impl Incidents {
     }
 
     /// An exposure began: the incident that is due with it, and after how many milliseconds of the line's time.
-    pub fn exposure_began(&mut self) -> Option<(Incident, u64)> {
+    pub(super) fn exposure_began(&mut self) -> Option<(Incident, u64)> {
         self.exposures += 1;
         let (_, incident) = self.planned.pop_if(|(after, _)| *after <= self.exposures)?;
         Some((incident, self.dice.below(300)))

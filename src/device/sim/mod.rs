@@ -4,7 +4,13 @@
 //! `t_ms` in the log; runs `--time-scale` times faster) and the *seed* (faults, drawn from a fixed sequence).
 
 mod core;
+mod fault;
 mod log;
+mod pace;
+mod pty;
+mod run;
 
 pub use self::core::{CoreAction, DlpCore, Statistics};
+pub use fault::{BadFault, FAULT_HELP, FaultSpec};
 pub use log::{ActLog, ActRecord};
+pub use run::{SimulateOptions, run};

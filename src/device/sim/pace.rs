@@ -3,12 +3,12 @@
 /// Unused time is kept for this long at most: wake-ups come a few milliseconds late, and the line must not lose them.
 const SAVED_US: u64 = 10_000;
 
-/// Counts what a line may carry; a bucket of bit times.
+/// Counts what a line may carry; a bucket of line time.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Pace {
     /// `None`: as fast as it goes.
     baud: Option<u32>,
-    /// The line is paid for up to here; in units of bytes it lags behind the time.
+    /// The line is paid for up to here.
     paid_us: u64,
 }
 
@@ -18,17 +18,20 @@ impl Pace {
     }
 
     /// Bytes the line can carry now.
-    pub(super) fn allowance_bytes(&mut self, now_us: u64) -> usize {
+    pub(super) fn allowance_bytes(&self, now_us: u64) -> usize {
         let Some(baud) = self.baud else { return usize::MAX };
-        self.paid_us = self.paid_us.max(now_us.saturating_sub(SAVED_US));
         // Ten bits a byte: start, eight, stop.
-        (now_us.saturating_sub(self.paid_us) * u64::from(baud) / 10_000_000) as usize
+        (now_us.saturating_sub(self.paid_us(now_us)) * u64::from(baud) / 10_000_000) as usize
+    }
+
+    fn paid_us(&self, now_us: u64) -> u64 {
+        self.paid_us.max(now_us.saturating_sub(SAVED_US))
     }
 
     /// Takes bytes from the allowance.
-    pub(super) fn take(&mut self, bytes: usize) {
+    pub(super) fn take(&mut self, bytes: usize, now_us: u64) {
         if let Some(baud) = self.baud {
-            self.paid_us += (bytes as u64 * 10_000_000).div_ceil(u64::from(baud));
+            self.paid_us = self.paid_us(now_us) + (bytes as u64 * 10_000_000).div_ceil(u64::from(baud));
         }
     }
 
@@ -50,14 +53,14 @@ mod tests {
             let mut now_us = 0;
             while now_us < 2_000_000 {
                 let bytes = pace.allowance_bytes(now_us);
-                pace.take(bytes);
+                pace.take(bytes, now_us);
                 carried += bytes;
                 now_us = pace.next_us().max(now_us + 1300);
             }
             let expected = baud as usize / 10 * 2;
             assert!(carried <= expected + 20 && carried >= expected * 97 / 100, "{carried} of {expected} at {baud}");
         }
-        let mut idle = Pace::new(Some(115_200), 0);
+        let idle = Pace::new(Some(115_200), 0);
         assert_eq!(idle.allowance_bytes(60_000_000), 115, "an idle line saves 10 ms at most");
         assert_eq!(Pace::new(None, 0).allowance_bytes(0), usize::MAX);
     }

@@ -1,7 +1,7 @@
 //! A pseudo-terminal under a name of its own: the simulated end of a serial line.
 
 use std::io;
-use std::os::fd::OwnedFd;
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd, RawFd};
 use std::path::{Path, PathBuf};
 
 use rustix::fs::{Mode, OFlags};
@@ -54,10 +54,18 @@ impl Pty {
         std::fs::rename(&part, link)?;
         Ok(Self { master, _slave: slave, link: link.into(), target })
     }
+}
 
-    /// The device's end, not blocking.
-    pub(super) fn master(&self) -> &OwnedFd {
-        &self.master
+/// The device's end, not blocking.
+impl AsFd for Pty {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.master.as_fd()
+    }
+}
+
+impl AsRawFd for Pty {
+    fn as_raw_fd(&self) -> RawFd {
+        self.master.as_raw_fd()
     }
 }
 

@@ -1,0 +1,139 @@
+//! `layerctl simulate`: a simulated device on a pseudo-terminal.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use anyhow::{Context, bail};
+use clap::{Args, ValueEnum};
+use tokio::signal::unix::{SignalKind, signal};
+
+use crate::config::{FlowControl, Machine};
+use crate::device::sim::{FAULT_HELP, FaultSpec, SimulateOptions, Statistics, run as simulate};
+use crate::link::message::{Capabilities, DeviceKind, Encoding};
+
+/// A simulated device on a pseudo-terminal of its own, until SIGINT or SIGTERM.
+///
+/// It speaks the protocol of a real machine, times and refuses exposures as one, and writes what it exposed.
+#[derive(Debug, Args)]
+#[command(after_help = after_help())]
+pub struct SimulateArgs {
+    /// Kind of machine.
+    #[arg(value_enum)]
+    device: Kind,
+    /// Symlink to the host's end of the pseudo-terminal; made, and removed at the end.
+    #[arg(long, value_name = "PATH")]
+    link: PathBuf,
+    /// Directory for `acts.jsonl` and a PNG of each exposed layer.
+    #[arg(short = 'o', long = "output", value_name = "DIR")]
+    output: Option<PathBuf>,
+    /// Rate at which bytes pass, both ways; without it as fast as they come.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(300..=100_000_000))]
+    baud: Option<u32>,
+    /// Fault to inject (see below); may be given several times.
+    #[arg(long = "fault", value_name = "SPEC")]
+    faults: Vec<FaultSpec>,
+    /// Seed of faults and identities.
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    seed: u64,
+    /// How many times faster than real the device's clock runs: exposures, moves, `t_ms` in the log.
+    #[arg(long, value_name = "X", default_value_t = 1.0, value_parser = time_scale)]
+    time_scale: f64,
+    /// Machine file whose picture and travel the device has; without it 960 × 540 pixels of 40 µm, 60 mm travel.
+    #[arg(long, value_name = "FILE")]
+    machine: Option<PathBuf>,
+    /// Receive window it declares, bytes.
+    #[arg(long, value_name = "BYTES", default_value_t = 4096, value_parser = clap::value_parser!(u32).range(1024..=1 << 20))]
+    window: u32,
+    /// Longest exposure it allows, milliseconds.
+    #[arg(long, value_name = "MS", default_value_t = 120_000, value_parser = clap::value_parser!(u32).range(1..=600_000))]
+    max_exposure_ms: u32,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Kind {
+    /// Resin printer with a projector.
+    Dlp,
+    /// Laser machine.
+    Slm,
+}
+
+fn time_scale(text: &str) -> Result<f64, String> {
+    let scale = text.parse().ok().filter(|scale| (0.001..=100_000.0).contains(scale));
+    scale.ok_or_else(|| "write a number from 0.001 to 100000".into())
+}
+
+fn after_help() -> String {
+    format!(
+        "Faults:\n{FAULT_HELP}\n\nExample:\n  layerctl simulate dlp --link /tmp/printer -o exposed --baud 3000000 \\\n    \
+         --fault drop=0.01 --fault corrupt=0.01 --fault duplicate=0.01 --fault disconnect=3 --seed 7 --time-scale 20"
+    )
+}
+
+/// Runs the device until SIGINT or SIGTERM.
+///
+/// # Errors
+/// A machine file that cannot be used, a `PATH` or `DIR` that cannot be written, or a kind of device that is not there yet.
+pub fn run(args: SimulateArgs) -> anyhow::Result<()> {
+    if matches!(args.device, Kind::Slm) {
+        bail!("there is no simulated slm yet; `layerctl simulate dlp` simulates a resin printer");
+    }
+    let machine = args.machine.as_deref().map(Machine::load).transpose()?;
+    let options = SimulateOptions {
+        capabilities: capabilities(&args, machine.as_ref()),
+        escaped: machine.is_some_and(|machine| machine.link.flow_control == FlowControl::XonXoff),
+        link: args.link,
+        directory: args.output,
+        baud: args.baud,
+        faults: args.faults,
+        seed: args.seed,
+        time_scale: args.time_scale,
+    };
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().context("cannot start")?;
+    let statistics = runtime.block_on(async {
+        let mut interrupted = signal(SignalKind::interrupt()).context("cannot wait for SIGINT")?;
+        let mut terminated = signal(SignalKind::terminate()).context("cannot wait for SIGTERM")?;
+        let stop = async {
+            tokio::select! { _ = interrupted.recv() => {}, _ = terminated.recv() => {} }
+        };
+        let link = options.link.clone();
+        let ready = || say(&format!("simulated dlp ready at {}", link.display()));
+        simulate(options, ready, stop).await.context("the simulated device ends")
+    })?;
+    say(&summary(&statistics));
+    Ok(())
+}
+
+/// One line to stdout. Whoever reads it may be gone, which is no reason to end a print.
+fn say(line: &str) {
+    let mut stdout = std::io::stdout().lock();
+    let _ = writeln!(stdout, "{line}").and_then(|()| stdout.flush());
+}
+
+fn capabilities(args: &SimulateArgs, machine: Option<&Machine>) -> Capabilities {
+    let (size_px, pixel_um, travel_um) = machine.map_or(([960, 540], [40.0, 40.0], 60_000.0), |machine| {
+        // A plate must rise above the finished part to be lifted off it.
+        let travel_um = machine.build_height_um.max(machine.clear_height_um) + 20_000.0;
+        ([machine.width_px, machine.height_px], machine.pixel_um, travel_um)
+    });
+    Capabilities {
+        kind: DeviceKind::Dlp,
+        name: "simulated dlp".into(),
+        width_px: size_px[0],
+        height_px: size_px[1],
+        pixel_nm: pixel_um.map(|um| (um * 1000.0).round() as u32),
+        layer_slots: 2,
+        window_bytes: args.window,
+        largest_frame_bytes: 1024,
+        encodings: vec![Encoding::RawBit, Encoding::Group4, Encoding::RawGrey, Encoding::RunGrey],
+        max_exposure_ms: args.max_exposure_ms,
+        max_position_um: travel_um as i32,
+    }
+}
+
+fn summary(statistics: &Statistics) -> String {
+    let Statistics { exposed, cut_short, uploads, layer_bytes, refused, moves, silences, resets, .. } = statistics;
+    format!(
+        "exposed {exposed} layers, cut short {cut_short}; received {uploads} layers ({layer_bytes} bytes); moved {moves} times; \
+         refused {refused} requests; host silent {silences} times, reset {resets} times"
+    )
+}

@@ -1,0 +1,382 @@
+//! The process of a simulated device: pseudo-terminal, pacing, faults, the real clock, the log.
+//!
+//! One loop: what is due happens, what the session delivers goes to the firmware, what the firmware asks for is done, what the
+//! line can carry is sent; then it sleeps until the line or a timer wakes it.
+
+use std::collections::VecDeque;
+use std::io;
+use std::os::fd::AsFd;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use tokio::io::unix::AsyncFd;
+
+use super::fault::{Dice, FaultSpec, FrameFaults, Incident, Incidents};
+use super::pace::Pace;
+use super::pty::Pty;
+use super::{ActLog, CoreAction, DlpCore, Statistics};
+use crate::link::message::{Capabilities, DeviceMessage, Fault};
+use crate::link::session::{DeviceEvent, DeviceSession, DeviceSettings, SendError};
+
+/// What the process is told by its command line.
+#[derive(Clone, Debug)]
+pub struct SimulateOptions {
+    /// The symlink hosts open.
+    pub link: PathBuf,
+    /// Where acts and pictures go; nowhere if `None`.
+    pub directory: Option<PathBuf>,
+    /// Rate of the line; unlimited if `None`.
+    pub baud: Option<u32>,
+    /// Faults to inject.
+    pub faults: Vec<FaultSpec>,
+    /// Whether XON/XOFF is in use on the line, so that both bytes are escaped.
+    pub escaped: bool,
+    /// What faults and identities are drawn from.
+    pub seed: u64,
+    /// How many times faster than real the device's clock runs.
+    pub time_scale: f64,
+    /// What the device says of itself.
+    pub capabilities: Capabilities,
+}
+
+/// Messages that wait for room in the session. A host that asks without ever acknowledging is not listened to beyond this.
+const MOST_WAITING_MESSAGES: usize = 64;
+/// One read takes at most this much: a pseudo-terminal holds no more.
+const READ_BYTES: usize = 4096;
+/// With nothing to do the loop turns this often.
+const IDLE_US: u64 = 1_000_000;
+/// A pseudo-terminal that failed is opened again after this time.
+const REOPEN_US: u64 = 500_000;
+/// Fault code of a log that cannot be written.
+const FAULT_LOG: u16 = 1;
+/// What a fault's text may take on the wire.
+const MOST_FAULT_BYTES: usize = 120;
+/// The session wants a rate for its timers even where the line has none: the fastest a machine file allows.
+const UNLIMITED_BAUD: u32 = 12_000_000;
+
+/// Runs a device until `stop` is ready; what it did. `ready` is called once hosts can open the line.
+///
+/// # Errors
+/// Where the pseudo-terminal or the directory cannot be made.
+pub async fn run(
+    options: SimulateOptions,
+    ready: impl FnOnce(),
+    stop: impl Future<Output = ()>,
+) -> io::Result<Statistics> {
+    let mut device = Device::new(options)?;
+    ready();
+    let mut stop = std::pin::pin!(stop);
+    let mut buffer = [0; READ_BYTES];
+    loop {
+        let now_us = device.now_us();
+        device.due(now_us)?;
+        device.pump(now_us);
+        device.transmit(now_us);
+        let wait = Wait {
+            pty: device.pty.as_ref(),
+            readable: device.readable_bytes(now_us),
+            writable: &device.outgoing[..device.writable_bytes(now_us)],
+            sleep_us: device.next_wake_us(now_us).saturating_sub(now_us),
+        };
+        let woken = tokio::select! {
+            () = &mut stop => return Ok(device.core.statistics()),
+            woken = wait.wait(&mut buffer) => woken,
+        };
+        device.woken(woken, &buffer);
+    }
+}
+
+struct Device {
+    options: SimulateOptions,
+    started: Instant,
+    session: DeviceSession,
+    core: DlpCore,
+    log: Option<ActLog>,
+    pty: Option<AsyncFd<Pty>>,
+    receive_pace: Pace,
+    transmit_pace: Pace,
+    receive_faults: FrameFaults,
+    transmit_faults: FrameFaults,
+    incidents: Incidents,
+    /// With the line's time at which they happen; at most as many as were planned.
+    coming: VecDeque<(u64, Incident)>,
+    stalled_until_us: u64,
+    reopen_us: Option<u64>,
+    /// Damaged or not, on its way to the host; one frame, or two where it was doubled.
+    outgoing: Vec<u8>,
+    waiting: VecDeque<DeviceMessage>,
+    dice: Dice,
+}
+
+impl Device {
+    fn new(options: SimulateOptions) -> io::Result<Self> {
+        let log = options.directory.as_deref().map(ActLog::create).transpose()?;
+        let pty = Some(open_line(&options.link)?);
+        let (faults, seed, baud) = (&options.faults, options.seed, options.baud);
+        let mut dice = Dice::new(seed ^ 0xb007);
+        Ok(Self {
+            started: Instant::now(),
+            session: new_session(&options, 0),
+            core: DlpCore::new(options.capabilities.clone(), dice.next_u64() as u32),
+            log,
+            pty,
+            receive_pace: Pace::new(baud, 0),
+            transmit_pace: Pace::new(baud, 0),
+            receive_faults: FrameFaults::new(faults, seed, 1),
+            transmit_faults: FrameFaults::new(faults, seed, 2),
+            incidents: Incidents::new(faults, seed),
+            coming: VecDeque::new(),
+            stalled_until_us: 0,
+            reopen_us: None,
+            outgoing: Vec::new(),
+            waiting: VecDeque::new(),
+            dice,
+            options,
+        })
+    }
+
+    /// The line's time.
+    fn now_us(&self) -> u64 {
+        self.started.elapsed().as_micros() as u64
+    }
+
+    /// The device's time.
+    fn device_us(&self, now_us: u64) -> u64 {
+        (now_us as f64 * self.options.time_scale) as u64
+    }
+
+    /// Everything that the time alone brings about.
+    fn due(&mut self, now_us: u64) -> io::Result<()> {
+        self.core.advance(self.device_us(now_us));
+        self.session.handle_timeout(now_us);
+        if self.reopen_us.is_some_and(|at_us| at_us <= now_us) {
+            self.pty = Some(open_line(&self.options.link)?);
+            self.reopen_us = None;
+            eprintln!("the line is back at {}", self.options.link.display());
+        }
+        while let Some((at_us, incident)) = self.coming.front().copied()
+            && at_us <= now_us
+        {
+            self.coming.pop_front();
+            self.happen(incident, now_us);
+        }
+        Ok(())
+    }
+
+    fn happen(&mut self, incident: Incident, now_us: u64) {
+        match incident {
+            Incident::Stall { duration_ms } => {
+                eprintln!("fault: the line stands still for {duration_ms} ms");
+                self.stalled_until_us = now_us + u64::from(duration_ms) * 1000;
+            }
+            Incident::Disconnect { duration_ms } => {
+                eprintln!("fault: the line is gone for {duration_ms} ms");
+                self.lose_line(now_us + u64::from(duration_ms) * 1000);
+            }
+            Incident::Reset => {
+                eprintln!("fault: the device restarts");
+                self.session = new_session(&self.options, now_us);
+                self.outgoing.clear();
+                self.waiting.clear();
+                let (boot_id, device_us) = (self.dice.next_u64() as u32, self.device_us(now_us));
+                self.core.reset(boot_id, device_us);
+            }
+        }
+    }
+
+    fn lose_line(&mut self, until_us: u64) {
+        self.pty = None;
+        self.outgoing.clear();
+        self.reopen_us = Some(until_us);
+    }
+
+    /// Brings what the session delivers to the firmware, and what the firmware says to the session.
+    fn pump(&mut self, now_us: u64) {
+        loop {
+            self.act(now_us);
+            while let Some(message) = self.waiting.front() {
+                if self.session.send(message) == Err(SendError::Full) {
+                    break;
+                }
+                // Sent, or void because its session has ended.
+                self.waiting.pop_front();
+            }
+            if self.waiting.len() >= MOST_WAITING_MESSAGES {
+                return;
+            }
+            let Some(event) = self.session.event() else { return };
+            let device_us = self.device_us(now_us);
+            match event {
+                DeviceEvent::Hello { session_id } => {
+                    eprintln!("a host says hello (session {session_id:08x})");
+                    self.waiting.clear();
+                    let state = self.core.hello(device_us);
+                    self.session.welcome(&state, now_us);
+                }
+                DeviceEvent::Message(message) => self.core.handle(message, device_us),
+                DeviceEvent::Urgent { number, urgent } => {
+                    let light_on = self.core.urgent(urgent, device_us);
+                    self.session.urgent_done(number, light_on);
+                }
+                DeviceEvent::HostSilent => {
+                    eprintln!("the host is silent: nothing begins until a hello");
+                    self.core.host_silent(device_us);
+                }
+            }
+        }
+    }
+
+    /// Does what the firmware asks for.
+    fn act(&mut self, now_us: u64) {
+        while let Some(action) = self.core.action() {
+            let written = match action {
+                CoreAction::Send(message) => {
+                    self.waiting.push_back(message);
+                    continue;
+                }
+                CoreAction::Record(record) => {
+                    if record.event == "light_on"
+                        && let Some((incident, after_ms)) = self.incidents.exposure_began()
+                    {
+                        self.coming.push_back((now_us + after_ms * 1000, incident));
+                    }
+                    self.log.as_mut().map_or(Ok(()), |log| log.append(&record))
+                }
+                CoreAction::Picture(layer, picture) => {
+                    self.log.as_ref().map_or(Ok(()), |log| log.picture(layer, &picture))
+                }
+            };
+            if let Err(error) = written {
+                self.log_failed(&error, now_us);
+            }
+        }
+    }
+
+    /// A device that cannot keep its log says so and works no more; it does not try again at every act.
+    fn log_failed(&mut self, error: &io::Error, now_us: u64) {
+        eprintln!("{error}");
+        self.log = None;
+        let mut text = error.to_string();
+        while text.len() > MOST_FAULT_BYTES {
+            text.pop();
+        }
+        let device_us = self.device_us(now_us);
+        self.core.set_fault(Some(Fault { code: FAULT_LOG, text }), device_us);
+    }
+
+    fn is_stalled(&self, now_us: u64) -> bool {
+        now_us < self.stalled_until_us
+    }
+
+    /// Puts the next frame on the line once the one before has gone.
+    fn transmit(&mut self, now_us: u64) {
+        // A frame may be dropped on its way; a few of them in a row at most, so that the loop turns.
+        for _ in 0..8 {
+            let busy = self.pty.is_none() || self.is_stalled(now_us) || self.transmit_pace.allowance_bytes(now_us) == 0;
+            if busy || !self.outgoing.is_empty() {
+                return;
+            }
+            let Some(frame) = self.session.transmit(now_us) else { return };
+            self.transmit_faults.pass(&frame, &mut self.outgoing);
+        }
+    }
+
+    fn readable_bytes(&self, now_us: u64) -> usize {
+        if self.is_stalled(now_us) { 0 } else { self.receive_pace.allowance_bytes(now_us).min(READ_BYTES) }
+    }
+
+    fn writable_bytes(&self, now_us: u64) -> usize {
+        if self.is_stalled(now_us) {
+            return 0;
+        }
+        self.transmit_pace.allowance_bytes(now_us).min(self.outgoing.len())
+    }
+
+    fn next_wake_us(&self, now_us: u64) -> u64 {
+        let device_us = self.core.next_timeout_us();
+        let core_us = device_us.map(|at_us| (at_us as f64 / self.options.time_scale).ceil() as u64);
+        let mut wake_us = now_us + IDLE_US;
+        let stalled = self.is_stalled(now_us).then_some(self.stalled_until_us);
+        let reading = (self.receive_pace.allowance_bytes(now_us) == 0).then(|| self.receive_pace.next_us());
+        let writing = (self.transmit_pace.allowance_bytes(now_us) == 0).then(|| self.transmit_pace.next_us());
+        let incident = self.coming.front().map(|(at_us, _)| *at_us);
+        let timers = [core_us, self.session.next_timeout_us(), stalled, reading, writing, incident, self.reopen_us];
+        for at_us in timers.into_iter().flatten() {
+            wake_us = wake_us.min(at_us);
+        }
+        wake_us
+    }
+
+    fn woken(&mut self, woken: Woken, buffer: &[u8]) {
+        let now_us = self.now_us();
+        match woken {
+            Woken::Timer => {}
+            Woken::Read(Ok(bytes)) => {
+                self.receive_pace.take(bytes, now_us);
+                let mut passed = Vec::with_capacity(bytes);
+                self.receive_faults.pass(&buffer[..bytes], &mut passed);
+                self.session.receive(&passed, now_us);
+            }
+            Woken::Written(Ok(bytes)) => {
+                self.transmit_pace.take(bytes, now_us);
+                self.outgoing.drain(..bytes);
+            }
+            Woken::Read(Err(error)) | Woken::Written(Err(error)) => {
+                eprintln!("the pseudo-terminal failed and is opened again: {error}");
+                self.lose_line(now_us + REOPEN_US);
+            }
+        }
+    }
+}
+
+#[allow(
+    deprecated,
+    reason = "its successor is unsafe for what `Pty` keeps: one descriptor, its own, as long as it lives"
+)]
+fn open_line(link: &Path) -> io::Result<AsyncFd<Pty>> {
+    AsyncFd::new(Pty::open(link)?)
+}
+
+fn new_session(options: &SimulateOptions, now_us: u64) -> DeviceSession {
+    let settings = DeviceSettings { baud: options.baud.unwrap_or(UNLIMITED_BAUD), escaped: options.escaped };
+    DeviceSession::new(options.capabilities.clone(), settings, now_us)
+}
+
+/// What the loop waits for.
+struct Wait<'a> {
+    pty: Option<&'a AsyncFd<Pty>>,
+    readable: usize,
+    writable: &'a [u8],
+    sleep_us: u64,
+}
+
+enum Woken {
+    Timer,
+    Read(io::Result<usize>),
+    Written(io::Result<usize>),
+}
+
+impl Wait<'_> {
+    async fn wait(self, buffer: &mut [u8]) -> Woken {
+        let sleep = tokio::time::sleep(Duration::from_micros(self.sleep_us));
+        let Some(pty) = self.pty else {
+            sleep.await;
+            return Woken::Timer;
+        };
+        tokio::select! {
+            read = async { loop {
+                let mut guard = match pty.readable().await { Ok(guard) => guard, Err(error) => break Err(error) };
+                let read = |pty: &AsyncFd<Pty>| {
+                    Ok(rustix::io::read(pty.get_ref().as_fd(), &mut buffer[..self.readable])?)
+                };
+                if let Ok(done) = guard.try_io(read) { break done }
+            }}, if self.readable > 0 => Woken::Read(read),
+            written = async { loop {
+                let mut guard = match pty.writable().await { Ok(guard) => guard, Err(error) => break Err(error) };
+                let write = |pty: &AsyncFd<Pty>| Ok(rustix::io::write(pty.get_ref().as_fd(), self.writable)?);
+                if let Ok(done) = guard.try_io(write) { break done }
+            }}, if !self.writable.is_empty() => Woken::Written(written),
+            () = sleep => Woken::Timer,
+        }
+    }
+}

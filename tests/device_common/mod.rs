@@ -1,0 +1,173 @@
+//! A device's firmware on the bench: virtual time, and everything it says and does kept.
+#![allow(dead_code, unreachable_pub, reason = "each test file uses its part")]
+
+pub mod print;
+
+use layerd::device::encoding::{encode, picture_crc32};
+use layerd::device::sim::{ActRecord, CoreAction, DlpCore};
+use layerd::link::message::{
+    Capabilities, DeviceKind, DeviceMessage, DeviceState, Encoding, ExposureId, Fault, HostMessage, Reply, Report,
+    Request, Urgent,
+};
+use layerd::slice::{Bitmap, Depth};
+
+pub const WIDTH_PX: u32 = 70;
+pub const HEIGHT_PX: u32 = 20;
+
+pub fn capabilities() -> Capabilities {
+    Capabilities {
+        kind: DeviceKind::Dlp,
+        name: "bench dlp".into(),
+        width_px: WIDTH_PX,
+        height_px: HEIGHT_PX,
+        pixel_nm: [40_000, 40_000],
+        layer_slots: 2,
+        window_bytes: 4096,
+        largest_frame_bytes: 1024,
+        encodings: vec![Encoding::RawBit, Encoding::Group4],
+        max_exposure_ms: 60_000,
+        max_position_um: 60_000,
+    }
+}
+
+pub fn id(layer: u32) -> ExposureId {
+    ExposureId { job: 0x1234_5678_9abc_def0, layer }
+}
+
+/// A picture that no other layer has.
+pub fn picture(layer: u32) -> Bitmap {
+    let mut bitmap = Bitmap::new(WIDTH_PX, HEIGHT_PX, Depth::Bit);
+    for (index, byte) in bitmap.data_mut().iter_mut().enumerate() {
+        // The ninth byte of a row holds six pixels.
+        let mask = if index % 9 == 8 { 0xfc } else { 0xff };
+        *byte = (index as u32).wrapping_mul(2_654_435_761).wrapping_add(layer * 40_503).to_be_bytes()[1] & mask;
+    }
+    bitmap
+}
+
+pub struct Bench {
+    pub core: DlpCore,
+    now_us: u64,
+    number: u32,
+    pub replies: Vec<(u32, Reply)>,
+    pub faults: Vec<Option<Fault>>,
+    pub records: Vec<ActRecord>,
+    pub pictures: Vec<(u32, Bitmap)>,
+}
+
+impl Bench {
+    /// A device that was greeted.
+    pub fn new() -> Self {
+        let mut bench = Self {
+            core: DlpCore::new(capabilities(), 5),
+            now_us: 0,
+            number: 0,
+            replies: Vec::new(),
+            faults: Vec::new(),
+            records: Vec::new(),
+            pictures: Vec::new(),
+        };
+        bench.hello();
+        bench
+    }
+
+    pub fn message(&mut self, message: HostMessage) {
+        self.core.handle(message, self.now_us);
+        self.collect();
+    }
+
+    pub fn request(&mut self, request: Request) -> u32 {
+        self.number += 1;
+        self.message(HostMessage::Request { number: self.number, request });
+        self.number
+    }
+
+    pub fn data(&mut self, bytes: &[u8]) {
+        for piece in bytes.chunks(11) {
+            self.message(HostMessage::LayerData(piece.to_vec()));
+        }
+    }
+
+    pub fn begin(&mut self, slot: u8, id: ExposureId) -> u32 {
+        let mut bytes = Vec::new();
+        encode(&picture(id.layer), Encoding::Group4, &mut bytes).expect("bits");
+        let number = self.request(Request::LayerBegin {
+            slot,
+            id,
+            encoding: Encoding::Group4,
+            encoded_bytes: bytes.len() as u32,
+            decoded_crc32: picture_crc32(&picture(id.layer)),
+        });
+        self.data(&bytes);
+        number
+    }
+
+    pub fn upload(&mut self, slot: u8, id: ExposureId) {
+        let number = self.begin(slot, id);
+        assert_eq!(self.reply(number), Some(Reply::Done));
+    }
+
+    pub fn try_upload(&mut self, id: ExposureId) {
+        let slot = self.core.state().slots.iter().position(Option::is_none);
+        self.begin(slot.unwrap_or(0) as u8, id);
+    }
+
+    /// Exposes to the end.
+    pub fn expose(&mut self, id: ExposureId, duration_ms: u32) {
+        let number = self.request(Request::Expose { id, duration_ms, light_pwm: 255 });
+        self.advance(u64::from(duration_ms) * 1000);
+        assert_eq!(self.reply(number), Some(Reply::Exposed { id, duration_ms }));
+    }
+
+    pub fn urgent(&mut self, urgent: Urgent) -> bool {
+        let light_on = self.core.urgent(urgent, self.now_us);
+        self.collect();
+        light_on
+    }
+
+    pub fn advance(&mut self, us: u64) {
+        self.now_us += us;
+        self.core.advance(self.now_us);
+        self.collect();
+    }
+
+    pub fn hello(&mut self) -> DeviceState {
+        let state = self.core.hello(self.now_us);
+        self.collect();
+        state
+    }
+
+    pub fn silence(&mut self) {
+        self.core.host_silent(self.now_us);
+        self.collect();
+    }
+
+    pub fn reset(&mut self, boot_id: u32) {
+        self.core.reset(boot_id, self.now_us);
+        self.collect();
+    }
+
+    pub fn fault(&mut self, fault: Option<Fault>) {
+        self.core.set_fault(fault, self.now_us);
+        self.collect();
+    }
+
+    pub fn reply(&self, number: u32) -> Option<Reply> {
+        self.replies.iter().find(|(found, _)| *found == number).map(|(_, reply)| reply.clone())
+    }
+
+    pub fn events(&self) -> Vec<&'static str> {
+        self.records.iter().map(|record| record.event).collect()
+    }
+
+    fn collect(&mut self) {
+        while let Some(action) = self.core.action() {
+            match action {
+                CoreAction::Send(DeviceMessage::Reply { number, reply }) => self.replies.push((number, reply)),
+                CoreAction::Send(DeviceMessage::Report(Report::Fault(fault))) => self.faults.push(fault),
+                CoreAction::Record(record) => self.records.push(record),
+                CoreAction::Picture(layer, picture) => self.pictures.push((layer, picture)),
+            }
+        }
+    }
+}

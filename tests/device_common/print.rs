@@ -1,0 +1,97 @@
+//! The smallest host that prints: uploads ahead, exposes, reconnects; what the daemon does, without geometry and plate.
+
+use layerd::device::encoding::{encode, picture_crc32};
+use layerd::device::{Act, DlpDriver, DriverEvent, Outcome};
+use layerd::link::message::{Capabilities, DeviceMessage, DeviceState, Encoding, HostMessage, Refusal};
+use layerd::link::session::{HostSession, SendError};
+
+use super::{id, picture};
+
+pub struct Printer {
+    layers: u32,
+    exposure_ms: u32,
+    next: u32,
+    driver: Option<DlpDriver>,
+    /// Whether no exposure of an earlier session is running.
+    settled: bool,
+    unsent: Option<HostMessage>,
+    /// How often the line was opened.
+    pub openings: u32,
+}
+
+impl Printer {
+    pub fn new(layers: u32, exposure_ms: u32) -> Self {
+        Self { layers, exposure_ms, next: 0, driver: None, settled: false, unsent: None, openings: 0 }
+    }
+
+    pub fn is_done(&self) -> bool {
+        self.next == self.layers
+    }
+
+    pub fn connected(&mut self, capabilities: &Capabilities, state: &DeviceState) {
+        self.driver = Some(DlpDriver::new(id(0).job, capabilities, state));
+        self.unsent = None;
+        self.learn(state);
+    }
+
+    fn learn(&mut self, state: &DeviceState) {
+        self.settled = state.exposing.is_none();
+        if self.settled {
+            let exposed = state.last_exposed.filter(|last| last.job == id(0).job).map_or(0, |last| last.layer + 1);
+            assert!(exposed >= self.next, "the device forgot an exposure: {exposed} < {}", self.next);
+            self.next = exposed;
+        } else if let Some(driver) = &mut self.driver {
+            driver.query_state();
+        }
+    }
+
+    pub fn lost(&mut self) {
+        self.driver = None;
+    }
+
+    pub fn message(&mut self, message: DeviceMessage) {
+        let Some(driver) = &mut self.driver else { return };
+        match driver.handle(message) {
+            Some(DriverEvent::ActDone(Outcome::Exposed { layer, .. })) => {
+                assert_eq!(layer, self.next);
+                self.next += 1;
+            }
+            Some(DriverEvent::StateKnown(state)) => self.learn(&state),
+            // The old exposure may have begun just before its session ended.
+            Some(DriverEvent::ActDone(Outcome::Refused(Refusal::Busy))) => driver.query_state(),
+            None | Some(DriverEvent::Uploaded { .. }) => {}
+            Some(other) => panic!("{other:?}"),
+        }
+    }
+
+    /// Gives the session what it has room for.
+    pub fn work(&mut self, session: &mut HostSession) {
+        let Some(driver) = &mut self.driver else { return };
+        if self.settled {
+            for layer in self.next..self.layers.min(self.next + 2) {
+                if driver.free_slots() > 0 && !driver.holds(layer) && !driver.is_uploading(layer) {
+                    let mut bytes = Vec::new();
+                    encode(&picture(layer), Encoding::Group4, &mut bytes).expect("bits");
+                    let crc32 = picture_crc32(&picture(layer));
+                    driver.upload(layer, Encoding::Group4, bytes, crc32).expect("a free slot");
+                }
+            }
+            if !driver.is_acting() && driver.holds(self.next) {
+                let act = Act::Expose { layer: self.next, duration_ms: self.exposure_ms, light_pwm: 255 };
+                driver.act(act).expect("no act under way");
+            }
+        }
+        loop {
+            let room_bytes = session.send_capacity_bytes().min(session.largest_layer_data_bytes());
+            let Some(message) = self.unsent.take().or_else(|| driver.next_message(room_bytes)) else { return };
+            match session.send(&message) {
+                Ok(()) => {}
+                Err(SendError::Full | SendError::NotConnected) => {
+                    self.unsent = Some(message);
+                    return;
+                }
+                Err(error) => panic!("{error}"),
+            }
+        }
+    }
+}

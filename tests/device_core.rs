@@ -1,0 +1,326 @@
+//! The firmware of the simulated DLP under virtual time: what it refuses, and when there is light.
+
+mod device_common;
+
+use device_common::{Bench, capabilities, id, picture};
+use layerd::device::encoding::{encode, picture_crc32};
+use layerd::link::message::{Encoding, Fault, HostMessage, Refusal, Reply, Request, Urgent};
+use proptest::prelude::*;
+
+#[test]
+fn an_exposure_shines_for_its_time_and_is_written_before_it_is_reported() {
+    let mut bench = Bench::new();
+    bench.upload(0, id(0));
+    let number = bench.request(Request::Expose { id: id(0), duration_ms: 1500, light_pwm: 255 });
+    assert!(bench.core.state().light_on);
+    assert_eq!(bench.core.state().exposing, Some(id(0)));
+    bench.advance(1_499_999);
+    assert!(bench.core.state().light_on, "not a microsecond too short");
+    // Asked late, the device has still switched off in time.
+    bench.advance(700_001);
+    assert_eq!(bench.reply(number), Some(Reply::Exposed { id: id(0), duration_ms: 1500 }));
+    assert_eq!(bench.events(), ["hello", "light_on", "light_off", "exposed"]);
+    assert_eq!(bench.records[3].t_ms - bench.records[1].t_ms, 1500);
+    assert_eq!(bench.pictures, [(0, picture(0))]);
+    let state = bench.core.state();
+    assert_eq!((state.last_exposed, state.light_on, state.slots), (Some(id(0)), false, vec![None, None]));
+}
+
+#[test]
+fn what_must_not_be_exposed_is_refused_and_stays_dark() {
+    let mut bench = Bench::new();
+    bench.upload(0, id(3));
+    bench.expose(id(3), 100);
+    bench.upload(0, id(3));
+    bench.upload(1, id(4));
+    let expose = |id, duration_ms, light_pwm| Request::Expose { id, duration_ms, light_pwm };
+    let cases = [
+        (expose(id(3), 100, 255), Refusal::AlreadyExposed),
+        (expose(id(2), 100, 255), Refusal::AlreadyExposed),
+        (expose(id(4), 0, 255), Refusal::BadDuration),
+        (expose(id(4), 100, 0), Refusal::BadDuration),
+        (expose(id(4), capabilities().max_exposure_ms + 1, 255), Refusal::BadDuration),
+        (expose(id(5), 100, 255), Refusal::NoSuchLayer),
+    ];
+    for (request, refusal) in cases {
+        let number = bench.request(request.clone());
+        assert_eq!(bench.reply(number), Some(Reply::Refused(refusal)), "{request:?}");
+        assert!(!bench.core.state().light_on);
+    }
+    assert_eq!(bench.core.statistics().refused, 6);
+    // The same layer number of another job is another exposure.
+    let mut other = id(0);
+    other.job += 1;
+    bench.upload(0, other);
+    bench.expose(other, 100);
+    assert_eq!(bench.core.state().last_exposed, Some(other));
+}
+
+#[test]
+fn the_plate_moves_only_homed_inside_its_travel_and_in_the_dark() {
+    let mut bench = Bench::new();
+    let go = |position_um, speed_um_s| Request::Move { position_um, speed_um_s };
+    let number = bench.request(go(1000, 1000));
+    assert_eq!(bench.reply(number), Some(Reply::Refused(Refusal::NotHomed)));
+    let home = bench.request(Request::Home);
+    bench.advance(10_000_000);
+    assert_eq!(bench.reply(home), Some(Reply::Moved { position_um: 0 }));
+    for wrong in [go(-1, 1000), go(capabilities().max_position_um + 1, 1000), go(1000, 0)] {
+        let number = bench.request(wrong);
+        assert_eq!(bench.reply(number), Some(Reply::Refused(Refusal::BadMove)));
+    }
+    let lift = bench.request(go(5000, 1000));
+    bench.advance(2_500_000);
+    let state = bench.core.state();
+    assert_eq!((state.position_um, state.moving), (Some(2500), true));
+    bench.upload(0, id(0));
+    let expose = Request::Expose { id: id(0), duration_ms: 1000, light_pwm: 255 };
+    let number = bench.request(expose.clone());
+    assert_eq!(bench.reply(number), Some(Reply::Refused(Refusal::Busy)), "no light while the plate moves");
+    bench.advance(2_500_000);
+    assert_eq!(bench.reply(lift), Some(Reply::Moved { position_um: 5000 }));
+    bench.request(expose);
+    let number = bench.request(go(0, 1000));
+    assert_eq!(bench.reply(number), Some(Reply::Refused(Refusal::Busy)), "no move while there is light");
+    let here = bench.request(Request::State);
+    assert!(matches!(bench.reply(here), Some(Reply::State(state)) if state.light_on));
+}
+
+#[test]
+fn a_damaged_or_misplaced_layer_is_refused() {
+    let mut bench = Bench::new();
+    let mut bytes = Vec::new();
+    encode(&picture(0), Encoding::Group4, &mut bytes).expect("bits");
+    let begin = |slot, encoding, encoded_bytes, decoded_crc32| Request::LayerBegin {
+        slot,
+        id: id(0),
+        encoding,
+        encoded_bytes,
+        decoded_crc32,
+    };
+    let crc32 = picture_crc32(&picture(0));
+    let length = bytes.len() as u32;
+    let cases = [
+        (begin(2, Encoding::Group4, length, crc32), Refusal::NoSuchLayer),
+        (begin(0, Encoding::RawGrey, length, crc32), Refusal::BadEncoding),
+        (begin(0, Encoding::Group4, 0, crc32), Refusal::BadLayer),
+        (begin(0, Encoding::Group4, length, crc32 ^ 1), Refusal::BadLayer),
+        (begin(0, Encoding::Group4, length - 1, crc32), Refusal::BadLayer),
+        (begin(0, Encoding::RawBit, length, crc32), Refusal::BadLayer),
+    ];
+    for (request, refusal) in cases {
+        let number = bench.request(request.clone());
+        bench.data(&bytes);
+        assert_eq!(bench.reply(number), Some(Reply::Refused(refusal)), "{request:?}");
+        assert_eq!(bench.core.state().slots, [None, None]);
+    }
+    // A layer that is given up for another is not whole; the other one is taken.
+    let first = bench.request(begin(0, Encoding::Group4, length, crc32));
+    bench.data(&bytes[..3]);
+    bench.upload(1, id(0));
+    assert_eq!(bench.reply(first), Some(Reply::Refused(Refusal::BadLayer)));
+    assert_eq!(bench.core.state().slots, [None, Some(id(0))]);
+    // The slot that shines takes nothing, the other one does.
+    bench.request(Request::Expose { id: id(0), duration_ms: 1000, light_pwm: 1 });
+    let number = bench.request(begin(1, Encoding::Group4, length, crc32));
+    assert_eq!(bench.reply(number), Some(Reply::Refused(Refusal::SlotBusy)));
+    bench.upload(0, id(1));
+}
+
+#[test]
+fn an_abort_is_dark_at_once_and_lasts_until_a_hello() {
+    let mut bench = Bench::new();
+    bench.upload(0, id(0));
+    bench.upload(1, id(1));
+    let shining = bench.request(Request::Expose { id: id(0), duration_ms: 1000, light_pwm: 255 });
+    bench.advance(400_000);
+    assert!(!bench.urgent(Urgent::Abort));
+    assert_eq!(bench.reply(shining), Some(Reply::Refused(Refusal::CutShort)));
+    let state = bench.core.state();
+    assert_eq!((state.light_on, state.cut_short), (false, Some((id(0), 400))));
+    assert_eq!((state.slots, state.last_exposed), (vec![None, None], None));
+    let home = bench.request(Request::Home);
+    assert_eq!(bench.reply(home), Some(Reply::Refused(Refusal::NotReady)));
+    bench.advance(5_000_000);
+    assert!(bench.pictures.is_empty(), "what was cut short is not exposed");
+    // Then the plate can be lifted.
+    bench.hello();
+    let home = bench.request(Request::Home);
+    bench.advance(5_000_000);
+    assert_eq!(bench.reply(home), Some(Reply::Moved { position_um: 0 }));
+    let lift = bench.request(Request::Move { position_um: 60_000, speed_um_s: 1000 });
+    bench.advance(1_000_000);
+    assert!(!bench.urgent(Urgent::Abort));
+    assert_eq!(bench.reply(lift), Some(Reply::Refused(Refusal::CutShort)));
+    assert_eq!((bench.core.state().position_um, bench.core.state().moving), (Some(1000), false));
+}
+
+#[test]
+fn light_off_cuts_short_and_work_goes_on() {
+    let mut bench = Bench::new();
+    bench.upload(0, id(0));
+    bench.upload(1, id(1));
+    let shining = bench.request(Request::Expose { id: id(0), duration_ms: 1000, light_pwm: 255 });
+    bench.advance(250_000);
+    assert!(!bench.urgent(Urgent::LightOff));
+    assert_eq!(bench.reply(shining), Some(Reply::Refused(Refusal::CutShort)));
+    assert_eq!(bench.core.state().cut_short, Some((id(0), 250)));
+    bench.expose(id(1), 100);
+}
+
+#[test]
+fn a_hold_lets_what_runs_end_and_the_next_begin_only_after_the_release() {
+    let mut bench = Bench::new();
+    bench.upload(0, id(0));
+    bench.upload(1, id(1));
+    let first = bench.request(Request::Expose { id: id(0), duration_ms: 1000, light_pwm: 255 });
+    assert!(bench.urgent(Urgent::Hold), "a hold leaves the light on");
+    bench.advance(1_000_000);
+    assert!(matches!(bench.reply(first), Some(Reply::Exposed { .. })));
+    let second = bench.request(Request::Expose { id: id(1), duration_ms: 1000, light_pwm: 255 });
+    let third = bench.request(Request::Home);
+    assert_eq!(bench.reply(third), Some(Reply::Refused(Refusal::Busy)), "one request waits, not more");
+    bench.advance(60_000_000);
+    assert!(!bench.core.state().light_on && bench.reply(second).is_none());
+    assert!(bench.urgent(Urgent::Release));
+    bench.advance(1_000_000);
+    assert!(matches!(bench.reply(second), Some(Reply::Exposed { .. })));
+}
+
+#[test]
+fn a_silent_host_lets_the_exposure_end_and_nothing_begin() {
+    let mut bench = Bench::new();
+    bench.upload(0, id(0));
+    bench.upload(1, id(1));
+    let shining = bench.request(Request::Expose { id: id(0), duration_ms: 3000, light_pwm: 255 });
+    bench.advance(2_000_000);
+    bench.silence();
+    assert!(bench.core.state().light_on, "once begun, an exposure ends by the device's clock");
+    bench.advance(1_000_000);
+    assert!(!bench.core.state().light_on);
+    assert_eq!(bench.reply(shining), None, "that session has ended");
+    let number = bench.request(Request::Expose { id: id(1), duration_ms: 10, light_pwm: 255 });
+    assert_eq!(bench.reply(number), Some(Reply::Refused(Refusal::NotReady)));
+    let state = bench.hello();
+    assert_eq!((state.last_exposed, state.exposing, state.slots), (Some(id(0)), None, vec![None, Some(id(1))]));
+    assert_eq!(bench.events(), ["hello", "light_on", "host_silent", "light_off", "exposed", "refused", "hello"]);
+    bench.expose(id(1), 10);
+}
+
+#[test]
+fn a_reset_forgets_all_but_what_was_exposed() {
+    let mut bench = Bench::new();
+    bench.upload(0, id(0));
+    bench.expose(id(0), 100);
+    bench.upload(0, id(1));
+    bench.upload(1, id(2));
+    let home = bench.request(Request::Home);
+    bench.advance(5_000_000);
+    assert!(bench.reply(home).is_some());
+    bench.request(Request::Expose { id: id(1), duration_ms: 1000, light_pwm: 255 });
+    bench.advance(300_000);
+    let boot_id = bench.core.state().boot_id;
+    bench.reset(boot_id + 1);
+    assert!(!bench.core.state().light_on);
+    let state = bench.hello();
+    assert_eq!((state.boot_id, state.last_exposed), (boot_id + 1, Some(id(0))));
+    assert_eq!((state.cut_short, state.slots, state.position_um), (Some((id(1), 300)), vec![None, None], None));
+    bench.upload(0, id(0));
+    let again = bench.request(Request::Expose { id: id(0), duration_ms: 100, light_pwm: 255 });
+    assert_eq!(bench.reply(again), Some(Reply::Refused(Refusal::AlreadyExposed)), "nothing is exposed twice");
+}
+
+#[test]
+fn a_fault_is_dark_and_reported() {
+    let mut bench = Bench::new();
+    bench.upload(0, id(0));
+    bench.request(Request::Expose { id: id(0), duration_ms: 1000, light_pwm: 255 });
+    let fault = Fault { code: 9, text: "door open".into() };
+    bench.fault(Some(fault.clone()));
+    assert_eq!((bench.core.state().light_on, bench.core.state().fault), (false, Some(fault.clone())));
+    assert_eq!(bench.faults, [Some(fault)]);
+    let number = bench.request(Request::Home);
+    assert_eq!(bench.reply(number), Some(Reply::Refused(Refusal::NotReady)));
+    bench.fault(None);
+    assert!(bench.request(Request::Home) > number && bench.core.state().moving);
+}
+
+#[derive(Clone, Debug)]
+enum Step {
+    Message(HostMessage),
+    Urgent(Urgent),
+    Advance(u64),
+    Silence,
+    Hello,
+    Reset,
+}
+
+fn step() -> impl Strategy<Value = Step> {
+    let layer = 0u32..6;
+    let request = prop_oneof![
+        4 => (layer, prop_oneof![Just(0u32), 1u32..3000, Just(400_000)])
+            .prop_map(|(layer, duration_ms)| Request::Expose { id: id(layer), duration_ms, light_pwm: 200 }),
+        1 => Just(Request::Home),
+        1 => (-5i32..70_000, 0u32..30_000).prop_map(|(position_um, speed_um_s)| Request::Move { position_um, speed_um_s }),
+        1 => Just(Request::State),
+    ];
+    let urgent = prop_oneof![Just(Urgent::Abort), Just(Urgent::LightOff), Just(Urgent::Hold), Just(Urgent::Release)];
+    prop_oneof![
+        6 => request.prop_map(|request| Step::Message(HostMessage::Request { number: 0, request })),
+        2 => prop::collection::vec(any::<u8>(), 0..40).prop_map(|bytes| Step::Message(HostMessage::LayerData(bytes))),
+        1 => urgent.prop_map(Step::Urgent),
+        4 => (0u64..4_000_000).prop_map(Step::Advance),
+        1 => Just(Step::Silence),
+        3 => Just(Step::Hello),
+        1 => Just(Step::Reset),
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// Whatever a host does: light on and off alternate, never for longer than the device's maximum, and of one job the
+    /// layers exposed only ascend.
+    #[test]
+    fn light_is_bounded_and_nothing_is_exposed_twice(steps in prop::collection::vec((step(), 0u32..6), 1..60)) {
+        let mut bench = Bench::new();
+        for (step, layer) in steps {
+            if bench.core.state().slots.contains(&None) {
+                bench.try_upload(id(layer));
+            }
+            match step {
+                Step::Message(message) => bench.message(message),
+                Step::Urgent(urgent) => {
+                    let light_on = bench.urgent(urgent);
+                    prop_assert!(!(light_on && matches!(urgent, Urgent::Abort | Urgent::LightOff)));
+                }
+                Step::Advance(us) => bench.advance(us),
+                Step::Silence => bench.silence(),
+                Step::Hello => { bench.hello(); }
+                Step::Reset => bench.reset(77),
+            }
+        }
+        bench.advance(10_000_000_000);
+        prop_assert!(!bench.core.state().light_on);
+        let (mut lit_since, mut last) = (None, None);
+        for record in &bench.records {
+            match record.event {
+                "light_on" => {
+                    prop_assert_eq!(lit_since, None);
+                    lit_since = Some(record.t_ms);
+                }
+                "light_off" => {
+                    let since = lit_since.take();
+                    prop_assert!(since.is_some_and(|since| record.t_ms - since <= u64::from(capabilities().max_exposure_ms)));
+                }
+                "moved" => prop_assert_eq!(lit_since, None),
+                "exposed" => {
+                    prop_assert!(record.layer > last, "{:?} after {:?}", record.layer, last);
+                    last = record.layer;
+                }
+                _ => {}
+            }
+        }
+        prop_assert_eq!(lit_since, None);
+    }
+}
