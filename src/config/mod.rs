@@ -7,7 +7,7 @@ mod recipe;
 
 use std::path::{Path, PathBuf};
 
-pub use daemon::DaemonConfig;
+pub use daemon::{DaemonConfig, byte_size};
 pub use machine::{FlowControl, LinkConfig, Machine};
 pub use recipe::Recipe;
 
