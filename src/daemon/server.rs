@@ -221,11 +221,18 @@ async fn device(State(shared): App) -> Response {
     Json(shared.handle.snapshot().device.clone()).into_response()
 }
 
-async fn submit(State(shared): App, headers: HeaderMap, body: Body) -> Answer {
-    let Ok(_permit) = shared.uploads.try_acquire() else {
-        return Err(CommandError::new(503, format!("{MOST_UPLOADS} uploads are under way already; try again")));
+async fn submit(State(shared): App, headers: HeaderMap, mut body: Body) -> Answer {
+    let submission = match shared.uploads.try_acquire() {
+        Ok(_permit) => upload::receive(&shared.incoming, &headers, &mut body).await,
+        Err(_) => Err(CommandError::new(503, format!("{MOST_UPLOADS} uploads are under way already; try again"))),
     };
-    let submission = upload::receive(&shared.incoming, &headers, body).await?;
+    let submission = match submission {
+        Ok(submission) => submission,
+        Err(refusal) => {
+            upload::drain(&mut body).await;
+            return Err(refusal);
+        }
+    };
     let job = shared.handle.order(Command::Submit(submission)).await?;
     Ok((StatusCode::CREATED, Json(job)).into_response())
 }
