@@ -1,5 +1,7 @@
 //! `layerctl` as a program: exit codes, messages, what goes to stdout and what to stderr.
 
+#![allow(clippy::unwrap_used, reason = "a test may fail by panicking, helpers included")]
+
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 

@@ -1,6 +1,8 @@
 //! The control API over a real Unix socket: the server of the daemon, the client of `layerctl`, and a printer made of a few
 //! lines in between.
 
+#![allow(clippy::unwrap_used, reason = "a test may fail by panicking, helpers included")]
+
 use std::io::{Read, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};

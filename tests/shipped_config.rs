@@ -1,5 +1,7 @@
 //! Every configuration file that is shipped loads; every mistake in one is told with file, key, value and range.
 
+#![allow(clippy::unwrap_used, reason = "a test may fail by panicking, helpers included")]
+
 use std::path::{Path, PathBuf};
 
 use layerd::config::{DaemonConfig, Machine, Recipe};

@@ -109,15 +109,15 @@ fn dispatch(command: Command) -> anyhow::Result<Ending> {
         // MERGE Command::Pack(args) => pack::run(args).map(done), … and
         // MERGE Command::Daemon { config } => crate::daemon::run(&config).map(done),
         Command::Start(args) => start::run(args),
-        Command::Status(args) => status::run(args).map(done),
-        Command::Watch(args) => watch::run(args).map(done),
-        Command::Jobs(args) => jobs::run(args).map(done),
-        Command::Device(args) => device::run(args).map(done),
+        Command::Status(args) => status::run(&args).map(done),
+        Command::Watch(args) => watch::run(&args).map(done),
+        Command::Jobs(args) => jobs::run(&args).map(done),
+        Command::Device(args) => device::run(&args).map(done),
         Command::Pause(args) => commands::order(args, "pause").map(done),
         Command::Resume(args) => commands::resume(args).map(done),
         Command::Stop(args) => commands::order(args, "stop").map(done),
         Command::Abort(args) => commands::order(args, "abort").map(done),
-        Command::Demo(args) => demo::run(args).map(done),
+        Command::Demo(args) => demo::run(&args).map(done),
     }
 }
 

@@ -52,7 +52,7 @@ struct OutOfRange {
 }
 
 /// Checks one value against an inclusive range.
-fn within<T: PartialOrd + std::fmt::Display>(key: &str, value: T, low: T, high: T) -> Result<(), OutOfRange> {
+fn within<T: PartialOrd + std::fmt::Display + Copy>(key: &str, value: T, low: T, high: T) -> Result<(), OutOfRange> {
     if value >= low && value <= high {
         return Ok(());
     }
