@@ -34,7 +34,7 @@ Exit codes: 0 done, 1 failed, 2 wrong usage; start --wait: 3 aborted or stopped,
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    // MERGE offline commands, each `XxxArgs` and `run(XxxArgs) -> anyhow::Result<()>`:
+    // MERGE offline commands (`pub mod check;` … above), each `XxxArgs` and `run(XxxArgs) -> anyhow::Result<()>`:
     // /// Turn 3MF or edge text into a build file.
     // Pack(pack::PackArgs),
     // /// Make a synthetic lattice.

@@ -2,12 +2,14 @@
 //! file, the key, the value and what is allowed.
 
 mod daemon;
+mod lookup;
 mod machine;
 mod recipe;
 
 use std::path::{Path, PathBuf};
 
 pub use daemon::{DaemonConfig, byte_size};
+pub use lookup::{Folder, NotFound, find};
 pub use machine::{FlowControl, LinkConfig, Machine};
 pub use recipe::Recipe;
 

@@ -82,23 +82,8 @@ pub async fn bind(path: &Path) -> Result<UnixListener, BindError> {
     Ok(listener)
 }
 
-/// Makes the directory uploads are written to and removes what an earlier run left half-written.
-///
-/// # Errors
-/// What the file system says.
-pub fn prepare_incoming(incoming: &Path) -> std::io::Result<()> {
-    std::fs::create_dir_all(incoming)?;
-    for entry in std::fs::read_dir(incoming)? {
-        let entry = entry?;
-        if entry.file_name().as_encoded_bytes().starts_with(b"upload-") {
-            std::fs::remove_file(entry.path())?;
-        }
-    }
-    Ok(())
-}
-
-/// Serves the API until `shutdown` becomes true (or its sender is dropped). `incoming` takes uploads and must lie on the
-/// spool's file system.
+/// Serves the API until `shutdown` becomes true (or its sender is dropped). `incoming` takes uploads; it
+/// must lie on the spool's file system, and whoever opens the spool removes what a crash left there.
 pub async fn serve(listener: UnixListener, handle: Handle, incoming: PathBuf, mut shutdown: watch::Receiver<bool>) {
     let shared = Shared {
         handle,
