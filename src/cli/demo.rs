@@ -50,7 +50,7 @@ enum Kind {
     Slm,
 }
 
-pub(super) fn run(args: DemoArgs) -> anyhow::Result<()> {
+pub(super) fn run(args: &DemoArgs) -> anyhow::Result<()> {
     if args.kind == Kind::Slm {
         bail!("the simulated SLM machine comes with a later version; `layerctl demo dlp` works");
     }

@@ -18,7 +18,7 @@ pub(super) struct DeviceArgs {
     json: bool,
 }
 
-pub(super) fn run(args: DeviceArgs) -> anyhow::Result<()> {
+pub(super) fn run(args: &DeviceArgs) -> anyhow::Result<()> {
     let device: DeviceView = block_on(async { Ok(Client::from_environment().get("/v1/device").await?) })?;
     if args.json {
         return print_json(&device);

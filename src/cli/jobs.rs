@@ -20,7 +20,7 @@ pub(super) struct JobsArgs {
     json: bool,
 }
 
-pub(super) fn run(args: JobsArgs) -> anyhow::Result<()> {
+pub(super) fn run(args: &JobsArgs) -> anyhow::Result<()> {
     let jobs = block_on(async { Ok(Client::from_environment().jobs().await?) })?;
     if args.json {
         return print_json(&JobList { jobs });

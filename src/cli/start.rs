@@ -1,16 +1,16 @@
 //! `layerctl start`: hands a build file to the daemon and, if asked, waits for the end of the print.
 
 use std::io::IsTerminal;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Duration;
 
-use anyhow::{Context, bail};
+use anyhow::Context;
 use clap::Args;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::client::{Client, ClientError, Events, NewJob};
 use super::{Ending, block_on, duration_text, print, print_json};
-use crate::config::Recipe;
+use crate::config::{Folder, Recipe, find};
 use crate::daemon::api::{Event, JobView};
 use crate::job::JobState;
 
@@ -77,25 +77,10 @@ fn tell(job: &JobView, json: bool) -> anyhow::Result<()> {
 
 /// Name and text of a recipe, checked here already: a typing error is told before anything is sent.
 fn read_recipe(recipe: &str) -> anyhow::Result<(String, String)> {
-    let path = find_recipe(recipe)?;
+    let path = find(Folder::Recipes, recipe)?;
     let checked = Recipe::load(&path)?;
     let text = std::fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
     Ok((checked.name, text))
-}
-
-// MERGE crate::config::lookup::find("recipes", name) replaces this function.
-fn find_recipe(recipe: &str) -> anyhow::Result<PathBuf> {
-    if recipe.contains('/') || recipe.ends_with(".toml") {
-        return Ok(recipe.into());
-    }
-    let configured = std::env::var_os("LAYERD_CONFIG_DIR").map(PathBuf::from);
-    let directories = configured.into_iter().chain([Path::new("/etc/layerd").into(), Path::new("config").into()]);
-    let tried: Vec<_> = directories.map(|directory| directory.join("recipes").join(format!("{recipe}.toml"))).collect();
-    if let Some(found) = tried.iter().find(|path| path.is_file()) {
-        return Ok(found.clone());
-    }
-    let tried: Vec<_> = tried.iter().map(|path| path.display().to_string()).collect();
-    bail!("there is no recipe `{recipe}`; looked for {}; a path works as well", tried.join(", "))
 }
 
 /// A bar on stderr, invisible where that is no terminal.

@@ -19,7 +19,7 @@ pub(super) struct StatusArgs {
     json: bool,
 }
 
-pub(super) fn run(args: StatusArgs) -> anyhow::Result<()> {
+pub(super) fn run(args: &StatusArgs) -> anyhow::Result<()> {
     let status = block_on(async { Ok(Client::from_environment().status().await?) })?;
     if args.json {
         return print_json(&status);

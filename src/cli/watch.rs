@@ -34,7 +34,7 @@ pub(super) struct WatchArgs {
     json: bool,
 }
 
-pub(super) fn run(args: WatchArgs) -> anyhow::Result<()> {
+pub(super) fn run(args: &WatchArgs) -> anyhow::Result<()> {
     let client = Client::from_environment();
     if args.json {
         return block_on(print_events(client));

@@ -54,7 +54,7 @@ struct OutOfRange {
 }
 
 /// Checks one value against an inclusive range.
-fn within<T: PartialOrd + std::fmt::Display>(key: &str, value: T, low: T, high: T) -> Result<(), OutOfRange> {
+fn within<T: PartialOrd + std::fmt::Display + Copy>(key: &str, value: T, low: T, high: T) -> Result<(), OutOfRange> {
     if value >= low && value <= high {
         return Ok(());
     }
@@ -82,7 +82,7 @@ fn parse<T: serde::de::DeserializeOwned>(
     check: impl FnOnce(&T) -> Result<(), OutOfRange>,
 ) -> Result<T, ConfigError> {
     let value: T = toml::from_str(text)
-        .map_err(|error| ConfigError::Parse { path: path.into(), message: error.to_string().trim_end().to_owned() })?;
+        .map_err(|error| ConfigError::Parse { path: path.into(), message: in_words(&error.to_string()) })?;
     check(&value).map_err(|OutOfRange { key, value, allowed }| ConfigError::Range {
         path: path.into(),
         key,
@@ -90,4 +90,14 @@ fn parse<T: serde::de::DeserializeOwned>(
         allowed,
     })?;
     Ok(value)
+}
+
+/// A parser's message with ranges where it names the types of a programming language.
+fn in_words(message: &str) -> String {
+    message
+        .trim_end()
+        .replace("expected u8", "expected a whole number from 0 to 255")
+        .replace("expected u32", "expected a whole number from 0 to 4294967295")
+        .replace("expected usize", "expected a whole number, not negative")
+        .replace("expected f64", "expected a number")
 }

@@ -82,23 +82,8 @@ pub async fn bind(path: &Path) -> Result<UnixListener, BindError> {
     Ok(listener)
 }
 
-/// Makes the directory uploads are written to and removes what an earlier run left half-written.
-///
-/// # Errors
-/// What the file system says.
-pub fn prepare_incoming(incoming: &Path) -> std::io::Result<()> {
-    std::fs::create_dir_all(incoming)?;
-    for entry in std::fs::read_dir(incoming)? {
-        let entry = entry?;
-        if entry.file_name().as_encoded_bytes().starts_with(b"upload-") {
-            std::fs::remove_file(entry.path())?;
-        }
-    }
-    Ok(())
-}
-
-/// Serves the API until `shutdown` becomes true (or its sender is dropped). `incoming` takes uploads and must lie on the
-/// spool's file system.
+/// Serves the API until `shutdown` becomes true (or its sender is dropped). `incoming` takes uploads; it
+/// must lie on the spool's file system, and whoever opens the spool removes what a crash left there.
 pub async fn serve(listener: UnixListener, handle: Handle, incoming: PathBuf, mut shutdown: watch::Receiver<bool>) {
     let shared = Shared {
         handle,
@@ -221,11 +206,18 @@ async fn device(State(shared): App) -> Response {
     Json(shared.handle.snapshot().device.clone()).into_response()
 }
 
-async fn submit(State(shared): App, headers: HeaderMap, body: Body) -> Answer {
-    let Ok(_permit) = shared.uploads.try_acquire() else {
-        return Err(CommandError::new(503, format!("{MOST_UPLOADS} uploads are under way already; try again")));
+async fn submit(State(shared): App, headers: HeaderMap, mut body: Body) -> Answer {
+    let submission = match shared.uploads.try_acquire() {
+        Ok(_permit) => upload::receive(&shared.incoming, &headers, &mut body).await,
+        Err(_) => Err(CommandError::new(503, format!("{MOST_UPLOADS} uploads are under way already; try again"))),
     };
-    let submission = upload::receive(&shared.incoming, &headers, body).await?;
+    let submission = match submission {
+        Ok(submission) => submission,
+        Err(refusal) => {
+            upload::drain(&mut body).await;
+            return Err(refusal);
+        }
+    };
     let job = shared.handle.order(Command::Submit(submission)).await?;
     Ok((StatusCode::CREATED, Json(job)).into_response())
 }

@@ -17,9 +17,13 @@ use super::percent;
 const RESERVED_BYTES: u64 = 32 << 20;
 /// A sender that is silent for longer has gone away without closing; its half file is removed.
 const LONGEST_SILENCE: Duration = Duration::from_secs(30);
+/// [`drain`]: a local sender that still sends is never still for so long.
+const LONGEST_PAUSE: Duration = Duration::from_millis(300);
+/// [`drain`]: several gigabytes pass a Unix socket in this time.
+const LONGEST_DRAIN: Duration = Duration::from_secs(10);
 
 /// Writes the request's body into `incoming` and flushes it.
-pub(super) async fn receive(incoming: &Path, headers: &HeaderMap, body: Body) -> Result<Submission, CommandError> {
+pub(super) async fn receive(incoming: &Path, headers: &HeaderMap, body: &mut Body) -> Result<Submission, CommandError> {
     let name =
         text(headers, NAME_HEADER, LONGEST_NAME_BYTES)?.filter(|name| !name.trim().is_empty()).ok_or_else(|| {
             CommandError::new(400, format!("the header {NAME_HEADER} is missing: how is the job called?"))
@@ -35,7 +39,14 @@ pub(super) async fn receive(incoming: &Path, headers: &HeaderMap, body: Body) ->
     Ok(Submission { part, name, recipe_text, recipe_name })
 }
 
-async fn store(incoming: &Path, mut body: Body, space: u64) -> Result<tempfile::TempPath, CommandError> {
+/// Reads what a refused sender still sends, so that it comes to read the answer: many clients read none before they have
+/// written everything, and lose it if the connection ends meanwhile. Bounded in time, both for a pause and in all.
+pub(super) async fn drain(body: &mut Body) {
+    let rest = async { while let Ok(Some(Ok(_))) = timeout(LONGEST_PAUSE, body.frame()).await {} };
+    let _ = timeout(LONGEST_DRAIN, rest).await;
+}
+
+async fn store(incoming: &Path, body: &mut Body, space: u64) -> Result<tempfile::TempPath, CommandError> {
     let failed = |error: std::io::Error| {
         let status = if error.kind() == std::io::ErrorKind::StorageFull { 507 } else { 500 };
         CommandError::new(status, format!("cannot write the build file into {}: {error}", incoming.display()))
