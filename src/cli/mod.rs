@@ -1,13 +1,17 @@
 //! `layerctl`: what an operator types. Exit codes: 0 done, 1 failed, 2 wrong usage; `start --wait`: 3 aborted or stopped,
 //! 4 interrupted and resumable.
 
+pub mod check;
 pub mod client;
 mod commands;
 mod demo;
 mod device;
+pub mod generate;
 pub mod info;
 mod jobs;
 pub mod pack;
+pub mod simulate;
+pub mod slice;
 mod start;
 mod status;
 mod watch;
@@ -36,23 +40,18 @@ Exit codes: 0 done, 1 failed, 2 wrong usage; start --wait: 3 aborted or stopped,
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    // MERGE offline commands, each `XxxArgs` and `run(XxxArgs) -> anyhow::Result<()>`:
     /// Turn 3MF or edge text into a build file.
     Pack(pack::PackArgs),
-    // /// Make a synthetic lattice.
-    // Generate(generate::GenerateArgs),
+    /// Make a synthetic lattice.
+    Generate(generate::GenerateArgs),
     /// Tell what is in a build file.
     Info(info::InfoArgs),
-    // /// Preflight: does a part fit volume, budget and line.
-    // Check(check::CheckArgs),
-    // /// Write the very layers a print would send.
-    // Slice(slice::SliceArgs),
-    // /// Be a device on a pseudo-terminal.
-    // Simulate(simulate::SimulateArgs),
-    // /// The daemon itself, so that `demo` needs no second program.
-    // #[command(hide = true)]
-    // Daemon { #[arg(long)] config: std::path::PathBuf },
-    // MERGE end
+    /// Preflight: does a part fit volume, budget and line.
+    Check(check::CheckArgs),
+    /// Write the very layers a print would send.
+    Slice(slice::SliceArgs),
+    /// Be a device on a pseudo-terminal.
+    Simulate(simulate::SimulateArgs),
     /// Give a build file to the daemon as a new job; prints its id.
     Start(start::StartArgs),
     /// Everything at a glance: line, job, queue, budget.
@@ -108,18 +107,22 @@ pub fn run() -> ExitCode {
 
 fn dispatch(command: Command) -> anyhow::Result<Ending> {
     match command {
-        // MERGE Command::Pack(args) => pack::run(args).map(done), … and
-        // MERGE Command::Daemon { config } => crate::daemon::run(&config).map(done),
+        Command::Pack(args) => pack::run(args).map(done),
+        Command::Generate(args) => generate::run(args).map(done),
+        Command::Info(args) => info::run(args).map(done),
+        Command::Check(args) => check::run(args).map(done),
+        Command::Slice(args) => slice::run(args).map(done),
+        Command::Simulate(args) => simulate::run(args).map(done),
         Command::Start(args) => start::run(args),
-        Command::Status(args) => status::run(args).map(done),
-        Command::Watch(args) => watch::run(args).map(done),
-        Command::Jobs(args) => jobs::run(args).map(done),
-        Command::Device(args) => device::run(args).map(done),
+        Command::Status(args) => status::run(&args).map(done),
+        Command::Watch(args) => watch::run(&args).map(done),
+        Command::Jobs(args) => jobs::run(&args).map(done),
+        Command::Device(args) => device::run(&args).map(done),
         Command::Pause(args) => commands::order(args, "pause").map(done),
         Command::Resume(args) => commands::resume(args).map(done),
         Command::Stop(args) => commands::order(args, "stop").map(done),
         Command::Abort(args) => commands::order(args, "abort").map(done),
-        Command::Demo(args) => demo::run(args).map(done),
+        Command::Demo(args) => demo::run(&args).map(done),
     }
 }
 

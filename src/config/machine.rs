@@ -26,11 +26,19 @@ pub struct Machine {
     /// Plate height at which the plate is clear of the resin, micrometres above the bottom of the vat: where pause, stop and
     /// abort bring it if the part is lower.
     pub clear_height_um: f64,
+    /// Whether a job that waited in the queue needs the operator's word (`layerctl resume`) that the plate was cleared of the
+    /// part before. Only for a machine that changes plates by itself, or has none, is it safe to turn off.
+    #[serde(default = "yes")]
+    pub confirm_plate: bool,
     /// Whether picture axes run against the build file's.
     #[serde(default)]
     pub mirror: Mirror,
     /// The line.
     pub link: LinkConfig,
+}
+
+fn yes() -> bool {
+    true
 }
 
 /// Kinds of machine a configuration can describe.
@@ -73,7 +81,10 @@ impl Machine {
     /// # Errors
     /// [`ConfigError`] names file, key, value and the allowed range.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
-        parse(path, &read_text(path)?, Self::check)
+        let mut machine = parse(path, &read_text(path)?, Self::check)?;
+        // A path in a file is taken from that file's directory.
+        machine.link.path = path.parent().unwrap_or(Path::new(".")).join(&machine.link.path);
+        Ok(machine)
     }
 
     fn check(&self) -> Result<(), OutOfRange> {

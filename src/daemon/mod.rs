@@ -2,11 +2,22 @@
 
 pub mod api;
 mod body;
+mod clock;
 pub mod handle;
-pub mod notify;
+mod jobs;
+mod layers;
+mod line;
+mod notify;
+mod orders;
+mod part;
 mod percent;
+mod printer;
+mod run;
+mod running;
 pub mod server;
 mod upload;
+mod view;
 
 pub(crate) use body::ChannelBody;
 pub(crate) use percent::encode as percent_encode;
+pub use run::{load, run};

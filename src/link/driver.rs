@@ -3,10 +3,11 @@
 use std::collections::hash_map::RandomState;
 use std::hash::{BuildHasher, Hasher};
 use std::io;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use tokio::sync::mpsc;
+use tokio::sync::{Notify, mpsc};
 use tokio::time::{Instant, sleep_until};
 
 use crate::config::{FlowControl, LinkConfig};
@@ -44,36 +45,59 @@ pub enum LinkEvent {
 pub struct LinkHandle {
     messages: mpsc::Sender<(u32, HostMessage)>,
     urgents: mpsc::Sender<Urgent>,
-    statistics: Arc<Mutex<Statistics>>,
+    shared: Arc<Shared>,
 }
 
-/// The task that owned the line has ended.
+/// What the task tells besides events.
+#[derive(Debug, Default)]
+struct Shared {
+    statistics: Mutex<Statistics>,
+    piece_bytes: AtomicUsize,
+    renew: Notify,
+}
+
+/// The line takes nothing now.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("the line's task has ended")]
-pub struct LinkEnded;
+#[error("the line takes nothing now")]
+pub struct NoRoom;
 
 impl LinkHandle {
-    /// Waits for room and queues a message for the session named by [`HostEvent::Connected`]; once that session has ended it
-    /// is dropped. At most two windows and one message are ever queued.
+    /// Waits until [`Self::try_send`] would take a message, or the task has ended. Cancel safe.
+    pub async fn room(&self) {
+        let _ = self.messages.reserve().await;
+    }
+
+    /// Queues a message for the session named by [`HostEvent::Connected`]; once that session has ended it is dropped. At most
+    /// two windows and one message are ever queued.
     ///
     /// # Errors
-    /// [`LinkEnded`].
-    pub async fn send(&self, session_id: u32, message: HostMessage) -> Result<(), LinkEnded> {
-        self.messages.send((session_id, message)).await.map_err(|_| LinkEnded)
+    /// [`NoRoom`] where a message waits already or the task has ended.
+    pub fn try_send(&self, session_id: u32, message: HostMessage) -> Result<(), NoRoom> {
+        self.messages.try_send((session_id, message)).map_err(|_| NoRoom)
     }
 
     /// Sends something that overtakes all messages; over new sessions too, until it is answered by `UrgentDone`. Urgent frames
     /// are numbered from 1 in the order of these calls.
     ///
     /// # Errors
-    /// [`LinkEnded`].
-    pub async fn urgent(&self, urgent: Urgent) -> Result<(), LinkEnded> {
-        self.urgents.send(urgent).await.map_err(|_| LinkEnded)
+    /// [`NoRoom`] where too many wait already or the task has ended.
+    pub fn urgent(&self, urgent: Urgent) -> Result<(), NoRoom> {
+        self.urgents.try_send(urgent).map_err(|_| NoRoom)
+    }
+
+    /// Ends the present session and begins another at once. There is no [`HostEvent::Lost`] for the one that ends.
+    pub fn renew(&self) {
+        self.shared.renew.notify_one();
+    }
+
+    /// The longest `LayerData` that fits a frame of the present session; 0 without one.
+    pub fn piece_bytes(&self) -> usize {
+        self.shared.piece_bytes.load(Ordering::Relaxed)
     }
 
     /// Counts since the task began.
     pub fn statistics(&self) -> Statistics {
-        *self.statistics.lock().unwrap_or_else(PoisonError::into_inner)
+        *self.shared.statistics.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -86,7 +110,7 @@ pub struct LinkDriver {
     messages: mpsc::Receiver<(u32, HostMessage)>,
     urgents: mpsc::Receiver<Urgent>,
     events: mpsc::Sender<LinkEvent>,
-    statistics: Arc<Mutex<Statistics>>,
+    shared: Arc<Shared>,
     /// Taken from its queue, waiting for room in the session's.
     waiting: Option<(u32, HostMessage)>,
     pause: Duration,
@@ -97,8 +121,8 @@ pub fn link(config: LinkConfig) -> (LinkHandle, mpsc::Receiver<LinkEvent>, LinkD
     let (message_sender, messages) = mpsc::channel(1);
     let (urgent_sender, urgents) = mpsc::channel(URGENT_QUEUE);
     let (events, event_receiver) = mpsc::channel(EVENT_QUEUE);
-    let statistics = Arc::new(Mutex::new(Statistics::default()));
-    let handle = LinkHandle { messages: message_sender, urgents: urgent_sender, statistics: Arc::clone(&statistics) };
+    let shared = Arc::new(Shared::default());
+    let handle = LinkHandle { messages: message_sender, urgents: urgent_sender, shared: Arc::clone(&shared) };
     let settings = HostSettings { baud: config.baud, escaped: config.flow_control == FlowControl::XonXoff };
     let driver = LinkDriver {
         config,
@@ -107,7 +131,7 @@ pub fn link(config: LinkConfig) -> (LinkHandle, mpsc::Receiver<LinkEvent>, LinkD
         messages,
         urgents,
         events,
-        statistics,
+        shared,
         waiting: None,
         pause: FIRST_PAUSE,
     };
@@ -125,6 +149,8 @@ fn random_id() -> u32 {
 enum Left {
     /// The session has ended; the port is fine.
     Session,
+    /// The owner wants a new session.
+    Renewed,
     Port(io::Error),
     /// Every handle, or the receiver of events, was dropped.
     Owner,
@@ -152,7 +178,7 @@ impl LinkDriver {
             last_reason.clear();
             self.renew();
             match self.run_line(line).await {
-                Left::Owner | Left::Session => return,
+                Left::Owner | Left::Session | Left::Renewed => return,
                 Left::Port(error) => {
                     if self.events.send(LinkEvent::PortFailed(error)).await.is_err() || self.rest().await {
                         return;
@@ -170,6 +196,10 @@ impl LinkDriver {
                     if self.rest().await {
                         return Left::Owner;
                     }
+                    self.renew();
+                }
+                Left::Renewed => {
+                    self.waiting = None;
                     self.renew();
                 }
                 left => return left,
@@ -223,7 +253,8 @@ impl LinkDriver {
             if matches!(event, Some(HostEvent::Connected { .. })) {
                 self.pause = FIRST_PAUSE;
             }
-            *self.statistics.lock().unwrap_or_else(PoisonError::into_inner) = self.session.statistics();
+            *self.shared.statistics.lock().unwrap_or_else(PoisonError::into_inner) = self.session.statistics();
+            self.shared.piece_bytes.store(self.session.largest_layer_data_bytes(), Ordering::Relaxed);
             if event.is_none() && self.session.next_timeout_us().is_none() {
                 return Left::Session;
             }
@@ -248,6 +279,7 @@ impl LinkDriver {
                     Some(urgent) => { self.session.send_urgent(urgent, self.now_us()); }
                     None => return Left::Owner,
                 },
+                () = self.shared.renew.notified() => return Left::Renewed,
                 count = line.writer.write(&output[written..]), if writing => match count {
                     Ok(count) => {
                         written += count;

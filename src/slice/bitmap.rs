@@ -9,6 +9,16 @@ pub enum Depth {
     Grey,
 }
 
+impl Depth {
+    /// Bytes of a row of `width_px` pixels.
+    pub fn stride_bytes(self, width_px: u32) -> usize {
+        match self {
+            Self::Bit => (width_px as usize).div_ceil(8),
+            Self::Grey => width_px as usize,
+        }
+    }
+}
+
 /// A rectangular picture; row 0 first, pixels of a row in ascending x of the projector.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Bitmap {
@@ -28,10 +38,7 @@ impl Bitmap {
 
     /// Bytes from one row to the next.
     pub fn stride_bytes(&self) -> usize {
-        match self.depth {
-            Depth::Bit => (self.width_px as usize).div_ceil(8),
-            Depth::Grey => self.width_px as usize,
-        }
+        self.depth.stride_bytes(self.width_px)
     }
 
     /// Pixels a row.

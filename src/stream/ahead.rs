@@ -1,7 +1,7 @@
 //! A thread that computes layers ahead of the printer, and the bounded queue of those it has finished.
 //!
 //! The queue is bounded twice: in bytes, by what was charged to the memory budget for it, and in layers. A layer's bytes are
-//! free again only when its [`Finished`] is dropped, so a layer being uploaded still counts.
+//! free again only when its [`Room`] is dropped, so a layer being uploaded still counts.
 
 use std::sync::Arc;
 use std::thread::JoinHandle;
@@ -19,14 +19,21 @@ const QUEUE_LAYERS: usize = 64;
 /// The semaphore's unit; its permits are a `u32`, so counting bytes would cap the queue at 4 GiB less one.
 const PERMIT_BYTES: u64 = 1024;
 
-/// A layer that is ready, holding its share of the queue until dropped.
+/// A layer that is ready.
 #[derive(Debug)]
 pub struct Finished<T> {
     /// What was computed.
     pub layer: T,
     /// How long computing it took.
     pub compute_time: Duration,
-    _room: OwnedSemaphorePermit,
+    /// Its share of the queue; to be kept as long as the layer's bytes.
+    pub room: Room,
+}
+
+/// A share of the queue, free again when dropped.
+#[derive(Debug)]
+pub struct Room {
+    _permit: OwnedSemaphorePermit,
 }
 
 /// Why no layer, or no further layer, comes.
@@ -168,7 +175,7 @@ impl<T: Send + 'static> Worker<T> {
             return Err(StreamError::LayerTooLarge { layer_bytes: bytes, queue_bytes });
         }
         let room = self.runtime.block_on(Arc::clone(&self.room).acquire_many_owned(needed));
-        Ok(room.ok().map(|room| Finished { layer, compute_time, _room: room }))
+        Ok(room.ok().map(|permit| Finished { layer, compute_time, room: Room { _permit: permit } }))
     }
 }
 

@@ -7,5 +7,5 @@
 mod ahead;
 mod budget;
 
-pub use ahead::{Ahead, Finished, Produced, StreamError};
+pub use ahead::{Ahead, Finished, Produced, Room, StreamError};
 pub use budget::{BudgetExceeded, Charge, MemoryBudget};

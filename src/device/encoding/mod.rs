@@ -53,6 +53,34 @@ pub fn picture_crc32(bitmap: &Bitmap) -> u32 {
     crc32fast::hash(bitmap.data())
 }
 
+/// Writes a picture in `wanted`, or plain where that is longer, and says which it was.
+///
+/// # Errors
+/// [`WrongDepth`].
+pub fn encode_shortest(bitmap: &Bitmap, wanted: Encoding, bytes: &mut Vec<u8>) -> Result<Encoding, WrongDepth> {
+    encode(bitmap, wanted, bytes)?;
+    if bytes.len() <= bitmap.data().len() {
+        return Ok(wanted);
+    }
+    let plain = match bitmap.depth() {
+        Depth::Bit => Encoding::RawBit,
+        Depth::Grey => Encoding::RawGrey,
+    };
+    encode(bitmap, plain, bytes)?;
+    Ok(plain)
+}
+
+/// The most bytes [`encode`] can write for a picture of `raw_bytes`, with room for a growing buffer.
+///
+/// Group 4 at its worst writes single pixels of alternating colour as horizontal codes, 12 bits for two pixels: six times the
+/// raw picture. Runs of grey at their worst write each pixel with its own code, less than twice the raw picture.
+pub fn largest_encoded_bytes(depth: Depth, raw_bytes: u64) -> u64 {
+    match depth {
+        Depth::Bit => 6 * raw_bytes,
+        Depth::Grey => 2 * raw_bytes,
+    }
+}
+
 /// Writes a picture into `bytes`, which is cleared first and keeps its memory.
 ///
 /// # Errors

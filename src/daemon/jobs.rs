@@ -1,0 +1,234 @@
+//! The jobs the daemon knows: what operators see of each, and who is next.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use super::api::JobView;
+use super::clock::unix_ms;
+use crate::job::{
+    Entry as JournalEntry, History, JobDirectory, JobState, Progress, Record, ResumeChoice, read_journal,
+};
+
+/// One job.
+#[derive(Debug)]
+pub(super) struct Job {
+    /// Its place in the spool.
+    pub directory: JobDirectory,
+    /// Names its exposures; 0 where the journal could not be read.
+    pub key: u64,
+    /// What operators see.
+    pub view: JobView,
+    /// What the operator said of a layer in doubt, for when its turn comes.
+    pub choice: ResumeChoice,
+    /// Whether the operator must say first that the plate is clear.
+    pub awaits_plate: bool,
+}
+
+/// All jobs, and the queue.
+#[derive(Debug, Default)]
+pub(super) struct Jobs {
+    jobs: BTreeMap<u32, Job>,
+    queue: VecDeque<u32>,
+}
+
+impl Jobs {
+    /// Reads the journals of a spool's jobs. Jobs that were queued still are; they wait for a clear plate where
+    /// `awaits_plate`.
+    pub(super) fn load(directories: Vec<JobDirectory>, awaits_plate: bool) -> Self {
+        let mut jobs = Self::default();
+        for directory in directories {
+            let job = Job::load(directory, awaits_plate);
+            if job.view.state == JobState::Queued {
+                jobs.queue.push_back(job.directory.id);
+            }
+            jobs.jobs.insert(job.directory.id, job);
+        }
+        jobs
+    }
+
+    /// Takes a new job in, at the end of the queue.
+    pub(super) fn accept(&mut self, job: Job) {
+        self.queue.push_back(job.directory.id);
+        self.jobs.insert(job.directory.id, job);
+    }
+
+    /// A job by number.
+    pub(super) fn get(&self, id: u32) -> Option<&Job> {
+        self.jobs.get(&id)
+    }
+
+    /// A job by number, to change.
+    pub(super) fn get_mut(&mut self, id: u32) -> Option<&mut Job> {
+        self.jobs.get_mut(&id)
+    }
+
+    /// The job whose exposures bear this key.
+    pub(super) fn by_key(&self, key: u64) -> Option<&Job> {
+        self.jobs.values().find(|job| job.key == key)
+    }
+
+    /// Every job as operators see it, the oldest first.
+    pub(super) fn views(&self) -> Vec<JobView> {
+        self.jobs.values().map(|job| job.view.clone()).collect()
+    }
+
+    /// Numbers of the jobs to which nothing can happen any more.
+    pub(super) fn over(&self) -> Vec<u32> {
+        self.jobs.iter().filter(|(_, job)| job.view.state.is_final()).map(|(id, _)| *id).collect()
+    }
+
+    /// The interrupted job whose part still hangs on the plate.
+    pub(super) fn interrupted(&self) -> Option<u32> {
+        self.jobs.iter().find(|(_, job)| job.view.state == JobState::Interrupted).map(|(id, _)| *id)
+    }
+
+    /// Whether no job waits.
+    pub(super) fn queue_is_empty(&self) -> bool {
+        self.queue.is_empty()
+    }
+
+    /// Puts an interrupted job in front of the queue: its part hangs on the plate.
+    pub(super) fn resume(&mut self, id: u32, choice: ResumeChoice) {
+        if let Some(job) = self.jobs.get_mut(&id) {
+            job.choice = choice;
+            job.awaits_plate = false;
+            job.view.state = JobState::Queued;
+            job.view.reason = None;
+            self.queue.push_front(id);
+        }
+    }
+
+    /// Takes a job out of the queue.
+    pub(super) fn unqueue(&mut self, id: u32) {
+        self.queue.retain(|queued| *queued != id);
+    }
+
+    /// The job whose turn it is, out of the queue; `None` where none waits or the first must wait, with the reason in its
+    /// view.
+    pub(super) fn take_next(&mut self) -> Option<u32> {
+        let id = *self.queue.front()?;
+        let interrupted = self.interrupted();
+        let job = self.jobs.get_mut(&id)?;
+        let obstacle = match interrupted {
+            Some(other) => Some(format!(
+                "waits for job {other}, which is interrupted and whose part is on the plate: `layerctl resume {other}` or \
+                 `layerctl abort {other}` first"
+            )),
+            None if job.awaits_plate => {
+                Some(format!("waits for a clear plate: take the last part off, then `layerctl resume {id}`"))
+            }
+            None => None,
+        };
+        job.view.reason.clone_from(&obstacle);
+        if obstacle.is_some() {
+            return None;
+        }
+        self.queue.pop_front()
+    }
+
+    /// Forgets jobs whose records the spool has deleted.
+    pub(super) fn keep_only(&mut self, directories: &[JobDirectory]) {
+        self.jobs.retain(|id, _| directories.iter().any(|directory| directory.id == *id));
+    }
+}
+
+impl Job {
+    /// A job just accepted.
+    pub(super) fn accepted(directory: JobDirectory, key: u64, layer_count: u32, name: String, recipe: String) -> Self {
+        let mut view = blank_view(&directory);
+        view.name = name;
+        view.recipe = recipe;
+        view.layers_total = layer_count;
+        view.submitted_ms = unix_ms();
+        Self { directory, key, view, choice: ResumeChoice::None, awaits_plate: false }
+    }
+
+    fn load(directory: JobDirectory, awaits_plate: bool) -> Self {
+        let mut view = blank_view(&directory);
+        let key = match read_journal(&directory.journal()) {
+            Ok((entries, history)) => {
+                fill_view(&mut view, &entries, &history);
+                history.key
+            }
+            Err(error) => {
+                view.state = JobState::Failed;
+                view.reason = Some(error.to_string());
+                0
+            }
+        };
+        if let Ok(recipe) = crate::config::Recipe::load(&directory.recipe()) {
+            view.recipe = recipe.name;
+        }
+        let awaits_plate = awaits_plate && view.state == JobState::Queued;
+        Self { directory, key, view, choice: ResumeChoice::None, awaits_plate }
+    }
+
+    /// Takes over what the engine says. Returns whether anything changed.
+    pub(super) fn update(&mut self, progress: &Progress) -> bool {
+        let before = self.view.clone();
+        let view = &mut self.view;
+        view.state = progress.state;
+        view.layers_done = progress.layers_done;
+        view.layers_total = progress.layers_total;
+        view.layer = progress.state.is_active().then_some(progress.layer);
+        // Whole seconds: a view does not change with every millisecond.
+        view.eta_s = progress.state.is_active().then_some(progress.eta_ms.div_ceil(1000));
+        view.late_layers = progress.late_layers;
+        view.late_ms_total = progress.late_ms_total;
+        view.in_doubt = progress.in_doubt;
+        view.reason = Some(progress.reason.clone()).filter(|reason| !reason.is_empty());
+        if view.started_ms.is_none() && progress.state.is_active() {
+            view.started_ms = Some(unix_ms());
+        }
+        if !progress.state.is_active() && view.ended_ms.is_none() {
+            view.ended_ms = Some(unix_ms());
+        }
+        if progress.state.is_active() {
+            view.ended_ms = None;
+        }
+        *view != before
+    }
+
+    /// The job ended without an engine.
+    pub(super) fn end(&mut self, state: JobState, reason: Option<String>) {
+        self.view.state = state;
+        self.view.reason = reason;
+        self.view.layer = None;
+        self.view.eta_s = None;
+        self.view.ended_ms = Some(unix_ms());
+    }
+}
+
+fn blank_view(directory: &JobDirectory) -> JobView {
+    JobView {
+        id: directory.id.to_string(),
+        name: String::new(),
+        state: JobState::Queued,
+        recipe: String::new(),
+        layers_done: 0,
+        layers_total: 0,
+        layer: None,
+        eta_s: None,
+        late_layers: 0,
+        late_ms_total: 0,
+        submitted_ms: 0,
+        started_ms: None,
+        ended_ms: None,
+        reason: None,
+        in_doubt: None,
+    }
+}
+
+fn fill_view(view: &mut JobView, entries: &[JournalEntry], history: &History) {
+    let first_at = |wanted: fn(&Record) -> bool| entries.iter().find(|entry| wanted(&entry.record));
+    view.name.clone_from(&history.name);
+    view.state = history.state;
+    view.layers_done = history.next_layer;
+    view.layers_total = history.layer_count;
+    view.submitted_ms = entries.first().map_or(0, |entry| entry.at_unix_ms);
+    view.started_ms = first_at(|record| matches!(record, Record::Started { .. })).map(|entry| entry.at_unix_ms);
+    if history.state != JobState::Queued {
+        view.ended_ms = entries.last().map(|entry| entry.at_unix_ms);
+    }
+    view.reason = Some(history.reason.clone()).filter(|reason| !reason.is_empty());
+    view.in_doubt = history.in_doubt.is_some().then_some(history.next_layer);
+}

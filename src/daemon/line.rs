@@ -1,0 +1,85 @@
+//! The printer's end of the line to the device.
+
+use tokio::sync::mpsc;
+use tokio::task::JoinHandle;
+
+use crate::config::LinkConfig;
+use crate::link::driver::{LinkEvent, LinkHandle, link};
+use crate::link::message::{HostMessage, Urgent};
+use crate::link::session::{HostEvent, Statistics};
+
+/// The line: what comes from it, and room for what goes out.
+pub(super) struct Line {
+    handle: LinkHandle,
+    events: mpsc::Receiver<LinkEvent>,
+    task: JoinHandle<()>,
+    session_id: Option<u32>,
+    urgents: u32,
+}
+
+impl Line {
+    /// Starts the task that opens the port and keeps a session with the device, for ever.
+    pub(super) fn start(config: LinkConfig) -> Self {
+        let (handle, events, driver) = link(config);
+        Self { handle, events, task: tokio::spawn(driver.run()), session_id: None, urgents: 0 }
+    }
+
+    /// What happens next on the line. Cancel safe.
+    pub(super) async fn next_event(&mut self) -> Option<LinkEvent> {
+        let event = self.events.recv().await;
+        match &event {
+            Some(LinkEvent::Session(HostEvent::Connected { session_id, .. })) => self.session_id = Some(*session_id),
+            Some(LinkEvent::Session(HostEvent::Message(_) | HostEvent::UrgentDone { .. })) => {}
+            _ => self.session_id = None,
+        }
+        event
+    }
+
+    /// Somebody who waits until [`Line::send`] can take a message.
+    pub(super) fn room(&self) -> impl Future<Output = ()> + use<> {
+        let handle = self.handle.clone();
+        async move { handle.room().await }
+    }
+
+    /// Sends a message in the present session; dropped where there is none or no room was waited for.
+    pub(super) fn send(&self, message: HostMessage) {
+        if let Some(session_id) = self.session_id
+            && self.handle.try_send(session_id, message).is_err()
+        {
+            tracing::error!("a message found no room on the line");
+        }
+    }
+
+    /// Sends ahead of everything else; its number, which the answer bears.
+    pub(super) fn urgent(&mut self, urgent: Urgent) -> u32 {
+        // The line numbers urgent frames in the order in which it gets them.
+        if self.handle.urgent(urgent).is_ok() {
+            self.urgents += 1;
+        }
+        self.urgents
+    }
+
+    /// Ends the session and begins a new one at once.
+    pub(super) fn reconnect(&mut self) {
+        self.session_id = None;
+        self.handle.renew();
+    }
+
+    /// Layer data is best sent in pieces of this size.
+    pub(super) fn piece_bytes(&self) -> usize {
+        self.handle.piece_bytes()
+    }
+
+    /// What the line carried since the start.
+    pub(super) fn statistics(&self) -> Statistics {
+        self.handle.statistics()
+    }
+
+    /// Ends the task.
+    pub(super) async fn close(self) {
+        drop(self.handle);
+        drop(self.events);
+        // It ends by itself; a panic in it was reported when it happened.
+        let _ = self.task.await;
+    }
+}

@@ -1,0 +1,141 @@
+//! A part ready to print: its build file opened, placed on the machine, its memory counted, and its layers on demand.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use crate::buildfile::BuildFile;
+use crate::config::{Machine, Recipe};
+use crate::device::encoding;
+use crate::link::message::Encoding;
+use crate::slice::{Bitmap, Depth, SlicePlan, Slicer};
+use crate::stream::{Ahead, MemoryBudget, Produced};
+
+/// What the line holds at most: queues of the session both ways, the serial buffers, one layer's bookkeeping.
+pub(super) const LINK_BYTES: u64 = 512 << 10;
+
+/// More queue than this would only compute layers that an abort throws away.
+const LARGEST_QUEUE_BYTES: u64 = 16 << 20;
+
+/// A layer as it goes to the device.
+#[derive(Debug)]
+pub(super) struct EncodedLayer {
+    /// Which.
+    pub layer: u32,
+    /// How it is written.
+    pub encoding: Encoding,
+    /// The bytes.
+    pub bytes: Vec<u8>,
+    /// CRC-32 of the decoded rows.
+    pub decoded_crc32: u32,
+}
+
+/// Why a part cannot be printed here. Each text says what to do.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum Unprintable {
+    /// The file is not a build file, is corrupt, or does not fit the machine.
+    #[error("{0}")]
+    Part(String),
+    /// It would need more memory than there may be.
+    #[error(
+        "this job needs {} of memory, but memory_budget is {}: raise it to at least {} in the daemon's configuration",
+        mebibytes(*.need_bytes), mebibytes(*.limit_bytes), mebibytes(*.need_bytes)
+    )]
+    Memory {
+        /// Peak of the print path.
+        need_bytes: u64,
+        /// The budget.
+        limit_bytes: u64,
+    },
+}
+
+/// Rounded up, so that the number given is enough.
+fn mebibytes(bytes: u64) -> String {
+    format!("{}MiB", bytes.div_ceil(1 << 20))
+}
+
+/// A build file placed on a machine.
+#[derive(Debug)]
+pub(super) struct Part {
+    path: PathBuf,
+    plan: SlicePlan,
+    threads: usize,
+    queue_bytes: u64,
+    raw_bytes: u64,
+}
+
+impl Part {
+    /// Opens a build file and checks that it fits the machine and the budget, from its header and index alone.
+    ///
+    /// # Errors
+    /// [`Unprintable`].
+    pub(super) fn open(
+        path: &Path,
+        machine: &Machine,
+        recipe: &Recipe,
+        threads: usize,
+        limit_bytes: u64,
+    ) -> Result<Self, Unprintable> {
+        let file = BuildFile::open(path).map_err(|error| Unprintable::Part(error.to_string()))?;
+        let depth = if recipe.antialias { Depth::Grey } else { Depth::Bit };
+        let plan = SlicePlan::new(file.header(), machine.raster(), depth, recipe.layer_height_um)
+            .map_err(|error| Unprintable::Part(error.to_string()))?;
+        let raw_bytes = depth.stride_bytes(machine.width_px) as u64 * u64::from(machine.height_px);
+        // Besides the slicer: the picture, the encoder's output, and a queue of at least two layers.
+        let fixed_bytes = Slicer::memory_bytes(&file, &plan, threads)
+            + raw_bytes
+            + encoding::largest_encoded_bytes(depth, raw_bytes)
+            + LINK_BYTES;
+        let least_queue_bytes = 2 * raw_bytes + (64 << 10);
+        let need_bytes = fixed_bytes + least_queue_bytes;
+        if need_bytes > limit_bytes {
+            return Err(Unprintable::Memory { need_bytes, limit_bytes });
+        }
+        let queue_bytes = (limit_bytes - fixed_bytes).min(LARGEST_QUEUE_BYTES.max(least_queue_bytes));
+        Ok(Self { path: path.into(), plan, threads, queue_bytes, raw_bytes })
+    }
+
+    /// Number of layers.
+    pub(super) fn layer_count(&self) -> u32 {
+        self.plan.layer_count
+    }
+
+    /// Bits a pixel of its layers.
+    pub(super) fn depth(&self) -> Depth {
+        self.plan.depth
+    }
+
+    /// Starts computing layers from `first` on, written in `encoding`.
+    ///
+    /// # Errors
+    /// A text for the operator.
+    pub(super) fn layers(
+        self: &Arc<Self>,
+        first: u32,
+        encoding: Encoding,
+        budget: &MemoryBudget,
+    ) -> Result<Ahead<EncodedLayer>, String> {
+        let file = BuildFile::open(&self.path).map_err(|error| error.to_string())?;
+        let buffers_bytes =
+            self.raw_bytes + encoding::largest_encoded_bytes(self.plan.depth, self.raw_bytes) + LINK_BYTES;
+        let buffers =
+            budget.charge("the picture and the line's buffers", buffers_bytes).map_err(|error| error.to_string())?;
+        let mut slicer =
+            Slicer::new(file, self.plan.clone(), self.threads, first, budget).map_err(|error| error.to_string())?;
+        let raster = &self.plan.raster;
+        let mut bitmap = Bitmap::new(raster.width_px, raster.height_px, self.plan.depth);
+        let mut encoded = Vec::new();
+        let produce = move || -> Produced<EncodedLayer> {
+            let _held = &buffers;
+            let Some(layer) = slicer.next_layer(&mut bitmap).map_err(|error| error.to_string())? else {
+                return Ok(None);
+            };
+            let encoding =
+                encoding::encode_shortest(&bitmap, encoding, &mut encoded).map_err(|error| error.to_string())?;
+            let decoded_crc32 = encoding::picture_crc32(&bitmap);
+            let layer = EncodedLayer { layer, encoding, bytes: encoded.clone(), decoded_crc32 };
+            let bytes = layer.bytes.len() as u64;
+            Ok(Some((layer, bytes)))
+        };
+        Ahead::start(budget, self.queue_bytes, produce).map_err(|error| error.to_string())
+    }
+}

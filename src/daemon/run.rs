@@ -1,0 +1,97 @@
+//! From a configuration file to a running daemon, and back down on SIGTERM.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use anyhow::Context;
+use tokio::signal::unix::{SignalKind, signal};
+use tokio::sync::watch;
+
+use super::api::{BudgetView, DeviceView, LineView, LinkState, LinkView};
+use super::handle::{self, Snapshot};
+use super::jobs::Jobs;
+use super::line::Line;
+use super::printer::{Printer, Setting};
+use super::{notify, server};
+use crate::config::{DaemonConfig, Machine, Recipe};
+use crate::job::Spool;
+use crate::stream::MemoryBudget;
+
+/// The runtime's own threads: one moves the line's bytes while the other serves the API. Layers have threads of their own.
+const RUNTIME_THREADS: usize = 2;
+
+/// Reads and checks everything the daemon is configured with.
+///
+/// # Errors
+/// Names the file, the key, the value and what is allowed.
+pub fn load(config: &Path) -> anyhow::Result<Setting> {
+    let config = DaemonConfig::load(config)?;
+    let machine = Machine::load(&config.machine)?;
+    let recipe = Recipe::load(&config.recipe)?;
+    let read = |path: &Path| std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()));
+    let (machine_text, recipe_text) = (read(&config.machine)?, read(&config.recipe)?);
+    let cores = || std::thread::available_parallelism().map_or(1, usize::from);
+    let threads = config.threads.unwrap_or_else(cores);
+    Ok(Setting { config, machine, machine_text, recipe, recipe_text, threads })
+}
+
+/// Runs the daemon until SIGTERM or SIGINT; returns once the machine is safe.
+///
+/// # Errors
+/// What keeps it from starting: configuration, spool, socket.
+pub fn run(config: &Path) -> anyhow::Result<()> {
+    let setting = load(config)?;
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(RUNTIME_THREADS)
+        .enable_all()
+        .build()
+        .context("cannot start the runtime")?;
+    runtime.block_on(serve(setting))
+}
+
+async fn serve(setting: Setting) -> anyhow::Result<()> {
+    let mut terminate = signal(SignalKind::terminate())?;
+    let mut interrupt = signal(SignalKind::interrupt())?;
+    let spool = Spool::open(&setting.config.spool)?;
+    let incoming = spool.incoming();
+    let jobs = Jobs::load(spool.jobs()?, setting.machine.confirm_plate);
+    let listener = server::bind(&setting.config.socket).await?;
+    let budget = MemoryBudget::new(setting.config.memory_budget);
+    let (handle, desk) = handle::channel(first_snapshot(&setting));
+    let (shutdown, ending) = watch::channel(false);
+    let link = setting.machine.link.clone();
+    // A relative port is taken from the machine file's directory, as every path in a file is.
+    let socket = setting.config.socket.clone();
+    let server = tokio::spawn(server::serve(listener, handle, incoming, ending.clone()));
+    let printer = Printer::new(Arc::new(setting), spool, jobs, budget, desk, Line::start(link));
+    let mut printer = tokio::spawn(printer.run(ending));
+    notify::ready();
+    tracing::info!(socket = %socket.display(), "ready");
+    let ended = tokio::select! {
+        _ = terminate.recv() => None,
+        _ = interrupt.recv() => None,
+        ended = &mut printer => Some(ended),
+    };
+    tracing::info!("ending: the machine is made safe");
+    // Nobody may be left to hear it.
+    let _ = shutdown.send(true);
+    let printed = match ended {
+        Some(ended) => ended,
+        None => printer.await,
+    };
+    let _ = server.await;
+    let _ = std::fs::remove_file(&socket);
+    printed.context("the printer's loop ended with a panic; the device's own limits keep it safe")
+}
+
+fn first_snapshot(setting: &Setting) -> Snapshot {
+    let path = setting.machine.link.path.display().to_string();
+    Snapshot {
+        machine: setting.machine.name.clone(),
+        link: LinkView { state: LinkState::Connecting, path, device: None, reason: None },
+        device: DeviceView::default(),
+        budget: BudgetView::default(),
+        line: LineView::default(),
+        jobs: Vec::new(),
+    }
+}

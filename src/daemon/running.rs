@@ -1,0 +1,309 @@
+//! The job that holds the machine: its engine, and everything the engine's actions need.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use tokio::sync::{mpsc, oneshot};
+
+use super::api::JobView;
+use super::clock::unix_ms;
+use super::handle::CommandError;
+use super::jobs::Job;
+use super::layers::Layers;
+use super::part::{EncodedLayer, Part};
+use crate::config::{Machine, Recipe};
+use crate::device::{DlpDriver, check_capabilities, encoding};
+use crate::job::{
+    Action, Command, Engine, Event, JobDirectory, JobPlan, JobState, Journal, Record, ResumeChoice, StartPoint,
+};
+use crate::link::message::{Capabilities, DeviceState, Encoding, Urgent};
+use crate::stream::{Finished, MemoryBudget, Room};
+
+/// What ends in the background, for the printer's loop.
+#[derive(Debug)]
+pub(super) enum Background {
+    /// A record is on disk, or not.
+    Journalled {
+        /// The job.
+        job: u32,
+        /// Why not.
+        result: Result<(), String>,
+    },
+    /// A job was opened, now that its turn has come.
+    Opened {
+        /// The job.
+        job: u32,
+        /// All it needs, or why it cannot be printed.
+        result: Result<Box<Opened>, String>,
+    },
+    /// A new job is in the spool, or not.
+    Accepted {
+        /// The job.
+        result: Result<Job, CommandError>,
+        /// Who asked.
+        reply: oneshot::Sender<Result<JobView, CommandError>>,
+    },
+}
+
+/// A job read from the spool, ready to run.
+#[derive(Debug)]
+pub(super) struct Opened {
+    journal: Journal,
+    key: u64,
+    start: StartPoint,
+    recipe: Recipe,
+    machine: Machine,
+    part: Arc<Part>,
+}
+
+impl Opened {
+    /// Opens a job of the spool: journal, recipe, machine and part as they were when it was accepted. Blocks.
+    ///
+    /// # Errors
+    /// A text that says what is missing or does not fit; where the journal can be written, the job's end stands in it.
+    pub(super) fn open(
+        job: &JobDirectory,
+        choice: ResumeChoice,
+        threads: usize,
+        limit_bytes: u64,
+    ) -> Result<Self, String> {
+        let (mut journal, history) = Journal::open(&job.journal()).map_err(|error| error.to_string())?;
+        let start = history.start(choice).map_err(|error| error.to_string())?;
+        let open = || -> Result<_, String> {
+            let recipe = Recipe::load(&job.recipe()).map_err(|error| error.to_string())?;
+            let machine = Machine::load(&job.machine()).map_err(|error| error.to_string())?;
+            let part = Part::open(&job.part(), &machine, &recipe, threads, limit_bytes).map_err(|e| e.to_string())?;
+            Ok((recipe, machine, Arc::new(part)))
+        };
+        match open() {
+            Ok((recipe, machine, part)) => Ok(Self { journal, key: history.key, start, recipe, machine, part }),
+            Err(text) => {
+                // A part that is on the plate stays resumable: whatever is wrong may be mended.
+                let state = if history.next_layer == 0 { JobState::Failed } else { JobState::Interrupted };
+                journal.append(Record::Ended { state, reason: text.clone() }, unix_ms()).map_err(|e| e.to_string())?;
+                Err(text)
+            }
+        }
+    }
+}
+
+/// What the printer's loop must do for an action of the engine.
+#[derive(Debug)]
+pub(super) enum Task {
+    /// Send it ahead of everything else.
+    Urgent(Urgent),
+    /// Tell the operator.
+    Notice(String),
+    /// The job is over.
+    Finished,
+}
+
+/// The running job.
+pub(super) struct Running {
+    /// Its number.
+    pub job: u32,
+    /// Its engine.
+    pub engine: Engine,
+    /// Names its exposures.
+    key: u64,
+    recipe: Recipe,
+    machine: Machine,
+    part: Arc<Part>,
+    journal: Arc<Mutex<Journal>>,
+    background: mpsc::Sender<Background>,
+    /// The session's driver; `None` without a session.
+    pub driver: Option<DlpDriver>,
+    encoding: Option<Encoding>,
+    layers: Layers,
+    /// The layer and slot the engine wants uploaded and that is not computed yet.
+    wanted: Option<(u32, u8)>,
+    /// The queue's share of the layer that is being sent.
+    sending: Option<(u32, Room)>,
+    act_number: u64,
+    /// The number of the urgent frame the engine waits for.
+    pub urgent_number: Option<u32>,
+}
+
+impl Running {
+    /// A job whose turn has come.
+    pub(super) fn new(job: u32, opened: Opened, background: mpsc::Sender<Background>, now_us: u64) -> Self {
+        let Opened { journal, key, start, recipe, machine, part } = opened;
+        let layer_count = part.layer_count();
+        let plan = JobPlan { key, layer_count, recipe: recipe.clone(), clear_height_um: machine.clear_height_um };
+        let mut engine = Engine::new(plan, start);
+        engine.handle(Event::Ready, now_us);
+        Self {
+            job,
+            engine,
+            key,
+            recipe,
+            machine,
+            part,
+            journal: Arc::new(Mutex::new(journal)),
+            background,
+            driver: None,
+            encoding: None,
+            layers: Layers::Idle,
+            wanted: None,
+            sending: None,
+            act_number: 0,
+            urgent_number: None,
+        }
+    }
+
+    /// A session with the device stands.
+    pub(super) fn connected(&mut self, capabilities: &Capabilities, state: &DeviceState, now_us: u64) {
+        self.sending = None;
+        self.wanted = None;
+        match self.fits(capabilities) {
+            Ok(encoding) => self.encoding = Some(encoding),
+            Err(text) => return self.engine.handle(Event::Unfit(text), now_us),
+        }
+        self.driver = Some(DlpDriver::new(self.key, capabilities, state));
+        let max_position_um = capabilities.max_position_um;
+        self.engine.handle(Event::Connected { state: state.clone(), max_position_um }, now_us);
+    }
+
+    /// The session is lost.
+    pub(super) fn line_lost(&mut self, reason: String, now_us: u64) {
+        self.driver = None;
+        self.sending = None;
+        self.wanted = None;
+        self.engine.handle(Event::LineLost(reason), now_us);
+    }
+
+    fn fits(&self, capabilities: &Capabilities) -> Result<Encoding, String> {
+        check_capabilities(&self.machine, capabilities).map_err(|error| error.to_string())?;
+        let depth = self.part.depth();
+        let longest_ms = self.recipe.exposure_ms.max(self.recipe.bottom_exposure_ms);
+        if longest_ms > capabilities.max_exposure_ms {
+            return Err(format!(
+                "the recipe exposes for {longest_ms} ms, but the device `{}` allows at most {} ms: shorten the exposure",
+                capabilities.name, capabilities.max_exposure_ms
+            ));
+        }
+        encoding::choose(depth, &capabilities.encodings).ok_or_else(|| {
+            format!("the device `{}` decodes no {depth:?} layers: change `antialias` in the recipe", capabilities.name)
+        })
+    }
+
+    /// An order of the operator.
+    pub(super) fn command(&mut self, command: Command, now_us: u64) {
+        self.engine.handle(Event::Command(command), now_us);
+    }
+
+    /// Carries out what the engine asks for, until something is left to the printer's loop; `None` when nothing is asked.
+    pub(super) fn next_task(&mut self, budget: &MemoryBudget) -> Option<Task> {
+        while let Some(action) = self.engine.next_action() {
+            match action {
+                Action::Urgent(urgent) => return Some(Task::Urgent(urgent)),
+                Action::Notice(text) => return Some(Task::Notice(text)),
+                Action::Finished { .. } => return Some(Task::Finished),
+                Action::Journal(record) => self.journal(record),
+                Action::Act { number, act } => {
+                    self.act_number = number;
+                    if let Some(driver) = &mut self.driver
+                        && let Err(error) = driver.act(act)
+                    {
+                        tracing::error!(%error, ?act, "act refused by the driver");
+                    }
+                }
+                Action::QueryState => {
+                    if let Some(driver) = &mut self.driver {
+                        driver.query_state();
+                    }
+                }
+                Action::NeedLayers { from } => {
+                    if let Some(encoding) = self.encoding {
+                        self.layers.restart(&self.part, from, encoding, budget);
+                    }
+                }
+                Action::Upload { layer, slot } => self.wanted = Some((layer, slot)),
+            }
+        }
+        None
+    }
+
+    /// Appends to the journal in the background; [`Background::Journalled`] tells the end.
+    fn journal(&self, record: Record) {
+        let (journal, background, job) = (Arc::clone(&self.journal), self.background.clone(), self.job);
+        tokio::task::spawn_blocking(move || {
+            let mut journal = journal.lock().unwrap_or_else(PoisonError::into_inner);
+            let result = journal.append(record, unix_ms()).map_err(|error| error.to_string());
+            // Without a listener the daemon has ended.
+            let _ = background.blocking_send(Background::Journalled { job, result });
+        });
+    }
+
+    /// Waits for the layer the engine wants; for ever where it wants none. Cancel safe.
+    pub(super) async fn wanted_layer(&mut self) -> Result<Finished<EncodedLayer>, String> {
+        match self.wanted {
+            Some(_) => self.layers.next().await,
+            None => std::future::pending().await,
+        }
+    }
+
+    /// Takes a computed layer: gives it to the driver if it is the one wanted.
+    pub(super) fn computed(&mut self, result: Result<Finished<EncodedLayer>, String>, now_us: u64) {
+        let Some((wanted, slot)) = self.wanted else { return };
+        let finished = match result {
+            Ok(finished) => finished,
+            Err(text) => {
+                self.wanted = None;
+                return self.engine.handle(Event::LayerFailed { layer: wanted, text }, now_us);
+            }
+        };
+        let EncodedLayer { layer, encoding, bytes, decoded_crc32 } = finished.layer;
+        if layer < wanted {
+            // The device held this one already when the sweep began before it.
+            return;
+        }
+        self.wanted = None;
+        if layer > wanted {
+            let text = format!("the sweep came to layer {layer} where layer {wanted} was next");
+            return self.engine.handle(Event::LayerFailed { layer: wanted, text }, now_us);
+        }
+        tracing::debug!(layer, bytes = bytes.len(), compute_us = finished.compute_time.as_micros(), "layer computed");
+        if let Some(driver) = &mut self.driver {
+            let _ = slot;
+            if let Err(error) = driver.upload(layer, encoding, bytes, decoded_crc32) {
+                tracing::error!(%error, layer, "upload refused by the driver");
+            }
+            self.sending = Some((layer, finished.room));
+        }
+    }
+
+    /// What the device says.
+    pub(super) fn driver_event(&mut self, event: crate::device::DriverEvent, now_us: u64) {
+        use crate::device::DriverEvent;
+        let event = match event {
+            DriverEvent::Uploaded { layer, .. } => {
+                self.sending = self.sending.take().filter(|(sending, _)| *sending != layer);
+                Event::Uploaded { layer }
+            }
+            DriverEvent::UploadFailed { layer, refusal } => {
+                self.sending = None;
+                Event::UploadRefused { layer, refusal }
+            }
+            DriverEvent::ActDone(outcome) => Event::ActDone { number: self.act_number, outcome },
+            DriverEvent::StateKnown(state) => Event::State(state),
+            DriverEvent::Fault(fault) => Event::Fault(fault),
+            DriverEvent::Confused { number } => {
+                tracing::warn!(number, "the device answered a request that was not asked");
+                return;
+            }
+        };
+        self.engine.handle(event, now_us);
+    }
+
+    /// How long the recipe exposes a layer.
+    pub(super) fn exposure_ms(&self, layer: u32) -> u32 {
+        self.recipe.layer_exposure_ms(layer)
+    }
+
+    /// Ends everything; returns once the memory is given back.
+    pub(super) async fn release(self) {
+        drop(self.sending);
+        drop(self.driver);
+        self.layers.stop().await;
+    }
+}

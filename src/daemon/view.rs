@@ -1,0 +1,81 @@
+//! From what the parts know to what operators see.
+
+use super::api::{BudgetView, DeviceInfo, DeviceStateView, DeviceView, ExposureView, JobView, LineView};
+use super::jobs::Jobs;
+use crate::device::{DriverEvent, Outcome};
+use crate::link::message::{Capabilities, DeviceKind, DeviceState, ExposureId};
+use crate::link::session::Statistics;
+use crate::stream::MemoryBudget;
+
+/// The memory budget.
+pub(super) fn budget(budget: &MemoryBudget) -> BudgetView {
+    BudgetView { limit_bytes: budget.limit_bytes(), used_bytes: budget.used_bytes(), peak_bytes: budget.peak_bytes() }
+}
+
+/// What the line carried.
+pub(super) fn line(statistics: &Statistics, reconnects: u64) -> LineView {
+    LineView {
+        sent_bytes: statistics.bytes_sent,
+        received_bytes: statistics.bytes_received,
+        sent_frames: statistics.frames_sent,
+        retransmitted_frames: statistics.retransmitted_frames,
+        bad_frames: statistics.crc_errors + statistics.malformed_frames,
+        reconnects,
+        round_trip_ms: (statistics.round_trip_us > 0).then(|| statistics.round_trip_us as f64 / 1000.0),
+        busy_share: None,
+    }
+}
+
+/// A device said what it is.
+pub(super) fn device_connected(view: &mut DeviceView, capabilities: &Capabilities, state: &DeviceState, jobs: &Jobs) {
+    let kind = match capabilities.kind {
+        DeviceKind::Dlp => "dlp",
+        DeviceKind::Slm => "slm",
+    };
+    view.connected = true;
+    view.info = Some(DeviceInfo {
+        name: capabilities.name.clone(),
+        kind: kind.into(),
+        width_px: capabilities.width_px,
+        height_px: capabilities.height_px,
+        pixel_um: capabilities.pixel_nm.map(|nm| f64::from(nm) / 1000.0),
+        layer_slots: capabilities.layer_slots,
+        window_bytes: capabilities.window_bytes,
+        largest_frame_bytes: capabilities.largest_frame_bytes,
+        encodings: capabilities.encodings.iter().map(|encoding| format!("{encoding:?}")).collect(),
+        max_exposure_ms: capabilities.max_exposure_ms,
+        max_position_um: capabilities.max_position_um,
+    });
+    view.state = Some(state_view(state, jobs));
+}
+
+/// A device said what became of something.
+pub(super) fn device_told(view: &mut DeviceView, event: &DriverEvent, jobs: &Jobs) {
+    let state = view.state.get_or_insert_with(DeviceStateView::default);
+    match event {
+        DriverEvent::StateKnown(known) => *state = state_view(known, jobs),
+        DriverEvent::ActDone(Outcome::Arrived { position_um }) => state.position_um = Some(*position_um),
+        DriverEvent::Fault(fault) => state.fault = fault.as_ref().map(|fault| fault.text.clone()),
+        _ => {}
+    }
+}
+
+fn state_view(state: &DeviceState, jobs: &Jobs) -> DeviceStateView {
+    DeviceStateView {
+        light_on: state.light_on,
+        position_um: state.position_um,
+        moving: state.moving,
+        last_exposed: state.last_exposed.map(|id| exposure(id, jobs)),
+        fault: state.fault.as_ref().map(|fault| fault.text.clone()),
+    }
+}
+
+fn exposure(id: ExposureId, jobs: &Jobs) -> ExposureView {
+    let job = jobs.by_key(id.job).map_or_else(|| format!("{:016x}", id.job), |job| job.view.id.clone());
+    ExposureView { job, layer: id.layer }
+}
+
+/// One line for `systemctl status`.
+pub(super) fn status_line(job: &JobView) -> String {
+    format!("job {} ({}): {}, {} of {} layers", job.id, job.name, job.state, job.layers_done, job.layers_total)
+}

@@ -1,0 +1,213 @@
+//! Whole prints through the real processes: simulated device, daemon, command.
+
+mod support;
+
+use std::time::{Duration, Instant};
+
+use support::{Bench, Setup, real_data, signal, wait_until};
+
+/// A small lattice of some thirty layers.
+const SMALL: [&str; 10] = ["generate", "bcc", "--struts", "300", "--box", "8,8,3", "--seed", "1", "-o", "part.layerd"];
+
+#[test]
+fn a_print_exposes_every_layer_once_in_order_as_sliced() {
+    let bench = Bench::start(Setup::default());
+    bench.ok(&SMALL);
+    let id = bench.start_job("part.layerd");
+    let job = bench.wait_for(id, &["completed", "failed", "interrupted"]);
+    assert_eq!(job["state"], "completed", "{job}");
+    let layers = job["layers_total"].as_u64().expect("layers_total");
+    assert!(layers >= 25, "{job}");
+    assert_eq!(bench.exposed_layers(), (0..layers).collect::<Vec<_>>());
+    bench.assert_pictures_match("part.layerd", layers);
+    let acts = bench.acts();
+    let on = acts.iter().filter(|act| act["event"] == "light_on").count() as u64;
+    let off = acts.iter().filter(|act| act["event"] == "light_off").count() as u64;
+    assert_eq!((on, off), (layers, layers));
+}
+
+#[test]
+fn grey_layers_print_as_sliced() {
+    let bench = Bench::start(Setup { antialias: true, layer_height_um: 300.0, ..Setup::default() });
+    bench.ok(&SMALL);
+    let id = bench.start_job("part.layerd");
+    let job = bench.wait_for(id, &["completed", "failed", "interrupted"]);
+    assert_eq!(job["state"], "completed", "{job}");
+    bench.assert_pictures_match("part.layerd", job["layers_total"].as_u64().expect("layers_total"));
+}
+
+#[test]
+fn abort_on_a_saturated_line_turns_the_light_off_within_100_ms() {
+    // A line so slow that a layer is always under way, and exposures so long that one is always running.
+    let setup = Setup { exposure_ms: 5_000, baud: 19_200, time_scale: 1, size_px: [800, 600], ..Setup::default() };
+    let bench = Bench::start(setup);
+    bench.ok(&["generate", "random", "--struts", "4000", "--box", "30,25,3", "--seed", "2", "-o", "part.layerd"]);
+    let id = bench.start_job("part.layerd");
+    let acts_file = bench.path("device-out/acts.jsonl");
+    let lit = || std::fs::read_to_string(&acts_file).is_ok_and(|text| text.contains("light_on"));
+    wait_until("the first light", lit);
+    std::thread::sleep(Duration::from_millis(300));
+    let before = bench.json(&["status"]);
+    let commanded = Instant::now();
+    bench.ok(&["abort"]);
+    let dark = || std::fs::read_to_string(&acts_file).is_ok_and(|text| text.contains("light_off"));
+    wait_until("the light to go off", dark);
+    let took = commanded.elapsed();
+    bench.wait_for(id, &["aborted"]);
+    assert!(took < Duration::from_millis(100), "light off after {took:?}; line before: {before}");
+    std::thread::sleep(Duration::from_millis(500));
+    let acts = bench.acts();
+    let off = acts.iter().position(|act| act["event"] == "light_off").expect("light_off");
+    assert!(!acts[off..].iter().any(|act| act["event"] == "light_on" || act["event"] == "exposed"), "{acts:?}");
+    assert!(acts[off..].iter().any(|act| act["event"] == "moved"), "the plate lifts clear after an abort: {acts:?}");
+}
+
+#[test]
+fn kill_at_any_moment_then_resume_exposes_each_layer_exactly_once() {
+    let mut bench = Bench::start(Setup { time_scale: 20, ..Setup::default() });
+    bench.ok(&SMALL);
+    let id = bench.start_job("part.layerd");
+    let mut completed = false;
+    for kill in 0..20u64 {
+        // Moments spread over the phases of a layer by a multiplicative sequence.
+        std::thread::sleep(Duration::from_millis(20 + kill * 7919 % 170));
+        bench.kill_daemon();
+        bench.start_daemon();
+        let job = bench.job(id);
+        if job["state"] == "completed" {
+            completed = true;
+            break;
+        }
+        assert_eq!(job["state"], "interrupted", "after kill {kill}: {job}");
+        bench.ok(&["resume", &id.to_string()]);
+    }
+    assert!(!completed, "the print ended before all kills were done");
+    let job = bench.wait_for(id, &["completed", "failed", "interrupted"]);
+    assert_eq!(job["state"], "completed", "{job}");
+    let layers = job["layers_total"].as_u64().expect("layers_total");
+    assert_eq!(bench.exposed_layers(), (0..layers).collect::<Vec<_>>());
+    bench.assert_pictures_match("part.layerd", layers);
+}
+
+#[test]
+fn lost_corrupted_and_repeated_frames_and_pulled_cables_do_not_show() {
+    let faults =
+        ["--fault", "drop=0.01", "--fault", "corrupt=0.01", "--fault", "duplicate=0.01", "--fault", "disconnect=3"];
+    let simulate = faults.iter().chain(&["--seed", "7"]).map(ToString::to_string).collect();
+    let bench = Bench::start(Setup { simulate, ..Setup::default() });
+    bench.ok(&SMALL);
+    let id = bench.start_job("part.layerd");
+    let job = bench.wait_for(id, &["completed", "failed", "interrupted"]);
+    assert_eq!(job["state"], "completed", "{job}");
+    let layers = job["layers_total"].as_u64().expect("layers_total");
+    assert_eq!(bench.exposed_layers(), (0..layers).collect::<Vec<_>>());
+    bench.assert_pictures_match("part.layerd", layers);
+}
+
+#[test]
+fn sigterm_ends_dark_and_resumable() {
+    let mut bench = Bench::start(Setup::default());
+    bench.ok(&SMALL);
+    let id = bench.start_job("part.layerd");
+    wait_until("some layers", || bench.job(id)["layers_done"].as_u64() >= Some(5));
+    assert_eq!(bench.terminate_daemon(), Some(0));
+    let acts = bench.acts();
+    let last_light =
+        acts.iter().rev().find(|act| act["event"].as_str().is_some_and(|event| event.starts_with("light")));
+    assert_eq!(last_light.expect("there was light")["event"], "light_off");
+    bench.start_daemon();
+    assert_eq!(bench.job(id)["state"], "interrupted");
+    bench.ok(&["resume", &id.to_string()]);
+    let job = bench.wait_for(id, &["completed", "failed", "interrupted"]);
+    assert_eq!(job["state"], "completed", "{job}");
+    let layers = job["layers_total"].as_u64().expect("layers_total");
+    assert_eq!(bench.exposed_layers(), (0..layers).collect::<Vec<_>>());
+}
+
+#[test]
+fn pause_lifts_clear_and_resume_goes_on() {
+    let bench = Bench::start(Setup::default());
+    bench.ok(&SMALL);
+    let id = bench.start_job("part.layerd");
+    wait_until("some layers", || bench.job(id)["layers_done"].as_u64() >= Some(3));
+    bench.ok(&["pause"]);
+    bench.wait_for(id, &["paused"]);
+    let acts = bench.acts();
+    let position = acts.iter().rev().find_map(|act| act["position_um"].as_i64()).expect("a position");
+    assert!(position >= 30_000, "the plate stands at {position} µm, not clear");
+    let exposed = bench.exposed_layers().len();
+    std::thread::sleep(Duration::from_millis(200));
+    assert_eq!(bench.exposed_layers().len(), exposed, "nothing is exposed while paused");
+    bench.ok(&["resume"]);
+    let job = bench.wait_for(id, &["completed", "failed", "interrupted"]);
+    assert_eq!(job["state"], "completed", "{job}");
+    assert_eq!(bench.exposed_layers(), (0..job["layers_total"].as_u64().expect("total")).collect::<Vec<_>>());
+}
+
+#[test]
+fn stop_ends_after_the_layer_and_the_next_job_prints() {
+    let bench = Bench::start(Setup::default());
+    bench.ok(&SMALL);
+    let first = bench.start_job("part.layerd");
+    let second = bench.start_job("part.layerd");
+    assert_eq!(bench.job(second)["state"], "queued");
+    wait_until("some layers", || bench.job(first)["layers_done"].as_u64() >= Some(3));
+    bench.ok(&["stop"]);
+    let job = bench.wait_for(first, &["stopped"]);
+    assert!(job["layers_done"].as_u64() < job["layers_total"].as_u64());
+    bench.wait_for(second, &["completed"]);
+}
+
+#[test]
+fn a_lost_device_interrupts_and_a_new_one_resumes() {
+    let mut bench = Bench::start(Setup::default());
+    bench.ok(&SMALL);
+    let id = bench.start_job("part.layerd");
+    wait_until("some layers", || bench.job(id)["layers_done"].as_u64() >= Some(3));
+    signal(bench.daemon_pid(), "STOP");
+    std::thread::sleep(Duration::from_millis(2_500));
+    let silent = bench.acts().iter().any(|act| act["event"] == "host_silent");
+    signal(bench.daemon_pid(), "CONT");
+    assert!(silent, "the device notices a silent host");
+    let job = bench.wait_for(id, &["completed", "failed", "interrupted"]);
+    assert_eq!(job["state"], "completed", "{job}");
+    assert_eq!(bench.exposed_layers(), (0..job["layers_total"].as_u64().expect("total")).collect::<Vec<_>>());
+    bench.kill_device();
+}
+
+#[test]
+fn a_real_lattice_prints_within_its_memory_budget() {
+    let Some(lattice) = real_data("spot_lattice.txt") else { return };
+    let setup = Setup { size_px: [1920, 1080], layer_height_um: 500.0, time_scale: 500, ..Setup::default() };
+    let bench = Bench::start(setup);
+    bench.ok(&["pack", lattice.to_str().expect("UTF-8"), "-o", "spot.layerd"]);
+    let id = bench.start_job("spot.layerd");
+    let job = bench.wait_for(id, &["completed", "failed", "interrupted"]);
+    assert_eq!(job["state"], "completed", "{job}");
+    let layers = job["layers_total"].as_u64().expect("layers_total");
+    assert_eq!(bench.exposed_layers(), (0..layers).collect::<Vec<_>>());
+    let status = std::fs::read_to_string(format!("/proc/{}/status", bench.daemon_pid())).expect("/proc");
+    let peak_kib: u64 = status
+        .lines()
+        .find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix("kB")?.trim().parse().ok())
+        .expect("VmHWM");
+    eprintln!("peak resident memory of the daemon: {} MiB", peak_kib >> 10);
+    assert!(peak_kib < (64 + 24) << 10, "peak resident memory {peak_kib} KiB is above budget + 24 MiB");
+    bench.assert_pictures_match("spot.layerd", layers);
+}
+
+#[test]
+fn the_pyramid_prints_as_sliced() {
+    let Some(pyramid) = real_data("pyramid.3mf") else { return };
+    let setup =
+        Setup { size_px: [900, 900], pixel_um: 200.0, layer_height_um: 1000.0, time_scale: 200, ..Setup::default() };
+    let bench = Bench::start(setup);
+    bench.ok(&["pack", pyramid.to_str().expect("UTF-8"), "-o", "pyramid.layerd"]);
+    bench.ok(&["check", "pyramid.layerd", "--machine", "machine.toml", "--recipe", "recipe.toml"]);
+    let id = bench.start_job("pyramid.layerd");
+    let job = bench.wait_for(id, &["completed", "failed", "interrupted"]);
+    assert_eq!(job["state"], "completed", "{job}");
+    let layers = job["layers_total"].as_u64().expect("layers_total");
+    assert_eq!(bench.exposed_layers(), (0..layers).collect::<Vec<_>>());
+    bench.assert_pictures_match("pyramid.layerd", layers);
+}

@@ -1,0 +1,298 @@
+//! A bench for whole prints: a simulated device, the daemon and the operator's command, each a process of its own, in a
+//! directory of their own.
+#![allow(dead_code, reason = "each test file uses its part of the bench")]
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+
+/// Longest any single wait of a test takes; a print that hangs fails instead of stopping the run.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+/// What a test may vary.
+pub struct Setup {
+    /// Pixels a row and rows.
+    pub size_px: [u32; 2],
+    /// Pixel pitch, micrometres.
+    pub pixel_um: f64,
+    /// Layer height, micrometres.
+    pub layer_height_um: f64,
+    /// Exposure of every layer, milliseconds of device time.
+    pub exposure_ms: u32,
+    /// Line rate.
+    pub baud: u32,
+    /// How much faster than real the device's clock runs.
+    pub time_scale: u32,
+    /// `memory_budget` of the daemon.
+    pub memory_budget: &'static str,
+    /// Grey edges.
+    pub antialias: bool,
+    /// Further arguments of `layerctl simulate dlp`.
+    pub simulate: Vec<String>,
+}
+
+impl Default for Setup {
+    fn default() -> Self {
+        Self {
+            size_px: [400, 300],
+            pixel_um: 50.0,
+            layer_height_um: 100.0,
+            exposure_ms: 400,
+            baud: 3_000_000,
+            time_scale: 50,
+            memory_budget: "64MiB",
+            antialias: false,
+            simulate: Vec::new(),
+        }
+    }
+}
+
+/// One directory with everything of one print bench; processes end when it is dropped.
+pub struct Bench {
+    /// The directory.
+    pub dir: tempfile::TempDir,
+    setup: Setup,
+    device: Option<Child>,
+    daemon: Option<Child>,
+}
+
+impl Bench {
+    /// Writes the configuration and starts device and daemon.
+    pub fn start(setup: Setup) -> Self {
+        let mut bench = Self::prepare(setup);
+        bench.start_device();
+        bench.start_daemon();
+        bench
+    }
+
+    /// Writes the configuration; starts nothing.
+    pub fn prepare(setup: Setup) -> Self {
+        let dir = tempfile::Builder::new().prefix("layerd-test-").tempdir().expect("temporary directory");
+        let bench = Self { dir, setup, device: None, daemon: None };
+        bench.write_configuration();
+        bench
+    }
+
+    /// A path in the bench's directory.
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.dir.path().join(name)
+    }
+
+    fn write_configuration(&self) {
+        let Setup { size_px, pixel_um, layer_height_um, exposure_ms, baud, memory_budget, antialias, .. } = &self.setup;
+        let machine = format!(
+            "name = \"bench\"\nkind = \"dlp\"\nwidth_px = {}\nheight_px = {}\npixel_um = [{pixel_um:?}, {pixel_um:?}]\n\
+             build_height_um = 200000.0\nclear_height_um = 30000.0\n[link]\npath = \"device\"\nbaud = {baud}\n",
+            size_px[0], size_px[1],
+        );
+        let recipe = format!(
+            "name = \"bench\"\nlayer_height_um = {layer_height_um:?}\nexposure_ms = {exposure_ms}\n\
+             bottom_exposure_ms = {exposure_ms}\nbottom_layers = 0\nlift_height_um = 3000\nlift_speed_um_s = 20000\n\
+             retract_speed_um_s = 20000\nantialias = {antialias}\n",
+        );
+        let daemon = format!(
+            "socket = \"control.sock\"\nspool = \"spool\"\nmemory_budget = \"{memory_budget}\"\n\
+             machine = \"machine.toml\"\nrecipe = \"recipe.toml\"\n",
+        );
+        fs::write(self.path("machine.toml"), machine).expect("machine.toml");
+        fs::write(self.path("recipe.toml"), recipe).expect("recipe.toml");
+        fs::write(self.path("layerd.toml"), daemon).expect("layerd.toml");
+    }
+
+    /// Starts the simulated device and waits for its line.
+    pub fn start_device(&mut self) {
+        let time_scale = self.setup.time_scale.to_string();
+        let baud = self.setup.baud.to_string();
+        let child = Command::new(env!("CARGO_BIN_EXE_layerctl"))
+            .current_dir(self.dir.path())
+            .args(["simulate", "dlp", "--link", "device", "-o", "device-out", "--machine", "machine.toml"])
+            .args(["--baud", &baud, "--time-scale", &time_scale])
+            .args(&self.setup.simulate)
+            .stdin(Stdio::null())
+            .stdout(self.log("device.log"))
+            .stderr(self.log("device.log"))
+            .spawn()
+            .expect("layerctl simulate starts");
+        self.device = Some(child);
+        let link = self.path("device");
+        wait_until("the device's line", || link.exists());
+    }
+
+    /// Starts the daemon and waits until it answers.
+    pub fn start_daemon(&mut self) {
+        let child = Command::new(env!("CARGO_BIN_EXE_layerd"))
+            .current_dir(self.dir.path())
+            .args(["--config", "layerd.toml"])
+            .env("RUST_LOG", "info")
+            .stdin(Stdio::null())
+            .stdout(self.log("daemon.log"))
+            .stderr(self.log("daemon.log"))
+            .spawn()
+            .expect("layerd starts");
+        self.daemon = Some(child);
+        wait_until("the daemon", || self.layerctl(&["status", "--json"]).status.success());
+    }
+
+    fn log(&self, name: &str) -> fs::File {
+        fs::OpenOptions::new().create(true).append(true).open(self.path(name)).expect("log file")
+    }
+
+    /// The daemon's process number.
+    pub fn daemon_pid(&self) -> u32 {
+        self.daemon.as_ref().expect("the daemon runs").id()
+    }
+
+    /// `kill -9` of the daemon.
+    pub fn kill_daemon(&mut self) {
+        let mut daemon = self.daemon.take().expect("the daemon runs");
+        daemon.kill().expect("killed");
+        daemon.wait().expect("waited");
+    }
+
+    /// SIGTERM to the daemon; returns once it has ended, with its exit code.
+    pub fn terminate_daemon(&mut self) -> Option<i32> {
+        let mut daemon = self.daemon.take().expect("the daemon runs");
+        signal(daemon.id(), "TERM");
+        daemon.wait().expect("waited").code()
+    }
+
+    /// `kill -9` of the simulated device.
+    pub fn kill_device(&mut self) {
+        let mut device = self.device.take().expect("the device runs");
+        device.kill().expect("killed");
+        device.wait().expect("waited");
+        let _ = fs::remove_file(self.path("device"));
+    }
+
+    /// Runs `layerctl` in the bench's directory, against its daemon.
+    pub fn layerctl(&self, arguments: &[&str]) -> Output {
+        self.layerctl_command(arguments).output().expect("layerctl runs")
+    }
+
+    /// The same, not yet started.
+    pub fn layerctl_command(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_layerctl"));
+        command.current_dir(self.dir.path()).args(arguments).env("LAYERD_SOCKET", self.path("control.sock"));
+        command.stdin(Stdio::null());
+        command
+    }
+
+    /// Runs `layerctl` and expects success; returns its standard output.
+    pub fn ok(&self, arguments: &[&str]) -> String {
+        let output = self.layerctl(arguments);
+        assert!(
+            output.status.success(),
+            "layerctl {arguments:?}: {}\n{}\n--- daemon\n{}",
+            output.status,
+            String::from_utf8_lossy(&output.stderr),
+            fs::read_to_string(self.path("daemon.log")).unwrap_or_default(),
+        );
+        String::from_utf8(output.stdout).expect("UTF-8")
+    }
+
+    /// The same with `--json`.
+    pub fn json(&self, arguments: &[&str]) -> Value {
+        let text = self.ok(&[arguments, &["--json"]].concat());
+        serde_json::from_str(&text).unwrap_or_else(|error| panic!("layerctl {arguments:?} --json: {error}: {text}"))
+    }
+
+    /// The job with this id as the daemon shows it.
+    pub fn job(&self, id: u64) -> Value {
+        let jobs = self.json(&["jobs"]);
+        let list = jobs["jobs"].as_array().expect("jobs");
+        list.iter().find(|job| job["id"] == id).unwrap_or_else(|| panic!("no job {id} in {jobs}")).clone()
+    }
+
+    /// Starts a job; its id.
+    pub fn start_job(&self, file: &str) -> u64 {
+        self.ok(&["start", file]).trim().parse().expect("start prints the job's id")
+    }
+
+    /// Waits until a job is in one of these states; the job.
+    pub fn wait_for(&self, id: u64, states: &[&str]) -> Value {
+        let began = Instant::now();
+        loop {
+            let job = self.job(id);
+            if states.iter().any(|state| job["state"] == *state) {
+                return job;
+            }
+            assert!(
+                began.elapsed() < PATIENCE,
+                "job {id} did not become {states:?}: {job}\n--- daemon\n{}\n--- device\n{}",
+                fs::read_to_string(self.path("daemon.log")).unwrap_or_default(),
+                fs::read_to_string(self.path("device.log")).unwrap_or_default(),
+            );
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// What the device did, in its order.
+    pub fn acts(&self) -> Vec<Value> {
+        let text = fs::read_to_string(self.path("device-out/acts.jsonl")).expect("acts.jsonl");
+        text.lines().map(|line| serde_json::from_str(line).unwrap_or_else(|e| panic!("{e}: {line}"))).collect()
+    }
+
+    /// The layers exposed, in the device's order.
+    pub fn exposed_layers(&self) -> Vec<u64> {
+        let acts = self.acts();
+        acts.iter().filter(|act| act["event"] == "exposed").map(|act| act["layer"].as_u64().expect("layer")).collect()
+    }
+
+    /// Slices `file` with the bench's machine and recipe and compares every picture with what the device exposed.
+    pub fn assert_pictures_match(&self, file: &str, layers: u64) {
+        self.ok(&["slice", file, "--machine", "machine.toml", "--recipe", "recipe.toml", "-o", "sliced"]);
+        for layer in 0..layers {
+            let name = format!("layer_{layer:06}.png");
+            let sliced = image::open(self.path("sliced").join(&name)).expect("sliced picture");
+            let exposed = image::open(self.path("device-out").join(&name)).expect("exposed picture");
+            assert!(sliced.into_luma8() == exposed.into_luma8(), "{name} differs");
+        }
+        let more = self.path("sliced").join(format!("layer_{layers:06}.png"));
+        assert!(!more.exists(), "slice has more layers than were printed");
+    }
+}
+
+impl Drop for Bench {
+    fn drop(&mut self) {
+        for child in [self.daemon.take(), self.device.take()].into_iter().flatten() {
+            let mut child = child;
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+        if std::thread::panicking() {
+            for name in ["daemon.log", "device.log"] {
+                let text = fs::read_to_string(self.path(name)).unwrap_or_default();
+                eprintln!("--- {name}\n{text}");
+            }
+        }
+    }
+}
+
+/// Sends a signal by name.
+pub fn signal(pid: u32, name: &str) {
+    let status = Command::new("kill").args([&format!("-{name}"), &pid.to_string()]).status().expect("kill runs");
+    assert!(status.success(), "kill -{name} {pid}");
+}
+
+/// Waits for a condition, with patience.
+pub fn wait_until(what: &str, condition: impl Fn() -> bool) {
+    let began = Instant::now();
+    while !condition() {
+        assert!(began.elapsed() < PATIENCE, "waited in vain for {what}");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+}
+
+/// A file of real input, or `None`, saying so, where the collection is absent.
+pub fn real_data(name: &str) -> Option<PathBuf> {
+    let default = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
+    let path = std::env::var_os("LAYERD_DATA").map_or(default, PathBuf::from).join(name);
+    if !path.exists() {
+        eprintln!("skipped: {} is not there (set LAYERD_DATA)", path.display());
+        return None;
+    }
+    Some(path.canonicalize().expect("absolute path"))
+}
