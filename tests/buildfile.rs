@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use layerd::buildfile::{
-    Blend, BuildFile, BuildFileError, Cap, Caps, GenerateOptions, Kind, Placement, Strut, Writer, WriterSettings, generate,
+    Blend, BuildFile, BuildFileError, Cap, Caps, GenerateOptions, Kind, Placement, Strut, Writer, WriterSettings,
+    generate,
 };
 use proptest::prelude::*;
 
@@ -40,12 +41,19 @@ fn any_cap() -> impl Strategy<Value = Cap> {
 }
 
 fn any_strut() -> impl Strategy<Value = Strut> {
-    let node = || prop_oneof![[-50..50i32, -50..50i32, -50..50i32], [-1_000_000_000..1_000_000_000i32, -9..9i32, -70_000..70_000i32]];
-    (node(), node(), 1..3000u32, 1..3000u32, any_cap(), any_cap()).prop_map(|(p, q, radius_a, radius_b, cap_a, cap_b)| {
-        let (a, b) = if key(p) <= key(q) { (p, q) } else { (q, p) };
-        let radius_b = if a == b { radius_a } else { radius_b };
-        Strut { a, b, radius_a, radius_b, caps: Caps { a: cap_a, b: cap_b } }
-    })
+    let node = || {
+        prop_oneof![
+            [-50..50i32, -50..50i32, -50..50i32],
+            [-1_000_000_000..1_000_000_000i32, -9..9i32, -70_000..70_000i32]
+        ]
+    };
+    (node(), node(), 1..3000u32, 1..3000u32, any_cap(), any_cap()).prop_map(
+        |(p, q, radius_a, radius_b, cap_a, cap_b)| {
+            let (a, b) = if key(p) <= key(q) { (p, q) } else { (q, p) };
+            let radius_b = if a == b { radius_a } else { radius_b };
+            Strut { a, b, radius_a, radius_b, caps: Caps { a: cap_a, b: cap_b } }
+        },
+    )
 }
 
 fn any_struts() -> impl Strategy<Value = Vec<Strut>> {
@@ -144,7 +152,9 @@ fn a_lying_index_with_a_true_checksum_is_refused() {
     let footer = good.len() - 36;
     let index = u64::from_le_bytes(good[footer..footer + 8].try_into().expect("8 bytes")) as usize;
     // Every field of the only entry but its CRC, with the checksums of index and footer made true again.
-    for (at, name) in [(0, "offset"), (8, "packed"), (12, "unpacked"), (20, "struts"), (24, "balls"), (28, "z"), (32, "z"), (36, "z")] {
+    for (at, name) in
+        [(0, "offset"), (8, "packed"), (12, "unpacked"), (20, "struts"), (24, "balls"), (28, "z"), (32, "z"), (36, "z")]
+    {
         for value in [0u32, 1, 0x7fff_ffff, u32::MAX] {
             let mut bytes = good.clone();
             if bytes[index + at..index + at + 4] == value.to_le_bytes() {
