@@ -232,10 +232,10 @@ fn caps_and_balls_follow_their_defaults() {
     assert_eq!((beam.caps.a, beam.caps.b), (Cap::Hemisphere, Cap::Butt), "turned round, caps and all");
     let radii: Vec<_> = struts.iter().filter(|strut| strut.is_ball()).map(|ball| (ball.a[2], ball.radius_a)).collect();
     assert_eq!(radii, [(0, 3000), (10_000, 2000)]);
-    let mixed = attributes.replace("all", "mixed");
+    let mixed = attributes.replace("\"all\"", "\"mixed\"");
     let (report, _) = bench.model(&model("", &mixed, lattice, "", ITEM)).expect("is fine");
     assert_eq!(report.header.ball_count, 1);
-    let none = attributes.replace("all", "none");
+    let none = attributes.replace("\"all\"", "\"none\"");
     let (report, _) = bench.model(&model("", &none, lattice, "", ITEM)).expect("is fine");
     assert_eq!(report.header.ball_count, 0);
 }
