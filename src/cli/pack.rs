@@ -53,27 +53,28 @@ enum BlendArg {
 /// # Errors
 /// Names the file, the place in it, what was found and the remedy.
 pub fn run(args: PackArgs) -> anyhow::Result<()> {
-    let blend = match (args.blend, args.support) {
+    let PackArgs { inputs, output, lattice_only, blend, support, rotate, scale, at, memory } = args;
+    let blend = match (blend, support) {
         (BlendArg::Convolution, support_mm) => BlendChoice::Convolution { support_mm },
         (BlendArg::Union, None) => BlendChoice::Union,
         (BlendArg::Union, Some(_)) => anyhow::bail!("--support belongs to --blend convolution; a union has no kernel"),
     };
     let options = PackOptions {
-        lattice_only: args.lattice_only,
+        lattice_only,
         blend,
-        rotate_deg: args.rotate,
-        scale: args.scale,
-        placement: args.at.map_or(Placement::Centred, |[x_mm, y_mm]| Placement::At { x_mm, y_mm }),
-        memory_bytes: args.memory,
+        rotate_deg: rotate,
+        scale,
+        placement: at.map_or(Placement::Centred, |[x_mm, y_mm]| Placement::At { x_mm, y_mm }),
+        memory_bytes: memory,
     };
     let bar = bar();
-    let report = buildfile::pack(&args.inputs, &args.output, &options, &mut |progress| show(&bar, progress));
+    let report = buildfile::pack(&inputs, &output, &options, &mut |progress| show(&bar, progress));
     bar.finish_and_clear();
     let report = report?;
     for note in &report.notes {
         eprintln!("note: {note}");
     }
-    println!("{}", super::info::Summary::of(&BuildFile::open(&args.output)?));
+    println!("{}", super::info::Summary::of(&BuildFile::open(&output)?));
     Ok(())
 }
 

@@ -1,0 +1,212 @@
+//! The build file through its public interface: what goes in comes out, and damaged files are refused.
+
+use std::path::Path;
+
+use layerd::buildfile::{
+    Blend, BuildFile, BuildFileError, Cap, Caps, GenerateOptions, Kind, Placement, Strut, Writer, WriterSettings,
+    generate,
+};
+use proptest::prelude::*;
+
+fn settings(blend: Blend) -> WriterSettings {
+    WriterSettings {
+        quantum_um: 1.0,
+        blend,
+        largest_radius: 3000,
+        placement: Placement::At { x_mm: 3.0, y_mm: 4.5 },
+        source_digest: [7; 32],
+        source_name: "test".into(),
+    }
+}
+
+fn write(path: &Path, struts: &[Strut]) -> layerd::buildfile::Header {
+    let mut writer = Writer::create(path, settings(Blend::Union)).expect("can be created");
+    struts.iter().for_each(|strut| writer.push(*strut).expect("is in order"));
+    writer.finish().expect("can be finished")
+}
+
+fn read(path: &Path) -> Result<Vec<Strut>, BuildFileError> {
+    let file = BuildFile::open(path)?;
+    let mut struts = Vec::new();
+    (0..file.chunks().len()).try_for_each(|index| file.read_chunk(index, &mut struts))?;
+    Ok(struts)
+}
+
+fn key(node: [i32; 3]) -> [i32; 3] {
+    [node[2], node[1], node[0]]
+}
+
+fn any_cap() -> impl Strategy<Value = Cap> {
+    prop_oneof![Just(Cap::Sphere), Just(Cap::Hemisphere), Just(Cap::Butt)]
+}
+
+fn any_strut() -> impl Strategy<Value = Strut> {
+    let node = || {
+        prop_oneof![
+            [-50..50i32, -50..50i32, -50..50i32],
+            [-1_000_000_000..1_000_000_000i32, -9..9i32, -70_000..70_000i32]
+        ]
+    };
+    (node(), node(), 1..3000u32, 1..3000u32, any_cap(), any_cap()).prop_map(
+        |(p, q, radius_a, radius_b, cap_a, cap_b)| {
+            let (a, b) = if key(p) <= key(q) { (p, q) } else { (q, p) };
+            let radius_b = if a == b { radius_a } else { radius_b };
+            Strut { a, b, radius_a, radius_b, caps: Caps { a: cap_a, b: cap_b } }
+        },
+    )
+}
+
+fn any_struts() -> impl Strategy<Value = Vec<Strut>> {
+    prop::collection::vec(any_strut(), 1..200).prop_map(|mut struts| {
+        struts.sort_by_key(|strut| (key(strut.a), key(strut.b)));
+        struts
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 24, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn what_goes_in_comes_out(struts in any_struts()) {
+        let directory = tempfile::tempdir().expect("temporary directory");
+        let path = directory.path().join("part.layerd");
+        let header = write(&path, &struts);
+        prop_assert_eq!(read(&path).expect("is whole"), struts.clone());
+        let file = BuildFile::open(&path).expect("is whole");
+        prop_assert_eq!(file.header(), &header);
+        let nodes: std::collections::HashSet<_> = struts.iter().flat_map(|strut| [strut.a, strut.b]).collect();
+        prop_assert_eq!(header.node_count, nodes.len() as u64);
+        prop_assert_eq!(header.ball_count, struts.iter().filter(|strut| strut.is_ball()).count() as u64);
+    }
+
+    #[test]
+    fn the_profile_bounds_the_active_set(struts in any_struts(), at in -80_000.0..80_000.0f64) {
+        let directory = tempfile::tempdir().expect("temporary directory");
+        let path = directory.path().join("part.layerd");
+        let reach = f64::from(write(&path, &struts).radius_range[1]);
+        let file = BuildFile::open(&path).expect("is whole");
+        let active = |z: f64| {
+            let reaches = |strut: &&Strut| f64::from(strut.a[2]) - reach <= z && z <= f64::from(strut.b[2]) + reach;
+            struts.iter().filter(reaches).count() as u64
+        };
+        prop_assert!(active(at) <= file.active_bound(at..at));
+        prop_assert!(file.active_bound(at..at + 10.0) <= file.peak_active());
+        prop_assert!(file.peak_active() <= struts.len() as u64);
+    }
+
+    #[test]
+    fn a_flipped_bit_is_found_or_harmless(struts in any_struts(), place in any::<prop::sample::Index>(), bit in 0..8u8) {
+        let directory = tempfile::tempdir().expect("temporary directory");
+        let path = directory.path().join("part.layerd");
+        write(&path, &struts);
+        let mut bytes = std::fs::read(&path).expect("is there");
+        let place = place.index(bytes.len());
+        bytes[place] ^= 1 << bit;
+        std::fs::write(&path, bytes).expect("can be written");
+        let error = read(&path).expect_err("every byte is covered by a CRC or a magic number");
+        prop_assert!(error.to_string().contains("part.layerd"), "{error}");
+    }
+}
+
+fn lattice(path: &Path, struts: u64) {
+    let options = GenerateOptions { kind: Kind::Random, struts, box_mm: [20.0; 3], radius_mm: None, seed: 1 };
+    generate(path, &options, &mut |_, _| {}).expect("can be generated");
+}
+
+#[test]
+fn a_file_cut_short_anywhere_is_an_error() {
+    let directory = tempfile::tempdir().expect("temporary directory");
+    let path = directory.path().join("part.layerd");
+    lattice(&path, 500);
+    let bytes = std::fs::read(&path).expect("is there");
+    assert!(read(&path).is_ok());
+    for length in 0..bytes.len() {
+        std::fs::write(&path, &bytes[..length]).expect("can be written");
+        let error = read(&path).expect_err("a part is missing");
+        assert!(error.to_string().contains("part.layerd"), "{error}");
+    }
+}
+
+#[test]
+fn struts_of_many_chunks_ascend_and_share_nodes() {
+    let directory = tempfile::tempdir().expect("temporary directory");
+    let path = directory.path().join("part.layerd");
+    lattice(&path, 40_000);
+    let file = BuildFile::open(&path).expect("is whole");
+    assert!(file.chunks().len() > 3, "the test needs several chunks");
+    let struts = read(&path).expect("is whole");
+    assert_eq!(struts.len() as u64, file.header().strut_count);
+    assert!(struts.is_sorted_by_key(|strut| (key(strut.a), key(strut.b))));
+    let per_strut = file.file_bytes() as f64 / struts.len() as f64;
+    assert!(per_strut < 10.0, "{per_strut} bytes a strut");
+    let again = directory.path().join("again.layerd");
+    lattice(&again, 40_000);
+    assert_eq!(std::fs::read(&path).expect("there"), std::fs::read(&again).expect("there"), "same seed, same file");
+}
+
+#[test]
+fn a_lying_index_with_a_true_checksum_is_refused() {
+    let directory = tempfile::tempdir().expect("temporary directory");
+    let path = directory.path().join("part.layerd");
+    lattice(&path, 500);
+    let good = std::fs::read(&path).expect("is there");
+    let footer = good.len() - 36;
+    let index = u64::from_le_bytes(good[footer..footer + 8].try_into().expect("8 bytes")) as usize;
+    // Every field of the only entry but its CRC, with the checksums of index and footer made true again.
+    for (at, name) in
+        [(0, "offset"), (8, "packed"), (12, "unpacked"), (20, "struts"), (24, "balls"), (28, "z"), (32, "z"), (36, "z")]
+    {
+        for value in [0u32, 1, 0x7fff_ffff, u32::MAX] {
+            let mut bytes = good.clone();
+            if bytes[index + at..index + at + 4] == value.to_le_bytes() {
+                continue;
+            }
+            bytes[index + at..index + at + 4].copy_from_slice(&value.to_le_bytes());
+            let crc = crc32fast::hash(&bytes[index..index + 40]);
+            bytes[footer + 12..footer + 16].copy_from_slice(&crc.to_le_bytes());
+            let crc = crc32fast::hash(&bytes[footer..footer + 24]);
+            bytes[footer + 24..footer + 28].copy_from_slice(&crc.to_le_bytes());
+            std::fs::write(&path, bytes).expect("can be written");
+            assert!(read(&path).is_err(), "{name} = {value} was believed");
+        }
+    }
+}
+
+#[test]
+fn foreign_files_are_named_for_what_they_are() {
+    let directory = tempfile::tempdir().expect("temporary directory");
+    let path = directory.path().join("picture.layerd");
+    std::fs::write(&path, vec![b'x'; 4096]).expect("can be written");
+    assert!(read(&path).expect_err("no build file").to_string().contains("layerctl pack"));
+    lattice(&path, 100);
+    let mut bytes = std::fs::read(&path).expect("is there");
+    bytes[8] = 9;
+    std::fs::write(&path, bytes).expect("can be written");
+    assert!(read(&path).expect_err("unknown version").to_string().contains("version 9"));
+    assert!(read(directory.path()).expect_err("a directory").to_string().contains("not a regular file"));
+}
+
+#[test]
+fn a_writer_refuses_what_no_reader_would_take_and_leaves_nothing() {
+    let directory = tempfile::tempdir().expect("temporary directory");
+    let path = directory.path().join("part.layerd");
+    let strut = |z: i32, radius: u32| Strut {
+        a: [0, 0, z],
+        b: [0, 0, z + 5],
+        radius_a: radius,
+        radius_b: radius,
+        caps: Caps::default(),
+    };
+    let mut writer = Writer::create(&path, settings(Blend::Union)).expect("can be created");
+    writer.push(strut(10, 5)).expect("is fine");
+    assert!(writer.push(strut(9, 5)).is_err(), "out of order");
+    assert!(writer.push(strut(11, 0)).is_err(), "no radius");
+    assert!(writer.push(strut(11, 3001)).is_err(), "thicker than announced");
+    drop(writer);
+    let empty = Writer::create(&path, settings(Blend::Union)).expect("can be created");
+    assert!(empty.finish().is_err(), "nothing to print");
+    let singular = settings(Blend::Convolution { support_um: 3000.0 / 0.95 });
+    assert!(Writer::create(&path, singular).is_err(), "radius is 0.95 R");
+    assert!(Writer::create(directory.path(), settings(Blend::Union)).is_err(), "a directory");
+    assert_eq!(std::fs::read_dir(directory.path()).expect("is there").count(), 0, "nothing stays behind");
+}

@@ -1,0 +1,319 @@
+//! Packing: what sources mean, and how bad ones are refused.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use layerd::buildfile::{
+    Blend, BlendChoice, BuildFile, Cap, PackError, PackOptions, PackReport, Placement, Strut, pack,
+};
+use zip::write::SimpleFileOptions;
+
+struct Bench {
+    directory: tempfile::TempDir,
+    options: PackOptions,
+}
+
+impl Bench {
+    fn new() -> Self {
+        let options = PackOptions {
+            lattice_only: false,
+            blend: BlendChoice::Union,
+            rotate_deg: [0.0; 3],
+            scale: 1.0,
+            placement: Placement::Centred,
+            memory_bytes: 64 << 20,
+        };
+        Self { directory: tempfile::tempdir().expect("temporary directory"), options }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.directory.path().join(name)
+    }
+
+    fn file(&self, name: &str, bytes: &[u8]) -> PathBuf {
+        let path = self.path(name);
+        std::fs::write(&path, bytes).expect("can be written");
+        path
+    }
+
+    fn pack(&self, input: &Path) -> Result<(PackReport, Vec<Strut>), PackError> {
+        let output = self.path("out.layerd");
+        let report = pack(&[input.to_owned()], &output, &self.options, &mut |_| {})?;
+        let file = BuildFile::open(&output).expect("what pack writes is whole");
+        let mut struts = Vec::new();
+        (0..file.chunks().len()).for_each(|index| file.read_chunk(index, &mut struts).expect("is whole"));
+        Ok((report, struts))
+    }
+
+    fn text(&self, text: &str) -> Result<(PackReport, Vec<Strut>), PackError> {
+        self.pack(&self.file("in.txt", text.as_bytes()))
+    }
+
+    /// Packs a 3MF file with this model.
+    fn model(&self, model: &str) -> Result<(PackReport, Vec<Strut>), PackError> {
+        let path = self.path("in.3mf");
+        let mut zip = zip::ZipWriter::new(std::fs::File::create(&path).expect("can be created"));
+        let relationships = r#"<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships">
+            <Relationship Target="/3D/odd name.model" Id="r" Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/>
+            </Relationships>"#;
+        let parts = [("../../escape.txt", "never read"), ("_rels/.rels", relationships), ("3D/odd name.model", model)];
+        for (name, text) in parts {
+            zip.start_file(name, SimpleFileOptions::default()).expect("can be started");
+            zip.write_all(text.as_bytes()).expect("can be written");
+        }
+        zip.finish().expect("can be finished");
+        self.pack(&path)
+    }
+}
+
+fn said(result: Result<(PackReport, Vec<Strut>), PackError>) -> String {
+    result.expect_err("must be refused").to_string()
+}
+
+const HEAD: &str = r#"<?xml version="1.0"?><model xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
+ xmlns:b="http://schemas.microsoft.com/3dmanufacturing/beamlattice/2017/02"
+ xmlns:b2="http://schemas.microsoft.com/3dmanufacturing/beamlattice/balls/2020/07"
+ xmlns:p="http://schemas.microsoft.com/3dmanufacturing/production/2015/06"
+ xmlns:x="http://example.org/unheard-of" "#;
+
+const VERTICES: &str =
+    r#"<vertices><vertex x="0" y="0" z="0"/><vertex x="0" y="0" z="10"/><vertex x="8" y="0" z="10"/></vertices>"#;
+
+/// A model of one object: its lattice's attributes, what stands in the lattice, what stands beside it, and the item.
+fn model(root: &str, attributes: &str, lattice: &str, beside: &str, build: &str) -> String {
+    format!(
+        r#"{HEAD}{root}><resources><object id="7" name="Tower"><mesh>{VERTICES}{beside}
+        <b:beamlattice radius="1" minlength="0.001" {attributes}>{lattice}</b:beamlattice></mesh></object>
+        <object id="8"><components><component objectid="7" transform="0 1 0 -1 0 0 0 0 1 100 0 0"/></components></object>
+        </resources><build>{build}</build></model>"#
+    )
+}
+
+const BEAM: &str = r#"<b:beams><b:beam v1="0" v2="1"/></b:beams>"#;
+const ITEM: &str = r#"<item objectid="7"/>"#;
+
+#[test]
+fn edge_text_of_any_order_and_any_memory_gives_the_same_file() {
+    let mut bench = Bench::new();
+    let mut lines: Vec<String> = (0..20_000u64)
+        .map(|n| n.wrapping_mul(0x9e37_79b9_7f4a_7c15))
+        .map(|n| {
+            format!("{} {} {} {} {} 77.5 0.2", n % 90, (n >> 8) % 90, (n >> 16) % 90, (n >> 24) % 90, (n >> 32) % 90)
+        })
+        .collect();
+    let text = |lines: &[String]| format!("{} 0.1 0.15 0\n{}\n", lines.len(), lines.join("\n"));
+    let mut bytes = Vec::new();
+    for memory_bytes in [64 << 20, 70_000] {
+        bench.options.memory_bytes = memory_bytes;
+        for _ in 0..2 {
+            lines.reverse();
+            // The source's digest is of its bytes: compare struts and everything but the digest.
+            let (report, struts) = bench.text(&text(&lines)).expect("is fine");
+            bytes.push((
+                struts,
+                report.header.bounds,
+                report.header.node_count,
+                std::fs::read(bench.path("out.layerd")).expect("there"),
+            ));
+        }
+    }
+    assert_eq!(bytes[0], bytes[2], "memory does not matter, bit for bit");
+    assert_eq!(bytes[1], bytes[3], "memory does not matter, bit for bit");
+    assert_eq!((&bytes[0].0, bytes[0].1, bytes[0].2), (&bytes[1].0, bytes[1].1, bytes[1].2), "nor does order");
+    let left: Vec<_> = std::fs::read_dir(bench.directory.path()).expect("there").collect();
+    assert_eq!(left.len(), 2, "source and build file, no temporary files");
+}
+
+#[test]
+fn bad_edge_text_is_refused_with_file_line_and_text() {
+    let bench = Bench::new();
+    let cases = [
+        ("2 0.1 0 0\n0 0 0 1 1 1\n0 0 0 nan 1 1\n", "in.txt:3: `nan` is not a finite number"),
+        ("1 0.1 0 0\n0 0 0 inf 1 1\n", "in.txt:2: `inf`"),
+        ("1 0.1 0 0\n0 0 0 1 one 1\n", "`one` is not a number"),
+        ("1 0.1 0 0\n0 0 0 1 1\n", "in.txt:2: 5 fields"),
+        ("1 0.1 0 0\n0 0 0 1 1 1 1 1\n", "more than 7 fields"),
+        ("1 0.1 0 0\n1 2 3 1 2 3\n", "no length"),
+        ("1 0.1 0 0\n1 2 3 1 2 4 0\n", "radius 0"),
+        ("1 -2 0 0\n1 2 3 1 2 4\n", "radius -2"),
+        ("3 0.1 0 0\n1 2 3 1 2 4\n", "announces 3 struts, but 1 follow"),
+        ("0 0.1 0 0\n1 2 3 1 2 4\n", "in.txt:2: the first line announces 0 struts"),
+        ("0 0.1 0 0\n", "no struts"),
+        ("x 0.1 0 0\n", "in.txt:1"),
+        ("", "empty"),
+        ("1 0.1 0 0\n0 0 0 9e9 1 1\n", "9000000000"),
+        ("1 0.0001 0 0\n0 0 0 9 1 1\n", "a radius of 0.0001 mm"),
+    ];
+    for (text, expected) in cases {
+        let found = said(bench.text(text));
+        assert!(found.contains(expected), "`{found}` does not say `{expected}`");
+        assert!(!bench.path("out.layerd").exists(), "nothing is left behind by `{text}`");
+    }
+    assert!(said(bench.text(&format!("1 0.1 0 0\n{}", "0 ".repeat(5000)))).contains("longer than 1024 bytes"));
+    assert!(said(bench.pack(&bench.file("in.stl", b"solid"))).contains(".3mf"));
+    assert!(said(bench.pack(&bench.path("none.txt"))).contains("none.txt"));
+}
+
+#[test]
+fn radius_and_support_follow_the_rule() {
+    let mut bench = Bench::new();
+    let text = "3 0.1 0.15 0\n0 0 0 0 0 5\n0 0 0 5 0 5 0.4\n0 0 5 0 0 0\n";
+    bench.options.blend = BlendChoice::Convolution { support_mm: None };
+    let (report, struts) = bench.text(text).expect("is fine");
+    assert_eq!(report.header.blend, Blend::Convolution { support_um: 600.0 });
+    assert_eq!(struts.len(), 2, "the reversed duplicate is merged");
+    let notes = report.notes.join("\n");
+    assert!(notes.contains("1 exact duplicates") && notes.contains("0.15 mm"), "{notes}");
+    bench.options.blend = BlendChoice::Convolution { support_mm: Some(0.42) };
+    let found = said(bench.text(text));
+    assert!(found.contains("in.txt:3") && found.contains("0.42") && found.contains("--support"), "{found}");
+}
+
+#[test]
+fn rotation_scale_and_units_apply_to_lengths_and_radii() {
+    let mut bench = Bench::new();
+    bench.options.rotate_deg = [90.0, 0.0, 90.0];
+    bench.options.scale = 2.0;
+    let (_, struts) = bench.text("1 0.1 0 0\n0 1 0 0 2 0\n").expect("is fine");
+    // About x, y goes to z; about z, z stays.
+    assert_eq!((struts[0].a, struts[0].b, struts[0].radius_a), ([0, 0, 2000], [0, 0, 4000], 200));
+    let bench = Bench::new();
+    let units = [
+        ("micron", 10),
+        ("millimeter", 10_000),
+        ("centimeter", 100_000),
+        ("inch", 254_000),
+        ("foot", 3_048_000),
+        ("meter", 10_000_000),
+    ];
+    for (unit, height) in units {
+        let (_, struts) = bench.model(&model(&format!("unit='{unit}'"), "", BEAM, "", ITEM)).expect("is fine");
+        assert_eq!((struts[0].b[2], struts[0].radius_b), (height, height as u32 / 10), "{unit}");
+    }
+    assert!(said(bench.model(&model("unit='mile'", "", BEAM, "", ITEM))).contains("`mile`"));
+}
+
+#[test]
+fn items_and_components_place_beams_with_their_transforms() {
+    let bench = Bench::new();
+    let build = r#"<item objectid="7" transform="2 0 0 0 2 0 0 0 2 0 0 -3"/><item objectid="8" transform="1 0 0 0 1 0 0 0 1 0 0 50"/>"#;
+    let lattice = r#"<b:beams><b:beam v1="1" v2="2" r1="1" r2="0.5"/></b:beams>"#;
+    let (_, struts) = bench.model(&model("", "", lattice, "", build)).expect("is fine");
+    assert_eq!((struts[0].a, struts[0].b), ([0, 0, 17_000], [16_000, 0, 17_000]));
+    assert_eq!((struts[0].radius_a, struts[0].radius_b), (2000, 1000), "scaled by 2");
+    assert_eq!((struts[1].a, struts[1].b), ([100_000, 0, 60_000], [100_000, 8000, 60_000]), "x becomes y, then moves");
+    let oval = r#"<item objectid="7" transform="2 0 0 0 1 0 0 0 1 0 0 0"/>"#;
+    assert!(said(bench.model(&model("", "", BEAM, "", oval))).contains("object 7 (Tower)"));
+    let cycle = r#"</build></model>"#;
+    let cyclic = format!(
+        r#"{HEAD}><resources><object id="1"><components><component objectid="2"/></components></object>
+        <object id="2"><components><component objectid="1"/></components></object></resources><build><item objectid="1"/>{cycle}"#
+    );
+    assert!(said(bench.model(&cyclic)).contains("contains itself"));
+    assert!(
+        said(bench.model(&model("", "", BEAM, "", r#"<item objectid="9"/>"#)))
+            .contains("object 9, which does not exist")
+    );
+    assert!(
+        said(bench.model(&model("", "", BEAM, "", r#"<item objectid="7" p:path="/o.model"/>"#))).contains("/o.model")
+    );
+}
+
+#[test]
+fn caps_and_balls_follow_their_defaults() {
+    let bench = Bench::new();
+    let lattice =
+        r#"<b:beams><b:beam v1="1" v2="0" cap1="butt"/></b:beams><b2:balls><b2:ball vindex="0" r="3"/></b2:balls>"#;
+    let attributes = r#"cap="hemisphere" b2:ballmode="all" b2:ballradius="2""#;
+    let (report, struts) =
+        bench.model(&model("requiredextensions='b b2'", attributes, lattice, "", ITEM)).expect("is fine");
+    assert_eq!((report.header.strut_count, report.header.ball_count), (1, 2), "the unused vertex bears none");
+    let beam = struts.iter().find(|strut| !strut.is_ball()).expect("the beam");
+    assert_eq!((beam.caps.a, beam.caps.b), (Cap::Hemisphere, Cap::Butt), "turned round, caps and all");
+    let radii: Vec<_> = struts.iter().filter(|strut| strut.is_ball()).map(|ball| (ball.a[2], ball.radius_a)).collect();
+    assert_eq!(radii, [(0, 3000), (10_000, 2000)]);
+    let mixed = attributes.replace("\"all\"", "\"mixed\"");
+    let (report, _) = bench.model(&model("", &mixed, lattice, "", ITEM)).expect("is fine");
+    assert_eq!(report.header.ball_count, 1);
+    let none = attributes.replace("\"all\"", "\"none\"");
+    let (report, _) = bench.model(&model("", &none, lattice, "", ITEM)).expect("is fine");
+    assert_eq!(report.header.ball_count, 0);
+}
+
+#[test]
+fn what_is_no_lattice_is_refused_by_name_or_left_out_by_name() {
+    let mut bench = Bench::new();
+    let mesh = r#"<triangles><triangle v1="0" v2="1" v3="2"/></triangles>"#;
+    let solid = model("", "", BEAM, mesh, ITEM);
+    let clipped = model("", r#"clipping="inside" clippingmesh="4""#, BEAM, "", ITEM);
+    for (model, what) in [(&solid, "solid mesh"), (&clipped, "clipped (inside)")] {
+        bench.options.lattice_only = false;
+        let found = said(bench.model(model));
+        assert!(
+            found.contains("object 7 (Tower)") && found.contains(what) && found.contains("--lattice-only"),
+            "{found}"
+        );
+        bench.options.lattice_only = true;
+        let (report, struts) = bench.model(model).expect("the lattice stays");
+        assert_eq!(struts.len(), 1);
+        assert!(
+            report.notes.iter().any(|note| note.contains("object 7 (Tower)") && note.contains(what)),
+            "{:?}",
+            report.notes
+        );
+    }
+    assert!(
+        said(bench.model(&model("requiredextensions='x'", "", BEAM, "", ITEM)))
+            .contains("http://example.org/unheard-of")
+    );
+    let short = r#"<b:beams><b:beam v1="0" v2="1"/><b:beam v1="1" v2="2"/></b:beams>"#;
+    let (report, struts) = bench.model(&model("", "", short, "", ITEM).replace("0.001", "9")).expect("is fine");
+    assert_eq!(struts.len(), 1);
+    assert!(report.notes.iter().any(|note| note.contains("1 beams shorter")), "{:?}", report.notes);
+}
+
+#[test]
+fn hostile_3mf_is_refused_in_words() {
+    let bench = Bench::new();
+    let deep = format!("{HEAD}>{}", "<a>".repeat(100));
+    let bomb = format!("{HEAD}>{}", format!("<a/>{}", " ".repeat(1 << 19)).repeat(140));
+    let long = format!("{HEAD}><a b='{}'/></model>", "x".repeat(2 << 20));
+    let many = format!("{HEAD}><a {}/></model>", (0..200).map(|n| format!("a{n}='' ")).collect::<String>());
+    let cases = [
+        (deep, "nested more than 64"),
+        (bomb, "zip bomb"),
+        (long, "longer than"),
+        (many, "more than 128 attributes"),
+        (format!("{HEAD}><resources>"), "cut short"),
+        ("<!DOCTYPE a [<!ENTITY b 'c'>]><a/>".into(), "document type"),
+        (model("", "", r#"<b:beams><b:beam v1="0" v2="9"/></b:beams>"#, "", ITEM), "beam 1: vertex 9; there are 3"),
+        (model("", "", r#"<b:beams><b:beam v1="0" v2="0"/></b:beams>"#, "", ITEM), "begins and ends at vertex 0"),
+        (model("", "", r#"<b:beams><b:beam v1="0" v2="1" r1="NaN"/></b:beams>"#, "", ITEM), "r1 = NaN"),
+        (model("", "", r#"<b:beams><b:beam v1="0" v2="1" r1="-1"/></b:beams>"#, "", ITEM), "radii -1"),
+        (model("", "", "", "", ITEM), "no struts"),
+        (model("", "", BEAM, "", ""), "no struts"),
+    ];
+    for (model, expected) in cases {
+        let found = said(bench.model(&model));
+        assert!(found.contains(expected), "`{found}` does not say `{expected}`");
+        assert!(!bench.path("out.layerd").exists());
+    }
+    assert!(said(bench.pack(&bench.file("bad.3mf", b"PK no zip at all"))).contains("not a 3MF package"));
+}
+
+#[test]
+fn real_files_stay_below_ten_bytes_a_strut() {
+    let data = std::env::var_os("LAYERD_DATA")
+        .map_or(Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
+    if !data.is_dir() {
+        eprintln!("skipped: {} is absent", data.display());
+        return;
+    }
+    let bench = Bench::new();
+    for (name, struts) in [("pyramid.3mf", 391), ("spot_lattice.txt", 145_371)] {
+        let (report, _) = bench.pack(&data.join(name)).expect("is fine");
+        assert_eq!(report.header.strut_count, struts);
+        let bytes = std::fs::metadata(bench.path("out.layerd")).expect("there").len();
+        assert!(bytes < 10 * struts, "{name}: {bytes} bytes for {struts} struts");
+    }
+}
