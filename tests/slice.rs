@@ -1,0 +1,305 @@
+//! Layers from memory: every pixel against the plain mathematics, and all that must not change a layer.
+
+use layerd::buildfile::{Blend, Bounds, Cap, Caps, Header, Placement, Strut};
+use layerd::slice::{Bitmap, Depth, MemoryStruts, Mirror, PlanError, Raster, SliceError, SlicePlan, Slicer};
+use layerd::solid::reference::beam_field;
+use layerd::solid::{self, Beam};
+use layerd::stream::MemoryBudget;
+use proptest::prelude::*;
+
+const WIDTH: u32 = 100;
+const HEIGHT: u32 = 70;
+const PIXEL_UM: [f64; 2] = [20.0, 24.0];
+
+fn raster(mirror: Mirror) -> Raster {
+    Raster { width_px: WIDTH, height_px: HEIGHT, pixel_um: PIXEL_UM, build_height_um: 50_000.0, mirror }
+}
+
+fn strut(a: [i32; 3], b: [i32; 3], radius_a: u32, radius_b: u32) -> Strut {
+    let caps = Caps::default();
+    if a[2] <= b[2] {
+        Strut { a, b, radius_a, radius_b, caps }
+    } else {
+        Strut { a: b, b: a, radius_a: radius_b, radius_b: radius_a, caps }
+    }
+}
+
+fn header(struts: &[Strut], blend: Blend) -> Header {
+    let mut bounds = Bounds { min: [i32::MAX; 3], max: [i32::MIN; 3] };
+    let mut radius_range = [u32::MAX, 0];
+    for strut in struts {
+        for (node, radius) in [(strut.a, strut.radius_a), (strut.b, strut.radius_b)] {
+            radius_range = [radius_range[0].min(radius), radius_range[1].max(radius)];
+            for axis in 0..3 {
+                bounds.min[axis] = bounds.min[axis].min(node[axis] - radius as i32);
+                bounds.max[axis] = bounds.max[axis].max(node[axis] + radius as i32);
+            }
+        }
+    }
+    Header {
+        quantum_um: 1.0,
+        blend,
+        bounds,
+        radius_range,
+        strut_count: struts.len() as u64,
+        ball_count: 0,
+        node_count: 0,
+        placement: Placement::Centred,
+        source_digest: [0; 32],
+        source_name: String::new(),
+    }
+}
+
+/// A part ready to be sliced.
+struct Part {
+    source: MemoryStruts,
+    plan: SlicePlan,
+}
+
+impl Part {
+    fn new(struts: &[Strut], blend: Blend, depth: Depth, mirror: Mirror, layer_height_um: f64) -> Self {
+        let header = header(struts, blend);
+        let plan = SlicePlan::new(&header, raster(mirror), depth, layer_height_um).expect("it fits");
+        Self { source: MemoryStruts::new(header, struts.to_vec(), 5), plan }
+    }
+
+    fn layers(&self, threads: usize, first: u32) -> Vec<Bitmap> {
+        let budget = MemoryBudget::new(64 << 20);
+        let mut slicer =
+            Slicer::new(self.source.clone(), self.plan.clone(), threads, first, &budget).expect("a slicer");
+        assert!(budget.used_bytes() <= Slicer::memory_bytes(&self.source, &self.plan, threads));
+        let mut bitmap = Bitmap::new(WIDTH, HEIGHT, self.plan.depth);
+        // What the bitmap held must not show through.
+        bitmap.data_mut().fill(0xa5);
+        let mut layers = Vec::new();
+        while let Some(layer) = slicer.next_layer(&mut bitmap).expect("a layer") {
+            assert_eq!(layer as usize, first as usize + layers.len());
+            layers.push(bitmap.clone());
+        }
+        layers
+    }
+
+    fn point(&self, x: u32, y: u32, layer: usize) -> [f64; 3] {
+        let [dx, dy] = self.plan.step_um();
+        let [x0, y0] = self.plan.origin_um;
+        [x0 + f64::from(x) * dx, y0 + f64::from(y) * dy, self.plan.layer_z_um(layer as u32)]
+    }
+}
+
+fn lit(bitmap: &Bitmap, x: u32, y: u32) -> bool {
+    bitmap.data()[y as usize * bitmap.stride_bytes() + x as usize / 8] & (0x80 >> (x % 8)) != 0
+}
+
+fn beam(strut: &Strut) -> Beam {
+    let point = |p: [i32; 3]| p.map(f64::from);
+    let cap = |cap| match cap {
+        Cap::Sphere => solid::Cap::Sphere,
+        Cap::Hemisphere => solid::Cap::Hemisphere,
+        Cap::Butt => solid::Cap::Butt,
+    };
+    Beam {
+        a: point(strut.a),
+        b: point(strut.b),
+        radius_a: f64::from(strut.radius_a),
+        radius_b: f64::from(strut.radius_b),
+        caps: [cap(strut.caps.a), cap(strut.caps.b)],
+    }
+}
+
+const SUPPORT_UM: f64 = 150.0;
+const CONVOLUTION: Blend = Blend::Convolution { support_um: SUPPORT_UM };
+
+fn node() -> impl Strategy<Value = [i32; 3]> {
+    (0..1600_i32, 0..1200_i32, 0..300_i32).prop_map(|(x, y, z)| [x, y, z])
+}
+
+fn any_strut() -> impl Strategy<Value = Strut> {
+    let cap = || prop_oneof![Just(Cap::Sphere), Just(Cap::Hemisphere), Just(Cap::Butt)];
+    (node(), node(), 10..120_u32, 10..120_u32, 0..8_u8, cap(), cap()).prop_map(
+        |(a, mut b, ra, mut rb, kind, ca, cb)| {
+            match kind {
+                0 => (b, rb) = (a, ra),           // a ball
+                1 => b[2] = a[2],                 // in the layer plane
+                2 => (b[1], b[2]) = (a[1], a[2]), // along a row
+                3 => b = a.map(|x| x + 3),        // very short
+                4 => rb = ra,
+                _ => {}
+            }
+            Strut { caps: Caps { a: ca, b: cb }, ..strut(a, b, ra, rb) }
+        },
+    )
+}
+
+/// Every pixel agrees with the `f64` reference, unless the field is this near the isovalue: `f32` sums of a few dozen struts
+/// whose weights reach some 50 C.
+const UNDECIDED: f64 = 1e-5;
+
+fn assert_agrees(part: &Part, struts: &[Strut]) -> Result<(), TestCaseError> {
+    let beams: Vec<Beam> = struts.iter().map(beam).collect();
+    for (layer, bitmap) in part.layers(1, 0).iter().enumerate() {
+        for (x, y) in (0..HEIGHT).flat_map(|y| (0..WIDTH).map(move |x| (x, y))) {
+            let p = part.point(x, y, layer);
+            let field: f64 = beams.iter().map(|beam| beam_field(beam, SUPPORT_UM, p)).sum();
+            let agrees = lit(bitmap, x, y) == (field >= 1.0) || (field - 1.0).abs() < UNDECIDED;
+            prop_assert!(agrees, "layer {layer}, pixel {x}, {y}: field {field}");
+        }
+    }
+    Ok(())
+}
+
+/// Exactly: is `p` in the beam? And by how much, for points too near the surface to decide.
+fn union_excess(strut: &Strut, p: [f64; 3]) -> f64 {
+    let Beam { a, b, radius_a, radius_b, .. } = beam(strut);
+    let (a, b, p) = (glam::DVec3::from(a), glam::DVec3::from(b), glam::DVec3::from(p));
+    if a == b {
+        return radius_a - p.distance(a);
+    }
+    let (u, length) = ((b - a).normalize(), a.distance(b));
+    let t = (p - a).dot(u);
+    let away = (p - a - t * u).length();
+    let body = (radius_a + (radius_b - radius_a) * t / length - away).min(t).min(length - t);
+    let cap = |cap, centre, radius: f64, beyond: f64| match cap {
+        Cap::Sphere => radius - p.distance(centre),
+        Cap::Hemisphere => (radius - p.distance(centre)).min(beyond),
+        Cap::Butt => f64::NEG_INFINITY,
+    };
+    body.max(cap(strut.caps.a, a, radius_a, -t)).max(cap(strut.caps.b, b, radius_b, t - length))
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(12))]
+
+    #[test]
+    fn every_pixel_agrees_with_the_reference(struts in prop::collection::vec(any_strut(), 1..12)) {
+        assert_agrees(&Part::new(&struts, CONVOLUTION, Depth::Bit, Mirror::default(), 60.0), &struts)?;
+    }
+
+    #[test]
+    fn far_from_the_origin_it_agrees_as_well(
+        struts in prop::collection::vec(any_strut(), 1..6), far in prop::array::uniform3(-1_000_000_000..1_000_000_000_i32),
+    ) {
+        let move_node = |p: [i32; 3]| [0, 1, 2].map(|k| p[k] + far[k]);
+        let moved: Vec<Strut> =
+            struts.iter().map(|strut| Strut { a: move_node(strut.a), b: move_node(strut.b), ..*strut }).collect();
+        assert_agrees(&Part::new(&moved, CONVOLUTION, Depth::Bit, Mirror::default(), 90.0), &moved)?;
+    }
+
+    #[test]
+    fn a_union_is_exact(struts in prop::collection::vec(any_strut(), 1..10)) {
+        let part = Part::new(&struts, Blend::Union, Depth::Bit, Mirror { x: true, y: false }, 60.0);
+        for (layer, bitmap) in part.layers(2, 0).iter().enumerate() {
+            for (x, y) in (0..HEIGHT).flat_map(|y| (0..WIDTH).map(move |x| (x, y))) {
+                let p = part.point(x, y, layer);
+                let excess = struts.iter().map(|strut| union_excess(strut, p)).fold(f64::NEG_INFINITY, f64::max);
+                // Where a ball and a body meet in a node's plane both sides count as inside.
+                let agrees = lit(bitmap, x, y) == (excess >= 0.0) || excess.abs() < 1e-6;
+                prop_assert!(agrees, "layer {layer}, pixel {x}, {y}: {excess} µm inside");
+            }
+        }
+    }
+
+    #[test]
+    fn neither_threads_nor_the_start_change_a_layer(
+        struts in prop::collection::vec(any_strut(), 1..40), union in any::<bool>(), grey in any::<bool>(), start in 1..4_u32,
+    ) {
+        let blend = if union { Blend::Union } else { CONVOLUTION };
+        let depth = if grey { Depth::Grey } else { Depth::Bit };
+        let part = Part::new(&struts, blend, depth, Mirror::default(), 40.0);
+        let whole = part.layers(1, 0);
+        prop_assert_eq!(&part.layers(3, 0), &whole);
+        let start = start.min(whole.len() as u32 - 1);
+        prop_assert_eq!(&part.layers(2, start)[..], &whole[start as usize..]);
+    }
+}
+
+#[test]
+fn a_mirrored_layer_is_the_layer_flipped() {
+    let struts = [strut([0, 0, 0], [1500, 900, 200], 60, 30), strut([300, 800, 0], [900, 100, 150], 90, 90)];
+    for blend in [CONVOLUTION, Blend::Union] {
+        let plain = Part::new(&struts, blend, Depth::Grey, Mirror::default(), 50.0).layers(1, 0);
+        let mirrored = Part::new(&struts, blend, Depth::Grey, Mirror { x: true, y: true }, 50.0).layers(1, 0);
+        assert!(plain.iter().any(|layer| layer.data().contains(&255)));
+        for (plain, mirrored) in plain.iter().zip(&mirrored) {
+            for (one, other) in plain.data().iter().zip(mirrored.data().iter().rev()) {
+                // Coordinates round differently on the two sides.
+                assert!(one.abs_diff(*other) <= 4, "{one} {other}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_disc_of_a_long_strut_has_its_radius_and_grey_its_area() {
+    for (radius_um, blend) in [(100, CONVOLUTION), (60, CONVOLUTION), (100, Blend::Union), (60, Blend::Union)] {
+        let struts = [strut([7, 3, 0], [7, 3, 2000], radius_um, radius_um)];
+        let pixel_area = PIXEL_UM[0] * PIXEL_UM[1];
+        let area = std::f64::consts::PI * f64::from(radius_um).powi(2);
+
+        let bits = &Part::new(&struts, blend, Depth::Bit, Mirror::default(), 100.0).layers(1, 10)[0];
+        let count = bits.data().iter().map(|byte| byte.count_ones()).sum::<u32>();
+        let radius_measured = (f64::from(count) * pixel_area / std::f64::consts::PI).sqrt();
+        assert!(
+            (radius_measured - f64::from(radius_um)).abs() < 0.25 * PIXEL_UM[0],
+            "{radius_measured} of {radius_um}"
+        );
+
+        // Central differences see the curvature of the field: more so the fewer pixels a radius has.
+        let tolerance = if radius_um == 100 { 0.015 } else { 0.02 };
+        let grey = &Part::new(&struts, blend, Depth::Grey, Mirror::default(), 100.0).layers(1, 10)[0];
+        let covered = grey.data().iter().map(|grey| f64::from(*grey) / 255.0).sum::<f64>() * pixel_area;
+        assert!((covered / area - 1.0).abs() < tolerance, "{blend:?}, radius {radius_um}: {covered} of {area}");
+
+        // Monotone outwards from the middle along a row.
+        let middle = (HEIGHT / 2) as usize * WIDTH as usize;
+        let right = &grey.data()[middle + WIDTH as usize / 2..middle + WIDTH as usize];
+        assert!(right.is_sorted_by(|one, other| one >= other), "{right:?}");
+        assert_eq!((right[0], right[right.len() - 1]), (255, 0));
+    }
+}
+
+#[test]
+fn a_part_outside_the_volume_is_refused_with_axis_excess_and_remedy() {
+    let refused = |struts: &[Strut]| match SlicePlan::new(
+        &header(struts, Blend::Union),
+        raster(Mirror::default()),
+        Depth::Bit,
+        50.0,
+    ) {
+        Err(PlanError::OutsideVolume(text)) => text,
+        other => panic!("{other:?}"),
+    };
+    // The area is 2.0 × 1.68 mm.
+    let text = refused(&[strut([0, 0, 0], [0, 1780, 0], 10, 10)]);
+    assert!(text.contains("along y") && text.contains("0.120 mm") && text.contains("--rotate 0,0,90"), "{text}");
+    let text = refused(&[strut([0, 0, 0], [0, 0, 100_000], 10, 10)]);
+    assert!(text.contains("along z") && text.contains("--scale 0.499"), "{text}");
+    let mut placed = header(&[strut([0, 0, 0], [500, 0, 0], 10, 10)], Blend::Union);
+    placed.placement = Placement::At { x_mm: 0.2, y_mm: 0.5 };
+    let error = SlicePlan::new(&placed, raster(Mirror::default()), Depth::Bit, 50.0).expect_err("outside").to_string();
+    assert!(error.contains("0.060 mm at the low end of x"), "{error}");
+}
+
+#[test]
+fn what_cannot_be_sliced_is_an_error() {
+    let struts = [strut([0, 0, 0], [500, 0, 0], 90, 90)];
+    let part = Part::new(&struts, CONVOLUTION, Depth::Bit, Mirror::default(), 50.0);
+    let small = MemoryBudget::new(1000);
+    assert!(matches!(Slicer::new(part.source.clone(), part.plan.clone(), 1, 0, &small), Err(SliceError::Budget(_))));
+    let budget = MemoryBudget::new(64 << 20);
+    assert!(matches!(
+        Slicer::new(part.source.clone(), part.plan.clone(), 0, 0, &budget),
+        Err(SliceError::BadThreads(0))
+    ));
+    let mut slicer = Slicer::new(part.source.clone(), part.plan.clone(), 1, 0, &budget).expect("a slicer");
+    let mut wrong = Bitmap::new(WIDTH, HEIGHT, Depth::Grey);
+    assert!(matches!(slicer.next_layer(&mut wrong), Err(SliceError::WrongBitmap)));
+    let thick = MemoryStruts::new(header(&struts, Blend::Convolution { support_um: 94.0 }), struts.to_vec(), 1);
+    assert!(matches!(Slicer::new(thick, part.plan, 1, 0, &budget), Err(SliceError::RadiusTooLarge { .. })));
+    // A header that lies about its radii.
+    let mut lying = header(&struts, CONVOLUTION);
+    lying.radius_range = [10, 80];
+    let plan = SlicePlan::new(&lying, raster(Mirror::default()), Depth::Bit, 50.0).expect("it fits");
+    let mut slicer = Slicer::new(MemoryStruts::new(lying, struts.to_vec(), 1), plan, 1, 0, &budget).expect("a slicer");
+    let error = slicer.next_layer(&mut Bitmap::new(WIDTH, HEIGHT, Depth::Bit)).expect_err("lying").to_string();
+    assert!(error.contains("radius"), "{error}");
+}
