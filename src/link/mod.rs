@@ -4,10 +4,14 @@
 //! |---------------|---------------------------------------------------------------------------------------|
 //! | [`wire`]      | bytes: frames, messages, handshake; core and alloc only, firmware can share it         |
 //! | [`session`]   | order, loss, credit, urgency, silence: a pure state machine for host and device        |
+//! | [`transport`] | the serial port, real or pseudo-terminal                                               |
+//! | [`driver`]    | the task that joins a host session to its port: pacing, timers, reconnecting            |
 //!
 //! `docs/protocol.md` is the contract between both ends.
 
+pub mod driver;
 pub mod session;
+pub mod transport;
 pub mod wire;
 
 pub use wire::message;

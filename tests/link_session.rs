@@ -1,0 +1,294 @@
+//! Host and device sessions over a simulated line with a virtual clock and seeded faults.
+
+mod link_pair;
+
+use layerd::link::message::{DeviceMessage, HostMessage, Reply, Request, Urgent};
+use layerd::link::session::{DeviceEvent, HostEvent, HostSession, HostSettings, LostReason};
+use link_pair::{Faults, Pair, capabilities};
+
+/// Sends `count` pieces of layer data with a request after every tenth, while the device answers each request.
+/// Returns when all are answered; panics once `limit_us` of virtual time have passed.
+fn transfer(pair: &mut Pair, count: u32, limit_us: u64) {
+    pair.connect(limit_us);
+    let (mut next, mut number, mut answered, mut arrived) = (0_u32, 0_u32, 0_u32, 0_u32);
+    while answered < count / 10 {
+        assert!(pair.now_us < limit_us, "{next} sent, {arrived} arrived, {answered} answered at {} us", pair.now_us);
+        while next < count && pair.host.send_capacity_bytes() > 0 {
+            let mut piece = next.to_le_bytes().to_vec();
+            // Lengths from 4 bytes to what fits, contents with zeros and with escapes.
+            let length = 4 + (next as usize * 37) % (pair.host.largest_layer_data_bytes() - 3);
+            piece.resize(length, (next % 20) as u8);
+            pair.host.send(&HostMessage::LayerData(piece)).expect("there is room");
+            next += 1;
+            if next.is_multiple_of(10) {
+                number += 1;
+                let request = HostMessage::Request { number, request: Request::State };
+                pair.host.send(&request).expect("requests have room of their own");
+            }
+        }
+        pair.step();
+        for event in pair.device_events() {
+            match event {
+                DeviceEvent::Message(HostMessage::LayerData(piece)) => {
+                    assert_eq!(piece[..4], arrived.to_le_bytes(), "in order, once");
+                    assert!(piece[4..].iter().all(|&byte| u32::from(byte) == arrived % 20), "unharmed");
+                    arrived += 1;
+                }
+                DeviceEvent::Message(HostMessage::Request { number, request: Request::State }) => {
+                    assert_eq!(number * 10, arrived, "requests keep their place among the data");
+                    let reply = DeviceMessage::Reply { number, reply: Reply::Done };
+                    pair.device.send(&reply).expect("replies are few");
+                }
+                other => panic!("unexpected {other:?}"),
+            }
+        }
+        for event in pair.host_events() {
+            let HostEvent::Message(DeviceMessage::Reply { number, reply: Reply::Done }) = event else {
+                panic!("unexpected {event:?}");
+            };
+            answered += 1;
+            assert_eq!(number, answered, "replies in order, once");
+        }
+    }
+    assert_eq!(arrived, count);
+}
+
+#[test]
+fn a_clean_line_sends_nothing_twice_and_keeps_busy() {
+    for (baud, window) in [(115_200, 4096), (3_000_000, 4096), (3_000_000, 1500), (9_600, 4096)] {
+        let mut pair = Pair::new(1, baud, window, 1024, Faults::default());
+        transfer(&mut pair, 400, 600_000_000);
+        let statistics = pair.host.statistics();
+        assert_eq!((statistics.retransmitted_frames, statistics.timeouts, statistics.fast_retransmits), (0, 0, 0));
+        assert!(pair.peak_unread_bytes <= window as usize, "{} of {window}", pair.peak_unread_bytes);
+    }
+}
+
+#[test]
+fn everything_arrives_once_and_in_order_whatever_the_line_does() {
+    let kinds = [
+        Faults { lose: 0.01, corrupt: 0.01, duplicate: 0.01, delay_us: 0 },
+        Faults { lose: 0.30, ..Faults::default() },
+        Faults { corrupt: 0.30, ..Faults::default() },
+        Faults { duplicate: 0.50, ..Faults::default() },
+        Faults { lose: 0.10, corrupt: 0.10, duplicate: 0.20, delay_us: 20_000 },
+    ];
+    for (index, faults) in kinds.into_iter().enumerate() {
+        for seed in 0..4 {
+            for window in [80, 700, 4096] {
+                let mut pair = Pair::new(seed * 10 + index as u64, 3_000_000, window, 512, faults);
+                transfer(&mut pair, 200, 200_000_000);
+                let peak = pair.host.statistics().peak_flight_bytes;
+                assert!(peak <= window.into(), "{peak} bytes in flight, the window is {window}");
+            }
+        }
+    }
+}
+
+#[test]
+fn losses_alone_never_put_more_on_the_line_than_the_device_has_room_for() {
+    for seed in 0..10 {
+        let mut pair = Pair::new(seed, 115_200, 2048, 256, Faults { lose: 0.10, ..Faults::default() });
+        transfer(&mut pair, 200, 200_000_000);
+        assert!(pair.peak_unread_bytes <= 2048, "{} unread", pair.peak_unread_bytes);
+        assert!(pair.host.statistics().fast_retransmits > 0, "gaps were reported");
+    }
+}
+
+#[test]
+fn escaped_lines_carry_no_flow_control_bytes() {
+    let mut pair = Pair::new(3, 115_200, 4096, 512, Faults { lose: 0.05, ..Faults::default() });
+    pair.escape();
+    transfer(&mut pair, 300, 200_000_000);
+    assert!(!pair.saw_flow_control, "0x11 or 0x13 on the line");
+}
+
+#[test]
+fn urgent_frames_are_answered_within_100_ms_on_a_saturated_line() {
+    for baud in [115_200, 3_000_000] {
+        let mut pair = Pair::new(5, baud, 4096, 1024, Faults::default());
+        pair.connect(1_000_000);
+        let mut worst_us = 0;
+        for round in 0..30 {
+            // Saturates the line, then asks at a moment that shifts against the frames.
+            let begin_us = pair.now_us + 150_000 + round * 1_371;
+            let mut asked = None;
+            loop {
+                while pair.host.send_capacity_bytes() > 0 {
+                    let piece = vec![0xA5; pair.host.largest_layer_data_bytes()];
+                    pair.host.send(&HostMessage::LayerData(piece)).expect("there is room");
+                }
+                if asked.is_none() && pair.now_us >= begin_us {
+                    asked = Some((pair.host.send_urgent(Urgent::LightOff, pair.now_us), pair.now_us));
+                }
+                pair.step();
+                for event in pair.device_events() {
+                    if let DeviceEvent::Urgent { number, urgent } = event {
+                        assert_eq!(urgent, Urgent::LightOff);
+                        pair.device.urgent_done(number, false);
+                    }
+                }
+                let done = pair.host_events().into_iter().find_map(|event| match event {
+                    HostEvent::UrgentDone { number, light_on: false } => Some(number),
+                    _ => None,
+                });
+                if let (Some(done), Some((number, at_us))) = (done, asked) {
+                    assert_eq!(done, number);
+                    worst_us = worst_us.max(pair.now_us - at_us);
+                    break;
+                }
+            }
+        }
+        assert!(worst_us <= 100_000, "{worst_us} us at {baud} baud");
+        eprintln!("urgent answered within {worst_us} us at {baud} baud");
+    }
+}
+
+#[test]
+fn urgent_frames_survive_loss_and_are_carried_out_once() {
+    let mut pair = Pair::new(8, 3_000_000, 4096, 512, Faults { lose: 0.30, duplicate: 0.30, ..Faults::default() });
+    pair.connect(10_000_000);
+    let (mut carried_out, mut answered) = (Vec::new(), Vec::new());
+    for urgent in [Urgent::Hold, Urgent::LightOff, Urgent::Release] {
+        let number = pair.host.send_urgent(urgent, pair.now_us);
+        let give_up_us = pair.now_us + 1_500_000;
+        while !answered.contains(&number) && pair.now_us < give_up_us {
+            pair.step();
+            for event in pair.device_events() {
+                if let DeviceEvent::Urgent { number, urgent } = event {
+                    carried_out.push(urgent);
+                    pair.device.urgent_done(number, false);
+                }
+            }
+            for event in pair.host_events() {
+                if let HostEvent::UrgentDone { number, .. } = event {
+                    answered.push(number);
+                }
+            }
+        }
+    }
+    assert_eq!(carried_out, [Urgent::Hold, Urgent::LightOff, Urgent::Release]);
+    assert_eq!(answered, [1, 2, 3]);
+}
+
+#[test]
+fn silence_ends_the_session_at_both_ends_and_a_successor_starts_another() {
+    let mut pair = Pair::new(2, 115_200, 4096, 512, Faults::default());
+    pair.connect(1_000_000);
+    pair.run_for(10_000_000);
+    assert!(pair.host_events().is_empty() && pair.device_events().is_empty(), "heartbeats keep an idle session");
+    pair.cut = true;
+    let cut_us = pair.now_us;
+    let number = pair.host.send_urgent(Urgent::Abort, pair.now_us);
+    pair.run_for(1_400_000);
+    assert!(pair.host_events().is_empty() && pair.device_events().is_empty(), "not before two seconds");
+    pair.run_for(700_000);
+    assert_eq!(pair.host_events(), [HostEvent::Lost(LostReason::Silent)]);
+    assert_eq!(pair.device_events(), [DeviceEvent::HostSilent]);
+    assert!(pair.now_us - cut_us < 2_200_000);
+    pair.run_for(5_000_000);
+    assert!(pair.device_events().is_empty(), "silence is told once");
+    pair.cut = false;
+    pair.host = pair.host.successor(77, pair.now_us);
+    pair.connect(pair.now_us + 1_000_000);
+    pair.run_for(50_000);
+    let urgent = DeviceEvent::Urgent { number, urgent: Urgent::Abort };
+    assert_eq!(pair.device_events(), [urgent], "an unanswered abort goes over to the next session");
+}
+
+#[test]
+fn a_device_that_forgot_the_session_says_so_at_once() {
+    let mut pair = Pair::new(2, 115_200, 4096, 512, Faults::default());
+    pair.connect(1_000_000);
+    pair.reset_device();
+    pair.host.send(&HostMessage::LayerData(vec![1, 2, 3])).expect("connected");
+    pair.run_for(50_000);
+    assert_eq!(pair.host_events(), [HostEvent::Lost(LostReason::DeviceForgot)]);
+    assert!(pair.device_events().is_empty(), "data of an unknown session is not delivered");
+}
+
+#[test]
+fn a_delayed_hello_does_not_bring_an_old_session_back() {
+    let mut pair = Pair::new(2, 115_200, 4096, 512, Faults::default());
+    let settings = HostSettings { baud: 115_200, escaped: false };
+    let old_hello = HostSession::new(pair.host.session_id(), settings, 0).transmit(0).expect("hello");
+    pair.connect(1_000_000);
+    // Of the session that runs: changes nothing.
+    pair.device.receive(&old_hello, pair.now_us);
+    assert!(pair.device_events().is_empty());
+    pair.host = pair.host.successor(99, pair.now_us);
+    pair.connect(2_000_000);
+    // Of the one before.
+    pair.device.receive(&old_hello, pair.now_us);
+    pair.run_for(3_000_000);
+    assert!(pair.device_events().is_empty() && pair.host_events().is_empty());
+    assert!(pair.host.is_connected());
+}
+
+#[test]
+fn nobody_there_and_garbage_are_told_apart() {
+    let settings = HostSettings { baud: 115_200, escaped: false };
+    let mut host = HostSession::new(1, settings, 0);
+    let mut hellos = 0;
+    for now_us in (0..2_000_000).step_by(10_000) {
+        hellos += usize::from(host.transmit(now_us).is_some());
+        host.handle_timeout(now_us);
+        assert_eq!(host.event(), None, "not before two seconds");
+    }
+    host.handle_timeout(2_000_000);
+    assert_eq!(host.event(), Some(HostEvent::Lost(LostReason::NoAnswer { garbage_frames: 0 })));
+    assert_eq!(hellos, 8, "one each 250 ms");
+    let mut host = HostSession::new(1, settings, 0);
+    host.receive(b"\0ok T:20\n\0Marlin ready\0", 1_000);
+    host.handle_timeout(2_000_000);
+    assert_eq!(host.event(), Some(HostEvent::Lost(LostReason::NoAnswer { garbage_frames: 2 })));
+    assert_eq!(host.next_timeout_us(), None);
+}
+
+#[test]
+fn a_device_that_takes_nothing_is_not_overrun() {
+    let mut pair = Pair::new(4, 3_000_000, 1024, 256, Faults { lose: 0.05, ..Faults::default() });
+    pair.connect(5_000_000);
+    let mut sent = 0_u32;
+    for _ in 0..3_000 {
+        while pair.host.send_capacity_bytes() > 0 {
+            let mut piece = sent.to_le_bytes().to_vec();
+            piece.resize(200, 7);
+            pair.host.send(&HostMessage::LayerData(piece)).expect("room");
+            sent += 1;
+        }
+        pair.step();
+    }
+    // The owner took no event: what was received fits the window.
+    let mut arrived = 0_u32;
+    while let Some(DeviceEvent::Message(HostMessage::LayerData(piece))) = pair.device.event() {
+        assert_eq!(piece[..4], arrived.to_le_bytes());
+        arrived += 1;
+    }
+    assert!(arrived > 0 && arrived as usize * 200 <= 1024, "{arrived} pieces of 200 bytes held");
+    // Now it takes all: everything queued arrives.
+    let limit_us = pair.now_us + 20_000_000;
+    while arrived < sent {
+        assert!(pair.now_us < limit_us, "{arrived} of {sent}");
+        pair.step();
+        for event in pair.device_events() {
+            let DeviceEvent::Message(HostMessage::LayerData(piece)) = event else { panic!("unexpected {event:?}") };
+            assert_eq!(piece[..4], arrived.to_le_bytes());
+            arrived += 1;
+        }
+    }
+}
+
+#[test]
+fn limits_of_a_device_are_kept() {
+    let mut pair = Pair::new(4, 115_200, 100, 4096, Faults::default());
+    pair.connect(1_000_000);
+    let limit = pair.host.largest_layer_data_bytes();
+    assert!(limit < 100, "a frame is no larger than the window");
+    let error = pair.host.send(&HostMessage::LayerData(vec![0; limit + 1])).expect_err("too large");
+    assert_eq!(
+        error.to_string(),
+        format!("a message of {} bytes does not fit a frame, which takes {}", limit + 2, limit + 1)
+    );
+    assert_eq!(capabilities(100, 4096).window_bytes, 100);
+}

@@ -1,0 +1,278 @@
+//! The golden bytes of `tests/vectors/v1.txt`, checked in both directions, and decoders fed with garbage.
+
+use std::collections::BTreeMap;
+
+use layerd::link::message::{
+    Capabilities, DeviceKind, DeviceMessage, DeviceState, Encoding, ExposureId, Fault, HostMessage, Refusal, Reply,
+    Report, Request, Urgent,
+};
+use layerd::link::wire::{
+    Ack, Decoded, Frame, FrameDecoder, FrameError, FrameKind, Hello, HelloRefused, PROTOCOL_VERSION, Unescaper,
+    UrgentDone, Welcome, decode_device_message, decode_host_message, decode_urgent, encode_device_message,
+    encode_frame, encode_host_message, encode_urgent, escape, payload_limit,
+};
+use proptest::prelude::*;
+
+const SESSION: u32 = 0xA1B2_C3D4;
+const JOB: u64 = 0x0123_4567_89AB_CDEF;
+
+fn vectors() -> BTreeMap<&'static str, Vec<u8>> {
+    let lines = include_str!("vectors/v1.txt").lines().filter(|line| !line.starts_with('#'));
+    lines
+        .map(|line| {
+            let (name, hex) = line.split_once(' ').expect("name and bytes");
+            let digits = |at: usize| u8::from_str_radix(&hex[at..at + 2], 16).expect("hexadecimal");
+            (name, (0..hex.len()).step_by(2).map(digits).collect())
+        })
+        .collect()
+}
+
+fn decode(bytes: &[u8]) -> Frame {
+    let mut input = bytes;
+    let decoded = FrameDecoder::new(1024).next_frame(&mut input).expect("a frame").expect("a good frame");
+    assert_eq!(decoded.wire_bytes, bytes.len());
+    assert!(input.is_empty());
+    decoded.frame
+}
+
+fn id(layer: u32) -> ExposureId {
+    ExposureId { job: JOB, layer }
+}
+
+fn capabilities() -> Capabilities {
+    Capabilities {
+        kind: DeviceKind::Dlp,
+        name: "Simulated DLP 1.0".into(),
+        width_px: 1920,
+        height_px: 1080,
+        pixel_nm: [50_000; 2],
+        layer_slots: 2,
+        window_bytes: 4096,
+        largest_frame_bytes: 1024,
+        encodings: vec![Encoding::RawBit, Encoding::Group4],
+        max_exposure_ms: 60_000,
+        max_position_um: 200_000,
+    }
+}
+
+fn busy_state() -> DeviceState {
+    DeviceState {
+        boot_id: 0xDEAD_BEEF,
+        last_exposed: Some(id(41)),
+        exposing: Some(id(42)),
+        cut_short: Some((ExposureId { job: 7, layer: 3 }, 1250)),
+        light_on: true,
+        position_um: Some(-150),
+        moving: true,
+        slots: vec![Some(id(43)), None],
+        fault: Some(fault()),
+    }
+}
+
+fn fault() -> Fault {
+    Fault { code: 12, text: "lamp too hot".into() }
+}
+
+fn host_messages() -> Vec<(&'static str, HostMessage)> {
+    let request = |number, request| HostMessage::Request { number, request };
+    let begin = Request::LayerBegin {
+        slot: 1,
+        id: id(43),
+        encoding: Encoding::Group4,
+        encoded_bytes: 70_000,
+        decoded_crc32: 0xCBF4_3926,
+    };
+    vec![
+        ("request_state", request(1, Request::State)),
+        ("request_layer_begin", request(2, begin)),
+        ("layer_data", HostMessage::LayerData((0..16).collect())),
+        ("layer_data_long", HostMessage::LayerData(vec![0xFF; 300])),
+        ("request_expose", request(3, Request::Expose { id: id(43), duration_ms: 2500, light_pwm: 255 })),
+        ("request_home", request(4, Request::Home)),
+        ("request_move", request(5, Request::Move { position_um: 5050, speed_um_s: 1000 })),
+    ]
+}
+
+fn device_messages() -> Vec<(&'static str, DeviceMessage)> {
+    let reply = |number, reply| DeviceMessage::Reply { number, reply };
+    let refused = |refusal| reply(6, Reply::Refused(refusal));
+    vec![
+        ("reply_done", reply(2, Reply::Done)),
+        ("reply_state", reply(1, Reply::State(busy_state()))),
+        ("reply_exposed", reply(3, Reply::Exposed { id: id(43), duration_ms: 2500 })),
+        ("reply_moved", reply(5, Reply::Moved { position_um: 5050 })),
+        ("reply_refused_1", refused(Refusal::NotReady)),
+        ("reply_refused_2", refused(Refusal::AlreadyExposed)),
+        ("reply_refused_3", refused(Refusal::BadDuration)),
+        ("reply_refused_4", refused(Refusal::NoSuchLayer)),
+        ("reply_refused_5", refused(Refusal::SlotBusy)),
+        ("reply_refused_6", refused(Refusal::BadLayer)),
+        ("reply_refused_7", refused(Refusal::BadEncoding)),
+        ("reply_refused_8", refused(Refusal::BadMove)),
+        ("reply_refused_9", refused(Refusal::NotHomed)),
+        ("reply_refused_10", refused(Refusal::Busy)),
+        ("reply_refused_11", refused(Refusal::CutShort)),
+        ("reply_refused_12", refused(Refusal::Unknown)),
+        ("report_fault", DeviceMessage::Report(Report::Fault(Some(fault())))),
+        ("report_works_again", DeviceMessage::Report(Report::Fault(None))),
+    ]
+}
+
+#[test]
+fn messages_have_their_golden_bytes() {
+    let vectors = vectors();
+    for (sequence, (name, message)) in (0..).zip(host_messages()) {
+        let bytes = encode_frame(FrameKind::Data, SESSION, sequence, &encode_host_message(&message));
+        assert_eq!(bytes, vectors[name], "{name}");
+        assert_eq!(decode_host_message(&decode(&vectors[name]).payload), Ok(message), "{name}");
+    }
+    for (sequence, (name, message)) in (0..).zip(device_messages()) {
+        let bytes = encode_frame(FrameKind::Data, SESSION, sequence, &encode_device_message(&message));
+        assert_eq!(bytes, vectors[name], "{name}");
+        assert_eq!(decode_device_message(&decode(&vectors[name]).payload), Ok(message), "{name}");
+    }
+}
+
+#[test]
+fn control_frames_have_their_golden_bytes() {
+    let vectors = vectors();
+    let check = |name: &str, kind, sequence, payload: Vec<u8>| {
+        assert_eq!(encode_frame(kind, SESSION, sequence, &payload), vectors[name], "{name}");
+        assert_eq!(decode(&vectors[name]), Frame { kind, session_id: SESSION, sequence, payload }, "{name}");
+    };
+    let hello = Hello { version: PROTOCOL_VERSION, window_bytes: 8192, largest_frame_bytes: 1024 };
+    check("hello", FrameKind::Hello, 0, hello.encode());
+    assert_eq!(Hello::decode(&decode(&vectors["hello"]).payload), Ok(hello));
+    for (name, state) in [("welcome", busy_state()), ("welcome_fresh", DeviceState::default())] {
+        let welcome = Welcome { version: PROTOCOL_VERSION, capabilities: capabilities(), state };
+        check(name, FrameKind::Welcome, 0, welcome.encode());
+        assert_eq!(Welcome::decode(&decode(&vectors[name]).payload), Ok(welcome), "{name}");
+    }
+    let version = HelloRefused::Version { lowest: 1, highest: 1 };
+    for (name, refused) in [("hello_refused_version", version), ("hello_refused_limits", HelloRefused::Limits)] {
+        check(name, FrameKind::HelloRefused, 0, refused.encode());
+        assert_eq!(HelloRefused::decode(&decode(&vectors[name]).payload), Ok(refused), "{name}");
+    }
+    check("no_session", FrameKind::NoSession, 0, Vec::new());
+    for (name, gap, last_heard, free_bytes) in [("ack", false, 16, 4096), ("ack_gap", true, 19, 2048)] {
+        let ack = Ack { next_sequence: 17, gap, last_heard, free_bytes };
+        check(name, FrameKind::Ack, 17, ack.encode());
+        assert_eq!(Ack::decode(17, &decode(&vectors[name]).payload), Ok(ack), "{name}");
+    }
+    let urgents = [
+        ("urgent_abort", Urgent::Abort),
+        ("urgent_light_off", Urgent::LightOff),
+        ("urgent_hold", Urgent::Hold),
+        ("urgent_release", Urgent::Release),
+    ];
+    for (number, (name, urgent)) in (1..).zip(urgents) {
+        check(name, FrameKind::Urgent, number, encode_urgent(urgent));
+        assert_eq!(decode_urgent(&decode(&vectors[name]).payload), Ok(urgent), "{name}");
+    }
+    for (name, number, light_on) in [("urgent_done_dark", 1, false), ("urgent_done_light", 3, true)] {
+        check(name, FrameKind::UrgentDone, number, UrgentDone { light_on }.encode());
+        assert_eq!(UrgentDone::decode(&decode(&vectors[name]).payload), Ok(UrgentDone { light_on }), "{name}");
+    }
+}
+
+#[test]
+fn escaped_frames_have_their_golden_bytes() {
+    let vectors = vectors();
+    let (plain, escaped) = (&vectors["layer_data_flow_control"], &vectors["layer_data_flow_control_escaped"]);
+    assert_eq!(&escape(plain), escaped);
+    assert_eq!(decode_host_message(&decode(plain).payload), Ok(HostMessage::LayerData((0x0E..0x16).collect())));
+}
+
+#[test]
+fn every_vector_is_checked() {
+    // 14 control frames, 2 escaped ones; a vector that no test names would protect nothing.
+    assert_eq!(vectors().len(), host_messages().len() + device_messages().len() + 14 + 2);
+}
+
+#[test]
+fn a_largest_welcome_fits_a_host_frame() {
+    let mut capabilities = capabilities();
+    capabilities.name = "ä".repeat(64);
+    capabilities.encodings = vec![Encoding::RawBit; 99];
+    let mut state = busy_state();
+    state.slots = vec![Some(id(1)); 99];
+    state.fault = Some(Fault { code: 1, text: "ö".repeat(500) });
+    let welcome = Welcome { version: 1, capabilities, state };
+    let frame = encode_frame(FrameKind::Welcome, SESSION, 0, &welcome.encode());
+    assert!(frame.len() <= 640, "{} bytes", frame.len());
+    let read = Welcome::decode(&decode(&frame).payload).expect("cut off at limits and characters");
+    assert_eq!(read.capabilities.name, "ä".repeat(32));
+    assert_eq!(read.state.slots.len(), 16);
+}
+
+#[test]
+fn a_decoder_finds_the_next_frame_after_damage() {
+    let good = encode_frame(FrameKind::Data, SESSION, 1, b"good");
+    let mut damaged = good.clone();
+    damaged[3] ^= 0x20;
+    let cases = [
+        (damaged, FrameError::Checksum),
+        (vec![0x09, 1, 2, 0], FrameError::Malformed),
+        (vec![7; 64].into_iter().chain([0]).collect(), FrameError::TooLong),
+        (encode_frame(FrameKind::Data, SESSION, 1, &[1; 60]), FrameError::TooLong),
+    ];
+    for (bytes, error) in cases {
+        let stream = [bytes, vec![0, 0], good.clone()].concat();
+        let mut input = &stream[..];
+        let mut decoder = FrameDecoder::new(64);
+        assert_eq!(decoder.next_frame(&mut input), Some(Err(error)));
+        let found = decoder.next_frame(&mut input).expect("a frame").expect("a good one");
+        assert_eq!(found.frame.payload, b"good");
+        assert_eq!(decoder.next_frame(&mut input), None);
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 200, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn frames_come_back_whatever_they_hold_and_however_they_are_split(
+        payloads in prop::collection::vec(prop::collection::vec(prop_oneof![Just(0_u8), Just(0x11), any::<u8>()], 0..600), 1..5),
+        piece in 1_usize..700,
+        escaped in any::<bool>(),
+    ) {
+        let frames: Vec<Vec<u8>> =
+            payloads.iter().map(|payload| encode_frame(FrameKind::Data, 5, 6, payload)).collect();
+        for (frame, payload) in frames.iter().zip(&payloads) {
+            prop_assert!(payload_limit(frame.len()) <= payload.len(), "a limit never promises more than fits");
+            let worst = encode_frame(FrameKind::Data, !0, !0, &vec![1; payload_limit(frame.len())]);
+            prop_assert!(worst.len() <= frame.len());
+        }
+        let stream = if escaped { escape(&frames.concat()) } else { frames.concat() };
+        prop_assert!(!escaped || !stream.iter().any(|byte| matches!(byte, 0x11 | 0x13)));
+        let (mut decoder, mut unescaper) = (FrameDecoder::new(1024), Unescaper::default());
+        let mut found = Vec::new();
+        for bytes in stream.chunks(piece) {
+            let mut plain = Vec::new();
+            if escaped { unescaper.push(bytes, &mut plain) } else { plain.extend_from_slice(bytes) }
+            let mut input = &plain[..];
+            while let Some(Ok(Decoded { frame, .. })) = decoder.next_frame(&mut input) {
+                found.push(frame.payload);
+            }
+        }
+        prop_assert_eq!(found, payloads);
+    }
+
+    #[test]
+    fn garbage_never_panics(bytes in prop::collection::vec(prop_oneof![Just(0_u8), Just(1), any::<u8>()], 0..2000)) {
+        let mut decoder = FrameDecoder::new(128);
+        let mut input = &bytes[..];
+        while let Some(decoded) = decoder.next_frame(&mut input) {
+            prop_assert!(decoded.map_or(true, |decoded| decoded.wire_bytes <= 128));
+        }
+        // As payloads: an answer or an error, and what is read is written back the same.
+        if let Ok(message) = decode_host_message(&bytes) {
+            prop_assert_eq!(encode_host_message(&message), bytes.clone());
+        }
+        if let Ok(message) = decode_device_message(&bytes) {
+            prop_assert_eq!(encode_device_message(&message), bytes.clone());
+        }
+        let _ = (Welcome::decode(&bytes), Hello::decode(&bytes), HelloRefused::decode(&bytes));
+        let _ = (Ack::decode(1, &bytes), decode_urgent(&bytes), UrgentDone::decode(&bytes));
+    }
+}
