@@ -62,6 +62,8 @@ impl Printer {
             // The old exposure may have begun just before its session ended.
             Some(DriverEvent::ActDone(Outcome::Refused(Refusal::Busy))) => driver.query_state(),
             Some(DriverEvent::Fault(fault)) => self.fault = fault,
+            // Asked for before the fault was heard of.
+            Some(DriverEvent::ActDone(Outcome::Refused(_))) if self.fault.is_some() => {}
             None | Some(DriverEvent::Uploaded { .. }) => {}
             Some(other) => panic!("{other:?}"),
         }
