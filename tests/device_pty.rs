@@ -164,3 +164,15 @@ fn a_log_that_cannot_be_written_and_a_link_that_is_taken_are_named() {
     let message = refused(options);
     assert!(message.contains("cannot write") && message.contains("exposed"), "{message}");
 }
+
+#[test]
+fn a_picture_that_cannot_be_kept_is_a_fault_the_host_hears_of() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let exposed = directory.path().join("exposed");
+    let (printer, _) = with_device(options(directory.path(), &[]), || {
+        std::fs::remove_dir_all(&exposed).expect("removed under the running device");
+        print(&directory.path().join("printer"), Printer::new(5, 500))
+    });
+    let fault = printer.fault.expect("a fault");
+    assert!(fault.text.contains("cannot write") && fault.text.len() <= 120, "{fault:?}");
+}

@@ -137,3 +137,41 @@ fn summary(statistics: &Statistics) -> String {
          refused {refused} requests; host silent {silences} times, reset {resets} times"
     )
 }
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Debug, Parser)]
+    struct Line {
+        #[command(flatten)]
+        simulate: SimulateArgs,
+    }
+
+    fn parse(line: &str) -> Result<SimulateArgs, String> {
+        Line::try_parse_from(line.split(' ')).map(|line| line.simulate).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn faults_and_limits_are_read_and_wrong_ones_are_named() {
+        let args =
+            parse("simulate dlp --link p --fault drop=0.01 --fault disconnect=3 --time-scale 20").expect("correct");
+        assert_eq!(args.faults, [FaultSpec::Drop(0.01), FaultSpec::Disconnect(3)]);
+        let made = capabilities(&args, None);
+        assert_eq!((made.width_px, made.height_px, made.pixel_nm), (960, 540, [40_000, 40_000]));
+        assert_eq!((made.window_bytes, made.layer_slots, made.max_position_um), (4096, 2, 60_000));
+        let message = parse("simulate dlp --link p --fault fire=1").expect_err("no such fault");
+        assert!(message.contains("fire=1") && message.contains("disconnect=N"), "{message}");
+        assert!(parse("simulate dlp --link p --time-scale 0").is_err());
+        assert!(parse("simulate dlp").expect_err("no link").contains("--link"));
+    }
+
+    #[test]
+    fn a_laser_machine_is_refused_for_now() {
+        let args = parse("simulate slm --link p").expect("correct");
+        assert!(run(args).expect_err("not yet").to_string().contains("no simulated slm yet"));
+        assert!(!std::path::Path::new("p").exists());
+    }
+}

@@ -2,7 +2,7 @@
 
 use layerd::device::encoding::{encode, picture_crc32};
 use layerd::device::{Act, DlpDriver, DriverEvent, Outcome};
-use layerd::link::message::{Capabilities, DeviceMessage, DeviceState, Encoding, HostMessage, Refusal};
+use layerd::link::message::{Capabilities, DeviceMessage, DeviceState, Encoding, Fault, HostMessage, Refusal};
 use layerd::link::session::{HostSession, SendError};
 
 use super::{id, picture};
@@ -15,17 +15,19 @@ pub struct Printer {
     /// Whether no exposure of an earlier session is running.
     settled: bool,
     unsent: Option<HostMessage>,
+    /// What the device reported to keep it from working.
+    pub fault: Option<Fault>,
     /// How often the line was opened.
     pub openings: u32,
 }
 
 impl Printer {
     pub fn new(layers: u32, exposure_ms: u32) -> Self {
-        Self { layers, exposure_ms, next: 0, driver: None, settled: false, unsent: None, openings: 0 }
+        Self { layers, exposure_ms, next: 0, driver: None, settled: false, unsent: None, fault: None, openings: 0 }
     }
 
     pub fn is_done(&self) -> bool {
-        self.next == self.layers
+        self.next == self.layers || self.fault.is_some()
     }
 
     pub fn connected(&mut self, capabilities: &Capabilities, state: &DeviceState) {
@@ -59,6 +61,9 @@ impl Printer {
             Some(DriverEvent::StateKnown(state)) => self.learn(&state),
             // The old exposure may have begun just before its session ended.
             Some(DriverEvent::ActDone(Outcome::Refused(Refusal::Busy))) => driver.query_state(),
+            Some(DriverEvent::Fault(fault)) => self.fault = fault,
+            // Asked for before the fault was heard of.
+            Some(DriverEvent::ActDone(Outcome::Refused(_))) if self.fault.is_some() => {}
             None | Some(DriverEvent::Uploaded { .. }) => {}
             Some(other) => panic!("{other:?}"),
         }

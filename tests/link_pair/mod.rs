@@ -9,15 +9,15 @@ use layerd::link::session::{
 
 /// How often a frame suffers.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Faults {
+pub(crate) struct Faults {
     /// Vanishes.
-    pub lose: f64,
+    pub(crate) lose: f64,
     /// Has one byte changed, possibly into or from a delimiter.
-    pub corrupt: f64,
+    pub(crate) corrupt: f64,
     /// Arrives twice.
-    pub duplicate: f64,
+    pub(crate) duplicate: f64,
     /// Arrives up to this much later; the order stays.
-    pub delay_us: u64,
+    pub(crate) delay_us: u64,
 }
 
 /// One direction. Like the driver, it takes frames while at most 10 ms of them wait.
@@ -47,16 +47,16 @@ impl Dice {
 }
 
 /// Host, device, and the line between them.
-pub struct Pair {
-    pub host: HostSession,
-    pub device: DeviceSession,
-    pub now_us: u64,
+pub(crate) struct Pair {
+    pub(crate) host: HostSession,
+    pub(crate) device: DeviceSession,
+    pub(crate) now_us: u64,
     /// Nothing arrives at either end.
-    pub cut: bool,
+    pub(crate) cut: bool,
     /// The most bytes of host frames there ever were on the way at once, control frames left out.
-    pub peak_unread_bytes: usize,
+    pub(crate) peak_unread_bytes: usize,
     /// 0x11 or 0x13 was sent.
-    pub saw_flow_control: bool,
+    pub(crate) saw_flow_control: bool,
     settings: (HostSettings, DeviceSettings, Capabilities),
     faults: Faults,
     dice: Dice,
@@ -67,7 +67,7 @@ pub struct Pair {
 }
 
 /// A small DLP.
-pub fn capabilities(window_bytes: u32, largest_frame_bytes: u16) -> Capabilities {
+pub(crate) fn capabilities(window_bytes: u32, largest_frame_bytes: u16) -> Capabilities {
     Capabilities {
         kind: DeviceKind::Dlp,
         name: "test".into(),
@@ -84,7 +84,7 @@ pub fn capabilities(window_bytes: u32, largest_frame_bytes: u16) -> Capabilities
 }
 
 impl Pair {
-    pub fn new(seed: u64, baud: u32, window_bytes: u32, largest_frame_bytes: u16, faults: Faults) -> Self {
+    pub(crate) fn new(seed: u64, baud: u32, window_bytes: u32, largest_frame_bytes: u16, faults: Faults) -> Self {
         let host = HostSettings { baud, escaped: false };
         let device = DeviceSettings { baud, escaped: false };
         let capabilities = capabilities(window_bytes, largest_frame_bytes);
@@ -107,7 +107,7 @@ impl Pair {
     }
 
     /// Both ends as on a line with XON/XOFF.
-    pub fn escape(&mut self) {
+    pub(crate) fn escape(&mut self) {
         self.settings.0.escaped = true;
         self.settings.1.escaped = true;
         self.host = HostSession::new(1, self.settings.0, self.now_us);
@@ -115,12 +115,12 @@ impl Pair {
     }
 
     /// The device starts anew and has forgotten everything.
-    pub fn reset_device(&mut self) {
+    pub(crate) fn reset_device(&mut self) {
         self.device = DeviceSession::new(self.settings.2.clone(), self.settings.1, self.now_us);
     }
 
     /// Steps until connected; a session that finds no answer is followed by another.
-    pub fn connect(&mut self, limit_us: u64) {
+    pub(crate) fn connect(&mut self, limit_us: u64) {
         loop {
             self.step();
             let events = self.host_events();
@@ -134,7 +134,7 @@ impl Pair {
         }
     }
 
-    pub fn run_for(&mut self, duration_us: u64) {
+    pub(crate) fn run_for(&mut self, duration_us: u64) {
         let end_us = self.now_us + duration_us;
         while self.now_us < end_us {
             self.step();
@@ -142,7 +142,7 @@ impl Pair {
     }
 
     /// One millisecond. The device answers hellos by itself until the host is connected; then its events wait to be asked for.
-    pub fn step(&mut self) {
+    pub(crate) fn step(&mut self) {
         self.now_us += 1_000;
         let now_us = self.now_us;
         self.host.handle_timeout(now_us);
@@ -185,12 +185,12 @@ impl Pair {
         }
     }
 
-    pub fn device_events(&mut self) -> Vec<DeviceEvent> {
+    pub(crate) fn device_events(&mut self) -> Vec<DeviceEvent> {
         self.take_device_events();
         std::mem::take(&mut self.device_events)
     }
 
-    pub fn host_events(&mut self) -> Vec<HostEvent> {
+    pub(crate) fn host_events(&mut self) -> Vec<HostEvent> {
         std::mem::take(&mut self.host_events)
     }
 }

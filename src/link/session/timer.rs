@@ -4,8 +4,9 @@
 const GRANULARITY_US: u64 = 1_000;
 /// Room for scheduling on a busy host, above the time the line itself needs.
 const LEAST_US: u64 = 25_000;
-/// Half the dead-man time: a sender tries again at least once before the line is given up.
-const MOST_US: u64 = 1_000_000;
+/// A quarter of the dead-man time: a sender tries several times before the line is given up. Still above the floor, which is
+/// at most 275 ms (see the endpoint's bound of the window).
+const MOST_US: u64 = 500_000;
 
 /// Smoothed round trip and time-out.
 #[derive(Debug)]

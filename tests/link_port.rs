@@ -1,0 +1,167 @@
+//! The driver on a pseudo-terminal with a device session at its other end.
+
+use std::os::fd::OwnedFd;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use layerd::config::{FlowControl, LinkConfig};
+use layerd::link::driver::{LinkEvent, link};
+use layerd::link::message::{
+    Capabilities, DeviceKind, DeviceMessage, DeviceState, HostMessage, Reply, Request, Urgent,
+};
+use layerd::link::session::{DeviceEvent, DeviceSession, DeviceSettings, HostEvent};
+use layerd::link::transport::{OpenError, SerialLine};
+use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+use tokio::sync::mpsc::Receiver;
+use tokio::time::timeout;
+
+/// A pseudo-terminal's device side, and the path of its host side.
+fn terminal() -> (OwnedFd, PathBuf) {
+    let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).expect("a pseudo-terminal");
+    grantpt(&master).expect("granted");
+    unlockpt(&master).expect("unlocked");
+    let name = ptsname(&master, Vec::new()).expect("a name");
+    (master, PathBuf::from(name.to_str().expect("ASCII")))
+}
+
+fn config(path: &Path) -> LinkConfig {
+    LinkConfig { path: path.into(), baud: 3_000_000, flow_control: FlowControl::None }
+}
+
+/// Answers every request with `Done` and every urgent frame, until the time is over or `requests` were answered.
+fn run_device(master: &OwnedFd, requests: usize) -> Vec<DeviceEvent> {
+    let capabilities = Capabilities {
+        kind: DeviceKind::Dlp,
+        name: "test".into(),
+        width_px: 16,
+        height_px: 16,
+        pixel_nm: [50_000; 2],
+        layer_slots: 2,
+        window_bytes: 4096,
+        largest_frame_bytes: 1024,
+        encodings: Vec::new(),
+        max_exposure_ms: 1,
+        max_position_um: 1,
+    };
+    rustix::io::ioctl_fionbio(master, true).expect("non-blocking");
+    let start = Instant::now();
+    let now_us = || u64::try_from(start.elapsed().as_micros()).expect("short");
+    let mut device = DeviceSession::new(capabilities, DeviceSettings { baud: 3_000_000, escaped: false }, 0);
+    let (mut seen, mut answered, mut buffer) = (Vec::new(), 0, [0_u8; 4096]);
+    // A little longer than the last answer, so that it goes out.
+    let mut end = start + Duration::from_secs(10);
+    while Instant::now() < end {
+        device.handle_timeout(now_us());
+        if let Ok(count) = rustix::io::read(master, &mut buffer) {
+            device.receive(&buffer[..count], now_us());
+        }
+        while let Some(event) = device.event() {
+            match &event {
+                DeviceEvent::Hello { .. } => device.welcome(&DeviceState::default(), now_us()),
+                DeviceEvent::Urgent { number, .. } => device.urgent_done(*number, false),
+                DeviceEvent::Message(HostMessage::Request { number, .. }) => {
+                    device.send(&DeviceMessage::Reply { number: *number, reply: Reply::Done }).expect("room");
+                    answered += 1;
+                    if answered == requests {
+                        end = Instant::now() + Duration::from_millis(100);
+                    }
+                }
+                _ => {}
+            }
+            seen.push(event);
+        }
+        while let Some(frame) = device.transmit(now_us()) {
+            rustix::io::write(master, &frame).expect("the terminal takes a frame");
+        }
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    seen
+}
+
+/// The next event that `pick` wants, within five seconds.
+async fn wait_for<T>(events: &mut Receiver<LinkEvent>, mut pick: impl FnMut(&LinkEvent) -> Option<T>) -> T {
+    let search = async {
+        loop {
+            let event = events.recv().await.expect("the driver runs");
+            if let Some(found) = pick(&event) {
+                return found;
+            }
+        }
+    };
+    timeout(Duration::from_secs(5), search).await.expect("within five seconds")
+}
+
+fn connected(event: &LinkEvent) -> Option<u32> {
+    match event {
+        LinkEvent::Session(HostEvent::Connected { session_id, .. }) => Some(*session_id),
+        _ => None,
+    }
+}
+
+#[tokio::test]
+async fn a_line_carries_messages_and_comes_back_after_the_device_vanished() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let path = directory.path().join("port");
+    let (handle, mut events, driver) = link(config(&path));
+    let task = tokio::spawn(driver.run());
+    // Nothing there yet.
+    wait_for(&mut events, |event| matches!(event, LinkEvent::NotOpen(OpenError::Missing(_))).then_some(())).await;
+    let mut sessions = Vec::new();
+    for _ in 0..2 {
+        // The link points at another terminal each time, as after a restart of the device.
+        let (master, name) = terminal();
+        let _ = std::fs::remove_file(&path);
+        std::os::unix::fs::symlink(&name, &path).expect("a link");
+        let device = std::thread::spawn(move || run_device(&master, 1));
+        let session_id = wait_for(&mut events, connected).await;
+        for index in 0..100_u8 {
+            handle.send(session_id, HostMessage::LayerData(vec![index; 700])).await.expect("runs");
+        }
+        handle.urgent(Urgent::LightOff).await.expect("runs");
+        let request = HostMessage::Request { number: 1, request: Request::State };
+        handle.send(session_id, request).await.expect("runs");
+        let (mut urgent, mut reply) = (false, false);
+        while !(urgent && reply) {
+            wait_for(&mut events, |event| match event {
+                LinkEvent::Session(HostEvent::UrgentDone { light_on: false, .. }) => Some(urgent = true),
+                LinkEvent::Session(HostEvent::Message(DeviceMessage::Reply { number: 1, reply: Reply::Done })) => {
+                    Some(reply = true)
+                }
+                _ => None,
+            })
+            .await;
+        }
+        sessions.push(session_id);
+        // The device's thread ends and closes the terminal.
+        wait_for(&mut events, |event| matches!(event, LinkEvent::PortFailed(_)).then_some(())).await;
+        let seen = device.join().expect("no panic");
+        let pieces = seen.iter().filter_map(|event| match event {
+            DeviceEvent::Message(HostMessage::LayerData(piece)) => Some(piece[0]),
+            _ => None,
+        });
+        assert!(pieces.eq(0..100), "every piece once, in order");
+    }
+    assert_ne!(sessions[0], sessions[1]);
+    drop(handle);
+    timeout(Duration::from_secs(6), task).await.expect("the driver ends with its handles").expect("no panic");
+}
+
+#[tokio::test]
+async fn ports_that_cannot_be_opened_say_why() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let missing = directory.path().join("ttyNONE");
+    let error = SerialLine::open(&config(&missing)).expect_err("missing").to_string();
+    assert!(error.contains("ttyNONE: no such port"), "{error}");
+    let file = directory.path().join("file");
+    std::fs::write(&file, "x").expect("written");
+    for path in [file.as_path(), directory.path(), Path::new("/dev/null")] {
+        let error = SerialLine::open(&config(path)).expect_err("no terminal").to_string();
+        assert!(error.contains("not a serial port") && error.contains(&path.display().to_string()), "{error}");
+    }
+    let (_master, name) = terminal();
+    let first = SerialLine::open(&config(&name)).expect("opens");
+    let error = SerialLine::open(&config(&name)).expect_err("in use").to_string();
+    assert!(error.contains("in use by another program"), "{error}");
+    drop(first);
+    SerialLine::open(&config(&name)).expect("free again");
+}
