@@ -172,3 +172,56 @@ fn device_text(device: &DeviceView) -> String {
     let fault = state.fault.as_ref().map_or_else(String::new, |fault| format!("FAULT: {fault}"));
     format!("{light}   plate {plate}{moving}\n{fault}")
 }
+
+#[cfg(test)]
+mod tests {
+    use ratatui::Terminal;
+    use ratatui::backend::TestBackend;
+
+    use super::*;
+
+    const STATUS: &str = r#"{"version": "0.1.0", "machine": "bench", "queue": [],
+        "link": {"state": "connected", "path": "/dev/layerd", "device": "sim", "reason": null},
+        "active": {"id": "7", "name": "part.layerd", "state": "printing", "recipe": "fine", "layers_done": 3,
+            "layers_total": 12, "layer": 3, "eta_s": 95, "late_layers": 2, "late_ms_total": 40, "submitted_ms": 1,
+            "started_ms": 2, "ended_ms": null, "reason": null, "in_doubt": null},
+        "budget": {"limit_bytes": 67108864, "used_bytes": 1048576, "peak_bytes": 2097152},
+        "line": {"sent_bytes": 10, "received_bytes": 1, "sent_frames": 4, "retransmitted_frames": 1, "bad_frames": 0,
+            "reconnects": 0, "round_trip_ms": null, "busy_share": null}}"#;
+
+    fn screen(view: &View) -> String {
+        let mut terminal = Terminal::new(TestBackend::new(90, 24)).unwrap();
+        terminal.draw(|frame| draw(frame, view)).unwrap();
+        terminal.backend().to_string()
+    }
+
+    #[test]
+    fn the_screen_shows_the_print_and_asks_before_an_abort() {
+        let status = serde_json::from_str(STATUS).unwrap();
+        let mut view = View { status, device: DeviceView::default(), note: "a note".into(), asks_abort: false };
+        let shown = screen(&view);
+        for words in
+            ["part.layerd printing", "3 of 12 layers, 1 min 35 s to go", "2 layers, 40 ms", "a note", "a abort"]
+        {
+            assert!(shown.contains(words), "`{words}` is not in:\n{shown}");
+        }
+        view.asks_abort = true;
+        assert!(screen(&view).contains("abort this print now?"));
+        view.status.active = None;
+        assert!(screen(&view).contains("no job"));
+    }
+
+    #[tokio::test]
+    async fn any_other_key_than_y_does_not_abort() {
+        let status = serde_json::from_str(STATUS).unwrap();
+        let mut view = View { status, device: DeviceView::default(), note: String::new(), asks_abort: false };
+        let client = Client::new("/nonexistent/control.sock");
+        press(&client, &mut view, KeyCode::Char('a')).await;
+        assert!(view.asks_abort, "nothing was sent yet: the client has no daemon to refuse it");
+        press(&client, &mut view, KeyCode::Char('n')).await;
+        assert_eq!((view.asks_abort, view.note.as_str()), (false, "not aborted"));
+        press(&client, &mut view, KeyCode::Char('a')).await;
+        press(&client, &mut view, KeyCode::Char('y')).await;
+        assert!(view.note.contains("/nonexistent/control.sock"), "the order was sent: {}", view.note);
+    }
+}
