@@ -92,8 +92,8 @@ async fn transfer(handle: &LinkHandle, events: &mut Receiver<LinkEvent>, session
     }
 }
 
-/// Reads what the line would have carried since the last look. Time in which nothing was there is lost, but for 2 ms that the
-/// thread itself may have slept.
+/// Reads what the line would have carried since the last look. Finding less than that means that the line ran dry: the rest
+/// of the time is lost.
 fn device(master: &OwnedFd, stop: &AtomicBool) {
     let capabilities = Capabilities {
         kind: DeviceKind::Dlp,
@@ -112,14 +112,15 @@ fn device(master: &OwnedFd, stop: &AtomicBool) {
     let start = Instant::now();
     let now_us = || u64::try_from(start.elapsed().as_micros()).expect("short");
     let mut session = DeviceSession::new(capabilities, DeviceSettings { baud: BAUD, escaped: false }, 0);
-    let (mut buffer, mut budget, mut last_us) = ([0_u8; 600], 0_usize, 0);
+    let (mut buffer, mut budget, mut last_us) = ([0_u8; 4096], 0_usize, 0);
     while !stop.load(Ordering::Relaxed) {
         let elapsed_us = now_us() - last_us;
         let carried = usize::try_from(elapsed_us).expect("short") * 3 / 10;
         last_us += (carried * 10 / 3) as u64;
         budget = (budget + carried).min(buffer.len());
-        if let Ok(count) = rustix::io::read(master, &mut buffer[..budget]) {
-            budget -= count;
+        if budget > 0 {
+            let count = rustix::io::read(master, &mut buffer[..budget]).unwrap_or(0);
+            budget = 0;
             session.receive(&buffer[..count], now_us());
         }
         session.handle_timeout(now_us());
