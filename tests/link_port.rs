@@ -122,14 +122,16 @@ async fn a_line_carries_messages_and_comes_back_after_the_device_vanished() {
         handle.send(session_id, request).await.expect("runs");
         let (mut urgent, mut reply) = (false, false);
         while !(urgent && reply) {
-            wait_for(&mut events, |event| match event {
-                LinkEvent::Session(HostEvent::UrgentDone { light_on: false, .. }) => Some(urgent = true),
+            let is_urgent = wait_for(&mut events, |event| match event {
+                LinkEvent::Session(HostEvent::UrgentDone { light_on: false, .. }) => Some(true),
                 LinkEvent::Session(HostEvent::Message(DeviceMessage::Reply { number: 1, reply: Reply::Done })) => {
-                    Some(reply = true)
+                    Some(false)
                 }
                 _ => None,
             })
             .await;
+            urgent |= is_urgent;
+            reply |= !is_urgent;
         }
         sessions.push(session_id);
         // The device's thread ends and closes the terminal.

@@ -38,6 +38,8 @@ pub enum LinkEvent {
     NotOpen(OpenError),
     /// The port failed and is opened again; the session, if there was one, is lost.
     PortFailed(io::Error),
+    /// A message was not sent: it is longer than `Connected` allows. A fault of the owner.
+    NotSent(SendError),
 }
 
 /// Where the owner puts in messages. Cloning shares the line.
@@ -248,9 +250,10 @@ impl LinkDriver {
         loop {
             let now_us = self.now_us();
             self.session.handle_timeout(now_us);
-            self.queue_waiting();
-            event = event.or_else(|| self.session.event());
-            if matches!(event, Some(HostEvent::Connected { .. })) {
+            if event.is_none() {
+                event = self.queue_waiting().or_else(|| self.session.event().map(LinkEvent::Session));
+            }
+            if matches!(event, Some(LinkEvent::Session(HostEvent::Connected { .. }))) {
                 self.pause = FIRST_PAUSE;
             }
             *self.shared.statistics.lock().unwrap_or_else(PoisonError::into_inner) = self.session.statistics();
@@ -292,7 +295,7 @@ impl LinkDriver {
                     Err(error) => return Left::Port(error),
                 },
                 permit = self.events.reserve(), if event.is_some() => match permit {
-                    Ok(permit) => if let Some(event) = event.take() { permit.send(LinkEvent::Session(event)); },
+                    Ok(permit) => if let Some(event) = event.take() { permit.send(event); },
                     Err(_) => return Left::Owner,
                 },
                 message = self.messages.recv(), if self.waiting.is_none() => match message {
@@ -305,11 +308,18 @@ impl LinkDriver {
     }
 
     /// Gives the session the message that waits; one for another session is void.
-    fn queue_waiting(&mut self) {
-        let Some((session_id, message)) = &self.waiting else { return };
-        if *session_id == self.session.session_id() && self.session.send(message) == Err(SendError::Full) {
-            return;
+    fn queue_waiting(&mut self) -> Option<LinkEvent> {
+        let (session_id, message) = self.waiting.take()?;
+        if session_id != self.session.session_id() {
+            return None;
         }
-        self.waiting = None;
+        match self.session.send(&message) {
+            Err(SendError::Full) => {
+                self.waiting = Some((session_id, message));
+                None
+            }
+            Err(error @ SendError::TooLarge { .. }) => Some(LinkEvent::NotSent(error)),
+            Err(SendError::NotConnected) | Ok(()) => None,
+        }
     }
 }

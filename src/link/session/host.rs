@@ -39,6 +39,8 @@ pub enum HostEvent {
         capabilities: Capabilities,
         /// What it was doing when it answered.
         state: DeviceState,
+        /// The longest piece of layer data that fits a frame.
+        largest_layer_data_bytes: usize,
     },
     /// A message, in order, once.
     Message(DeviceMessage),
@@ -254,7 +256,8 @@ impl HostSession {
             first_sequence: self.first_sequence,
         };
         self.phase = Phase::Open(Box::new(Endpoint::new(&terms, self.now_us)));
-        self.events.push_back(HostEvent::Connected { session_id: self.session_id, capabilities, state });
+        let (session_id, largest_layer_data_bytes) = (self.session_id, self.largest_layer_data_bytes());
+        self.events.push_back(HostEvent::Connected { session_id, capabilities, state, largest_layer_data_bytes });
     }
 
     fn refuse(&mut self, refusal: HelloRefusal) {
