@@ -4,7 +4,6 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Parser;
-use tracing_subscriber::EnvFilter;
 
 /// Prints jobs given to it by `layerctl`.
 #[derive(Debug, Parser)]
@@ -29,24 +28,17 @@ struct Arguments {
 
 fn main() -> ExitCode {
     let Arguments { config, check } = Arguments::parse();
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("info"));
-    // systemd's journal knows the time.
-    let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).with_target(false);
-    if std::env::var_os("JOURNAL_STREAM").is_some() {
-        log.without_time().with_ansi(false).init()
-    } else {
-        log.init()
-    }
     let ended = if check {
         layerd::daemon::load(&config).map(|setting| {
             println!(
                 "{}: machine `{}`, recipe `{}`: fine",
                 config.display(),
                 setting.machine.name,
-                setting.recipe.name
+                setting.recipe_name
             );
         })
     } else {
+        layerd::daemon::log_to_stderr();
         layerd::daemon::run(&config)
     };
     match ended {

@@ -52,6 +52,13 @@ enum Command {
     Slice(slice::SliceArgs),
     /// Be a device on a pseudo-terminal.
     Simulate(simulate::SimulateArgs),
+    /// The daemon itself, so that `demo` needs no second program.
+    #[command(hide = true)]
+    Daemon {
+        /// The daemon's configuration file.
+        #[arg(long)]
+        config: std::path::PathBuf,
+    },
     /// Give a build file to the daemon as a new job; prints its id.
     Start(start::StartArgs),
     /// Everything at a glance: line, job, queue, budget.
@@ -113,6 +120,10 @@ fn dispatch(command: Command) -> anyhow::Result<Ending> {
         Command::Check(args) => check::run(args).map(done),
         Command::Slice(args) => slice::run(args).map(done),
         Command::Simulate(args) => simulate::run(args).map(done),
+        Command::Daemon { config } => {
+            crate::daemon::log_to_stderr();
+            crate::daemon::run(&config).map(done)
+        }
         Command::Start(args) => start::run(args),
         Command::Status(args) => status::run(&args).map(done),
         Command::Watch(args) => watch::run(&args).map(done),

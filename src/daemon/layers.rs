@@ -53,14 +53,6 @@ impl Layers {
         }
     }
 
-    /// Layers finished and not yet taken.
-    pub(super) fn waiting(&self) -> usize {
-        match self {
-            Self::Running(ahead) => ahead.waiting(),
-            Self::Idle | Self::Starting(_) => 0,
-        }
-    }
-
     /// Ends what runs; returns once its memory is given back.
     pub(super) async fn stop(self) {
         match self {

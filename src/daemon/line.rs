@@ -14,6 +14,7 @@ pub(super) struct Line {
     events: mpsc::Receiver<LinkEvent>,
     task: JoinHandle<()>,
     session_id: Option<u32>,
+    piece_bytes: usize,
     urgents: u32,
 }
 
@@ -21,14 +22,17 @@ impl Line {
     /// Starts the task that opens the port and keeps a session with the device, for ever.
     pub(super) fn start(config: LinkConfig) -> Self {
         let (handle, events, driver) = link(config);
-        Self { handle, events, task: tokio::spawn(driver.run()), session_id: None, urgents: 0 }
+        Self { handle, events, task: tokio::spawn(driver.run()), session_id: None, piece_bytes: 0, urgents: 0 }
     }
 
     /// What happens next on the line. Cancel safe.
     pub(super) async fn next_event(&mut self) -> Option<LinkEvent> {
         let event = self.events.recv().await;
         match &event {
-            Some(LinkEvent::Session(HostEvent::Connected { session_id, .. })) => self.session_id = Some(*session_id),
+            Some(LinkEvent::Session(HostEvent::Connected { session_id, largest_layer_data_bytes, .. })) => {
+                self.session_id = Some(*session_id);
+                self.piece_bytes = *largest_layer_data_bytes;
+            }
             Some(LinkEvent::Session(HostEvent::Message(_) | HostEvent::UrgentDone { .. })) => {}
             _ => self.session_id = None,
         }
@@ -67,7 +71,7 @@ impl Line {
 
     /// Layer data is best sent in pieces of this size.
     pub(super) fn piece_bytes(&self) -> usize {
-        self.handle.piece_bytes()
+        self.piece_bytes
     }
 
     /// What the line carried since the start.

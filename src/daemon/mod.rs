@@ -20,4 +20,5 @@ mod view;
 
 pub(crate) use body::ChannelBody;
 pub(crate) use percent::encode as percent_encode;
-pub use run::{load, run};
+pub use printer::Setting;
+pub use run::{load, log_to_stderr, run};

@@ -5,27 +5,27 @@ use std::time::Duration;
 use sd_notify::NotifyState;
 
 /// The daemon serves its socket.
-pub fn ready() {
+pub(super) fn ready() {
     tell(&[NotifyState::Ready]);
 }
 
 /// One line for `systemctl status`.
-pub fn status(text: &str) {
+pub(super) fn status(text: &str) {
     tell(&[NotifyState::Status(text)]);
 }
 
 /// The daemon is making the machine safe and will end.
-pub fn stopping() {
+pub(super) fn stopping() {
     tell(&[NotifyState::Stopping]);
 }
 
 /// The printer's main loop is alive. Call it from that loop, not from a timer of its own: what hangs must be noticed.
-pub fn alive() {
+pub(super) fn alive() {
     tell(&[NotifyState::Watchdog]);
 }
 
 /// How often [`alive`] is to be called: half of what systemd allows (sd_watchdog_enabled(3)). `None` without a watchdog.
-pub fn alive_interval() -> Option<Duration> {
+pub(super) fn alive_interval() -> Option<Duration> {
     sd_notify::watchdog_enabled().map(|allowed| allowed / 2)
 }
 

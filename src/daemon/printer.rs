@@ -14,7 +14,7 @@ use super::jobs::Jobs;
 use super::line::Line;
 use super::running::{Background, Opened, Running, Task};
 use super::{notify, view};
-use crate::config::{DaemonConfig, Machine, Recipe};
+use crate::config::{DaemonConfig, Machine};
 use crate::device::DlpDriver;
 use crate::job::{Event, JobState, Progress, Spool};
 use crate::link::driver::LinkEvent;
@@ -30,17 +30,17 @@ const HEARTBEAT: Duration = Duration::from_millis(500);
 const SHUTDOWN_LIMIT: Duration = Duration::from_secs(30);
 
 /// What does not change while the daemon runs.
-pub(super) struct Setting {
+pub struct Setting {
     /// The daemon's settings.
     pub config: DaemonConfig,
     /// The machine.
     pub machine: Machine,
     /// Text of the machine file, kept with each job.
     pub machine_text: String,
-    /// The default recipe's text and name.
+    /// The default recipe's text.
     pub recipe_text: String,
-    /// The default recipe.
-    pub recipe: Recipe,
+    /// Its name.
+    pub recipe_name: String,
     /// Threads that compute layers.
     pub threads: usize,
 }
@@ -324,6 +324,11 @@ impl Printer {
             LinkEvent::Session(HostEvent::Lost(reason)) => self.lost(reason.to_string(), now_us),
             LinkEvent::Session(HostEvent::Refused(refusal)) => self.lost(refusal.to_string(), now_us),
             LinkEvent::NotOpen(error) => self.lost(error.to_string(), now_us),
+            LinkEvent::NotSent(error) => {
+                // Without it the device and the driver no longer agree on what was asked.
+                self.lost(format!("a message could not be sent: {error}"), now_us);
+                self.link.reconnect();
+            }
             LinkEvent::PortFailed(error) => self.lost(format!("the port failed: {error}"), now_us),
         }
     }

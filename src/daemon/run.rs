@@ -1,11 +1,13 @@
 //! From a configuration file to a running daemon, and back down on SIGTERM.
 
+use std::io::IsTerminal;
 use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::Context;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::watch;
+use tracing_subscriber::EnvFilter;
 
 use super::api::{BudgetView, DeviceView, LineView, LinkState, LinkView};
 use super::handle::{self, Snapshot};
@@ -32,7 +34,18 @@ pub fn load(config: &Path) -> anyhow::Result<Setting> {
     let (machine_text, recipe_text) = (read(&config.machine)?, read(&config.recipe)?);
     let cores = || std::thread::available_parallelism().map_or(1, usize::from);
     let threads = config.threads.unwrap_or_else(cores);
-    Ok(Setting { config, machine, machine_text, recipe, recipe_text, threads })
+    Ok(Setting { config, machine, machine_text, recipe_name: recipe.name, recipe_text, threads })
+}
+
+/// Sends the log to stderr; `RUST_LOG` says how much. Under systemd, whose journal knows the time, without times.
+pub fn log_to_stderr() {
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("info"));
+    let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).with_target(false);
+    if std::env::var_os("JOURNAL_STREAM").is_some() {
+        log.without_time().with_ansi(false).init();
+    } else {
+        log.with_ansi(std::io::stderr().is_terminal()).init();
+    }
 }
 
 /// Runs the daemon until SIGTERM or SIGINT; returns once the machine is safe.
@@ -60,7 +73,6 @@ async fn serve(setting: Setting) -> anyhow::Result<()> {
     let (handle, desk) = handle::channel(first_snapshot(&setting));
     let (shutdown, ending) = watch::channel(false);
     let link = setting.machine.link.clone();
-    // A relative port is taken from the machine file's directory, as every path in a file is.
     let socket = setting.config.socket.clone();
     let server = tokio::spawn(server::serve(listener, handle, incoming, ending.clone()));
     let printer = Printer::new(Arc::new(setting), spool, jobs, budget, desk, Line::start(link));

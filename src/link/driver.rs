@@ -3,7 +3,6 @@
 use std::collections::hash_map::RandomState;
 use std::hash::{BuildHasher, Hasher};
 use std::io;
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -54,7 +53,6 @@ pub struct LinkHandle {
 #[derive(Debug, Default)]
 struct Shared {
     statistics: Mutex<Statistics>,
-    piece_bytes: AtomicUsize,
     renew: Notify,
 }
 
@@ -90,11 +88,6 @@ impl LinkHandle {
     /// Ends the present session and begins another at once. There is no [`HostEvent::Lost`] for the one that ends.
     pub fn renew(&self) {
         self.shared.renew.notify_one();
-    }
-
-    /// The longest `LayerData` that fits a frame of the present session; 0 without one.
-    pub fn piece_bytes(&self) -> usize {
-        self.shared.piece_bytes.load(Ordering::Relaxed)
     }
 
     /// Counts since the task began.
@@ -257,7 +250,6 @@ impl LinkDriver {
                 self.pause = FIRST_PAUSE;
             }
             *self.shared.statistics.lock().unwrap_or_else(PoisonError::into_inner) = self.session.statistics();
-            self.shared.piece_bytes.store(self.session.largest_layer_data_bytes(), Ordering::Relaxed);
             if event.is_none() && self.session.next_timeout_us().is_none() {
                 return Left::Session;
             }

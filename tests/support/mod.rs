@@ -1,6 +1,6 @@
 //! A bench for whole prints: a simulated device, the daemon and the operator's command, each a process of its own, in a
 //! directory of their own.
-#![allow(dead_code, reason = "each test file uses its part of the bench")]
+#![allow(dead_code, unreachable_pub, reason = "each test file uses its part of the bench")]
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -13,7 +13,7 @@ use serde_json::Value;
 const PATIENCE: Duration = Duration::from_secs(120);
 
 /// What a test may vary.
-pub struct Setup {
+pub(crate) struct Setup {
     /// Pixels a row and rows.
     pub size_px: [u32; 2],
     /// Pixel pitch, micrometres.
@@ -51,7 +51,7 @@ impl Default for Setup {
 }
 
 /// One directory with everything of one print bench; processes end when it is dropped.
-pub struct Bench {
+pub(crate) struct Bench {
     /// The directory.
     pub dir: tempfile::TempDir,
     setup: Setup,
@@ -61,7 +61,7 @@ pub struct Bench {
 
 impl Bench {
     /// Writes the configuration and starts device and daemon.
-    pub fn start(setup: Setup) -> Self {
+    pub(crate) fn start(setup: Setup) -> Self {
         let mut bench = Self::prepare(setup);
         bench.start_device();
         bench.start_daemon();
@@ -69,7 +69,7 @@ impl Bench {
     }
 
     /// Writes the configuration; starts nothing.
-    pub fn prepare(setup: Setup) -> Self {
+    pub(crate) fn prepare(setup: Setup) -> Self {
         let dir = tempfile::Builder::new().prefix("layerd-test-").tempdir().expect("temporary directory");
         let bench = Self { dir, setup, device: None, daemon: None };
         bench.write_configuration();
@@ -77,14 +77,14 @@ impl Bench {
     }
 
     /// A path in the bench's directory.
-    pub fn path(&self, name: &str) -> PathBuf {
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
         self.dir.path().join(name)
     }
 
     fn write_configuration(&self) {
         let Setup { size_px, pixel_um, layer_height_um, exposure_ms, baud, memory_budget, antialias, .. } = &self.setup;
         let machine = format!(
-            "name = \"bench\"\nkind = \"dlp\"\nwidth_px = {}\nheight_px = {}\npixel_um = [{pixel_um:?}, {pixel_um:?}]\n\
+            "name = \"bench\"\nkind = \"dlp\"\nwidth_px = {}\nheight_px = {}\nconfirm_plate = false\npixel_um = [{pixel_um:?}, {pixel_um:?}]\n\
              build_height_um = 200000.0\nclear_height_um = 30000.0\n[link]\npath = \"device\"\nbaud = {baud}\n",
             size_px[0], size_px[1],
         );
@@ -103,7 +103,7 @@ impl Bench {
     }
 
     /// Starts the simulated device and waits for its line.
-    pub fn start_device(&mut self) {
+    pub(crate) fn start_device(&mut self) {
         let time_scale = self.setup.time_scale.to_string();
         let baud = self.setup.baud.to_string();
         let child = Command::new(env!("CARGO_BIN_EXE_layerctl"))
@@ -122,7 +122,7 @@ impl Bench {
     }
 
     /// Starts the daemon and waits until it answers.
-    pub fn start_daemon(&mut self) {
+    pub(crate) fn start_daemon(&mut self) {
         let child = Command::new(env!("CARGO_BIN_EXE_layerd"))
             .current_dir(self.dir.path())
             .args(["--config", "layerd.toml"])
@@ -141,26 +141,26 @@ impl Bench {
     }
 
     /// The daemon's process number.
-    pub fn daemon_pid(&self) -> u32 {
+    pub(crate) fn daemon_pid(&self) -> u32 {
         self.daemon.as_ref().expect("the daemon runs").id()
     }
 
     /// `kill -9` of the daemon.
-    pub fn kill_daemon(&mut self) {
+    pub(crate) fn kill_daemon(&mut self) {
         let mut daemon = self.daemon.take().expect("the daemon runs");
         daemon.kill().expect("killed");
         daemon.wait().expect("waited");
     }
 
     /// SIGTERM to the daemon; returns once it has ended, with its exit code.
-    pub fn terminate_daemon(&mut self) -> Option<i32> {
+    pub(crate) fn terminate_daemon(&mut self) -> Option<i32> {
         let mut daemon = self.daemon.take().expect("the daemon runs");
         signal(daemon.id(), "TERM");
         daemon.wait().expect("waited").code()
     }
 
     /// `kill -9` of the simulated device.
-    pub fn kill_device(&mut self) {
+    pub(crate) fn kill_device(&mut self) {
         let mut device = self.device.take().expect("the device runs");
         device.kill().expect("killed");
         device.wait().expect("waited");
@@ -168,12 +168,12 @@ impl Bench {
     }
 
     /// Runs `layerctl` in the bench's directory, against its daemon.
-    pub fn layerctl(&self, arguments: &[&str]) -> Output {
+    pub(crate) fn layerctl(&self, arguments: &[&str]) -> Output {
         self.layerctl_command(arguments).output().expect("layerctl runs")
     }
 
     /// The same, not yet started.
-    pub fn layerctl_command(&self, arguments: &[&str]) -> Command {
+    pub(crate) fn layerctl_command(&self, arguments: &[&str]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_layerctl"));
         command.current_dir(self.dir.path()).args(arguments).env("LAYERD_SOCKET", self.path("control.sock"));
         command.stdin(Stdio::null());
@@ -181,7 +181,7 @@ impl Bench {
     }
 
     /// Runs `layerctl` and expects success; returns its standard output.
-    pub fn ok(&self, arguments: &[&str]) -> String {
+    pub(crate) fn ok(&self, arguments: &[&str]) -> String {
         let output = self.layerctl(arguments);
         assert!(
             output.status.success(),
@@ -194,25 +194,25 @@ impl Bench {
     }
 
     /// The same with `--json`.
-    pub fn json(&self, arguments: &[&str]) -> Value {
+    pub(crate) fn json(&self, arguments: &[&str]) -> Value {
         let text = self.ok(&[arguments, &["--json"]].concat());
         serde_json::from_str(&text).unwrap_or_else(|error| panic!("layerctl {arguments:?} --json: {error}: {text}"))
     }
 
     /// The job with this id as the daemon shows it.
-    pub fn job(&self, id: u64) -> Value {
+    pub(crate) fn job(&self, id: u64) -> Value {
         let jobs = self.json(&["jobs"]);
         let list = jobs["jobs"].as_array().expect("jobs");
-        list.iter().find(|job| job["id"] == id).unwrap_or_else(|| panic!("no job {id} in {jobs}")).clone()
+        list.iter().find(|job| job["id"] == id.to_string()).unwrap_or_else(|| panic!("no job {id} in {jobs}")).clone()
     }
 
     /// Starts a job; its id.
-    pub fn start_job(&self, file: &str) -> u64 {
+    pub(crate) fn start_job(&self, file: &str) -> u64 {
         self.ok(&["start", file]).trim().parse().expect("start prints the job's id")
     }
 
     /// Waits until a job is in one of these states; the job.
-    pub fn wait_for(&self, id: u64, states: &[&str]) -> Value {
+    pub(crate) fn wait_for(&self, id: u64, states: &[&str]) -> Value {
         let began = Instant::now();
         loop {
             let job = self.job(id);
@@ -230,19 +230,19 @@ impl Bench {
     }
 
     /// What the device did, in its order.
-    pub fn acts(&self) -> Vec<Value> {
+    pub(crate) fn acts(&self) -> Vec<Value> {
         let text = fs::read_to_string(self.path("device-out/acts.jsonl")).expect("acts.jsonl");
         text.lines().map(|line| serde_json::from_str(line).unwrap_or_else(|e| panic!("{e}: {line}"))).collect()
     }
 
     /// The layers exposed, in the device's order.
-    pub fn exposed_layers(&self) -> Vec<u64> {
+    pub(crate) fn exposed_layers(&self) -> Vec<u64> {
         let acts = self.acts();
         acts.iter().filter(|act| act["event"] == "exposed").map(|act| act["layer"].as_u64().expect("layer")).collect()
     }
 
     /// Slices `file` with the bench's machine and recipe and compares every picture with what the device exposed.
-    pub fn assert_pictures_match(&self, file: &str, layers: u64) {
+    pub(crate) fn assert_pictures_match(&self, file: &str, layers: u64) {
         self.ok(&["slice", file, "--machine", "machine.toml", "--recipe", "recipe.toml", "-o", "sliced"]);
         for layer in 0..layers {
             let name = format!("layer_{layer:06}.png");
@@ -272,13 +272,13 @@ impl Drop for Bench {
 }
 
 /// Sends a signal by name.
-pub fn signal(pid: u32, name: &str) {
+pub(crate) fn signal(pid: u32, name: &str) {
     let status = Command::new("kill").args([&format!("-{name}"), &pid.to_string()]).status().expect("kill runs");
     assert!(status.success(), "kill -{name} {pid}");
 }
 
 /// Waits for a condition, with patience.
-pub fn wait_until(what: &str, condition: impl Fn() -> bool) {
+pub(crate) fn wait_until(what: &str, condition: impl Fn() -> bool) {
     let began = Instant::now();
     while !condition() {
         assert!(began.elapsed() < PATIENCE, "waited in vain for {what}");
@@ -287,7 +287,7 @@ pub fn wait_until(what: &str, condition: impl Fn() -> bool) {
 }
 
 /// A file of real input, or `None`, saying so, where the collection is absent.
-pub fn real_data(name: &str) -> Option<PathBuf> {
+pub(crate) fn real_data(name: &str) -> Option<PathBuf> {
     let default = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
     let path = std::env::var_os("LAYERD_DATA").map_or(default, PathBuf::from).join(name);
     if !path.exists() {
