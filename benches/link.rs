@@ -76,9 +76,11 @@ async fn connected(events: &mut Receiver<LinkEvent>) -> u32 {
 /// Sends the bytes and a request behind them; done when that is answered.
 async fn transfer(handle: &LinkHandle, events: &mut Receiver<LinkEvent>, session_id: u32, number: u32) {
     for _ in 0..BYTES.div_ceil(PIECE_BYTES) {
-        handle.send(session_id, HostMessage::LayerData(vec![0xA5; PIECE_BYTES])).await.expect("runs");
+        handle.room().await;
+        handle.try_send(session_id, HostMessage::LayerData(vec![0xA5; PIECE_BYTES])).expect("runs");
     }
-    handle.send(session_id, HostMessage::Request { number, request: Request::State }).await.expect("runs");
+    handle.room().await;
+    handle.try_send(session_id, HostMessage::Request { number, request: Request::State }).expect("runs");
     loop {
         match events.recv().await.expect("runs") {
             LinkEvent::Session(HostEvent::Message(DeviceMessage::Reply { number: answered, .. }))

@@ -1,8 +1,8 @@
-//! The one place that knows bincode: small values to bytes and back, under a limit.
+//! The one place that knows bincode: small values to bytes and back, little endian, integers of fixed width, under a limit.
 //!
 //! bincode is unmaintained (RUSTSEC-2025-0141) and pinned; whoever replaces it changes this file alone.
 
-use bincode::config::{Configuration, LittleEndian, Varint};
+use bincode::config::{Configuration, Fixint, LittleEndian};
 use bincode::{Decode, Encode};
 
 /// Bytes that are not the value they should be.
@@ -25,9 +25,9 @@ pub fn encode<T: Encode>(value: &T) -> Result<Vec<u8>, CodecError> {
 pub fn decode<T: Decode<()>, const LIMIT: usize>(bytes: &[u8]) -> Result<T, CodecError> {
     let config = format().with_limit::<LIMIT>();
     let (value, used) = bincode::decode_from_slice(bytes, config).map_err(|error| CodecError(error.to_string()))?;
-    if used == bytes.len() { Ok(value) } else { Err(CodecError(format!("{} bytes too many", bytes.len() - used))) }
+    if used == bytes.len() { Ok(value) } else { Err(CodecError(format!("{} bytes are left over", bytes.len() - used))) }
 }
 
-fn format() -> Configuration<LittleEndian, Varint> {
-    bincode::config::standard()
+fn format() -> Configuration<LittleEndian, Fixint> {
+    bincode::config::standard().with_fixed_int_encoding()
 }

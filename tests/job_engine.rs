@@ -129,7 +129,7 @@ impl World {
             self.steps += 1;
             match self.disturbance() {
                 // Before the action takes effect, or after it.
-                Some(disturbance) if self.steps % 2 == 0 => {
+                Some(disturbance) if self.steps.is_multiple_of(2) => {
                     self.disturb(disturbance);
                     if matches!(disturbance, Disturbance::Crash) {
                         return;

@@ -115,11 +115,13 @@ async fn a_line_carries_messages_and_comes_back_after_the_device_vanished() {
         let device = std::thread::spawn(move || run_device(&master, 1));
         let session_id = wait_for(&mut events, connected).await;
         for index in 0..100_u8 {
-            handle.send(session_id, HostMessage::LayerData(vec![index; 700])).await.expect("runs");
+            handle.room().await;
+            handle.try_send(session_id, HostMessage::LayerData(vec![index; 700])).expect("room");
         }
-        handle.urgent(Urgent::LightOff).await.expect("runs");
+        handle.urgent(Urgent::LightOff).expect("room");
         let request = HostMessage::Request { number: 1, request: Request::State };
-        handle.send(session_id, request).await.expect("runs");
+        handle.room().await;
+        handle.try_send(session_id, request).expect("room");
         let (mut urgent, mut reply) = (false, false);
         while !(urgent && reply) {
             let is_urgent = wait_for(&mut events, |event| match event {

@@ -2,7 +2,7 @@
 
 mod support;
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use support::{Bench, Setup, real_data, signal, wait_until};
 
@@ -37,34 +37,8 @@ fn grey_layers_print_as_sliced() {
 }
 
 #[test]
-fn abort_on_a_saturated_line_turns_the_light_off_within_100_ms() {
-    // A line so slow that a layer is always under way, and exposures so long that one is always running.
-    let setup = Setup { exposure_ms: 5_000, baud: 19_200, time_scale: 1, size_px: [800, 600], ..Setup::default() };
-    let bench = Bench::start(setup);
-    bench.ok(&["generate", "random", "--struts", "4000", "--box", "30,25,3", "--seed", "2", "-o", "part.layerd"]);
-    let id = bench.start_job("part.layerd");
-    let acts_file = bench.path("device-out/acts.jsonl");
-    let lit = || std::fs::read_to_string(&acts_file).is_ok_and(|text| text.contains("light_on"));
-    wait_until("the first light", lit);
-    std::thread::sleep(Duration::from_millis(300));
-    let before = bench.json(&["status"]);
-    let commanded = Instant::now();
-    bench.ok(&["abort"]);
-    let dark = || std::fs::read_to_string(&acts_file).is_ok_and(|text| text.contains("light_off"));
-    wait_until("the light to go off", dark);
-    let took = commanded.elapsed();
-    bench.wait_for(id, &["aborted"]);
-    assert!(took < Duration::from_millis(100), "light off after {took:?}; line before: {before}");
-    std::thread::sleep(Duration::from_millis(500));
-    let acts = bench.acts();
-    let off = acts.iter().position(|act| act["event"] == "light_off").expect("light_off");
-    assert!(!acts[off..].iter().any(|act| act["event"] == "light_on" || act["event"] == "exposed"), "{acts:?}");
-    assert!(acts[off..].iter().any(|act| act["event"] == "moved"), "the plate lifts clear after an abort: {acts:?}");
-}
-
-#[test]
 fn kill_at_any_moment_then_resume_exposes_each_layer_exactly_once() {
-    let mut bench = Bench::start(Setup { time_scale: 20, ..Setup::default() });
+    let mut bench = Bench::start(Setup { time_scale: 4, ..Setup::default() });
     bench.ok(&SMALL);
     let id = bench.start_job("part.layerd");
     let mut completed = false;
@@ -180,7 +154,7 @@ fn a_real_lattice_prints_within_its_memory_budget() {
     let Some(lattice) = real_data("spot_lattice.txt") else { return };
     let setup = Setup { size_px: [1920, 1080], layer_height_um: 500.0, time_scale: 500, ..Setup::default() };
     let bench = Bench::start(setup);
-    bench.ok(&["pack", lattice.to_str().expect("UTF-8"), "-o", "spot.layerd"]);
+    bench.ok(&["pack", lattice.to_str().expect("UTF-8"), "--rotate", "0,0,90", "-o", "spot.layerd"]);
     let id = bench.start_job("spot.layerd");
     let job = bench.wait_for(id, &["completed", "failed", "interrupted"]);
     assert_eq!(job["state"], "completed", "{job}");

@@ -30,9 +30,9 @@ fn header(struts: &[Strut], blend: Blend) -> Header {
     for strut in struts {
         for (node, radius) in [(strut.a, strut.radius_a), (strut.b, strut.radius_b)] {
             radius_range = [radius_range[0].min(radius), radius_range[1].max(radius)];
-            for axis in 0..3 {
-                bounds.min[axis] = bounds.min[axis].min(node[axis] - radius as i32);
-                bounds.max[axis] = bounds.max[axis].max(node[axis] + radius as i32);
+            for (axis, at) in node.into_iter().enumerate() {
+                bounds.min[axis] = bounds.min[axis].min(at - radius as i32);
+                bounds.max[axis] = bounds.max[axis].max(at + radius as i32);
             }
         }
     }

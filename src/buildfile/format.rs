@@ -2,8 +2,8 @@
 //!
 //! `docs/build-file.md` draws every byte.
 
-use super::codec;
 use super::model::{Blend, Header};
+use crate::codec;
 
 /// First bytes of every build file. The high bit and both line ends show a transfer that took it for text.
 pub(super) const MAGIC: [u8; 8] = *b"\x89LYD\r\n\x1a\n";
@@ -31,7 +31,7 @@ pub const RADIUS_LIMIT: f64 = 0.95;
 /// # Errors
 /// A text where the header is too large.
 pub(super) fn front(header: &Header) -> Result<Vec<u8>, String> {
-    let body = codec::encode(header)?;
+    let body = codec::encode(header).map_err(|error| error.to_string())?;
     let mut bytes = Vec::with_capacity(PRELUDE_BYTES + body.len());
     bytes.extend_from_slice(&MAGIC);
     bytes.extend_from_slice(&VERSION.to_le_bytes());

@@ -4,7 +4,6 @@
 //! layer by the index, which also bounds the active set of every layer before a single chunk is read.
 
 mod chunk;
-mod codec;
 mod collect;
 mod columns;
 mod format;

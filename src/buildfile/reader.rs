@@ -7,11 +7,11 @@ use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
 use super::chunk::{self, CHUNK_STRUTS, UNPACKED_LIMIT_BYTES};
-use super::codec;
 use super::format::{self, Footer, HEADER_LIMIT_BYTES, MAGIC, PRELUDE_BYTES, VERSION};
 use super::index::ChunkEntry;
 use super::model::{Header, Strut};
 use super::profile::Profile;
+use crate::codec;
 
 /// A build file that cannot be used; every text names the file.
 #[derive(Debug, thiserror::Error)]
@@ -228,7 +228,8 @@ impl Opening<'_> {
         if crc32fast::hash(&body) != crc {
             return Err(wrong("it is corrupt (CRC)".into()));
         }
-        let header: Header = codec::decode(&body).map_err(wrong)?;
+        let header: Header = codec::decode::<_, { format::HEADER_LIMIT_BYTES as usize }>(&body)
+            .map_err(|error| wrong(error.to_string()))?;
         format::check_header(&header).map_err(wrong)?;
         Ok(header)
     }
@@ -263,7 +264,8 @@ impl Opening<'_> {
         let mut chunks: Vec<ChunkEntry> = Vec::with_capacity(footer.chunk_count as usize);
         let mut check = IndexCheck { end: 0, z_low: i32::MIN, struts: 0, balls: 0 };
         for (number, bytes) in bytes.chunks_exact(ChunkEntry::BYTES).enumerate() {
-            let entry = codec::decode(bytes)
+            let entry = codec::decode::<_, { ChunkEntry::BYTES }>(bytes)
+                .map_err(|error| error.to_string())
                 .and_then(|entry| check.entry(entry, header))
                 .map_err(|problem| self.frame("index", format!("chunk {number}: {problem}")))?;
             chunks.push(entry);

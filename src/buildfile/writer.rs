@@ -6,12 +6,12 @@ use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use super::chunk::{self, CHUNK_STRUTS, UNPACKED_LIMIT_BYTES, node_key};
-use super::codec;
 use super::format::{self, Footer};
 use super::index::ChunkEntry;
 use super::model::{Blend, Bounds, Header, Placement, Strut};
 use super::output::Output;
 use super::profile::ProfileBuilder;
+use crate::codec;
 
 /// Compression level of chunks: beyond it files hardly shrink, and decoding is as fast at any level.
 const LEVEL: i32 = 9;

@@ -43,7 +43,7 @@ impl Printer {
         let (background, limit_bytes) = (self.background.clone(), self.budget.limit_bytes());
         tokio::task::spawn_blocking(move || {
             let result = match spool.lock() {
-                Ok(spool) => accept(&setting, &spool, &submission, limit_bytes),
+                Ok(spool) => accept(&setting, &spool, &submission, limit_bytes).map(Box::new),
                 Err(_) => {
                     Err(CommandError::new(500, "the spool cannot be used after an earlier panic; restart layerd"))
                 }
@@ -53,7 +53,7 @@ impl Printer {
     }
 
     /// A new job is in the spool, or not.
-    pub(super) fn accepted(&mut self, result: Result<Job, CommandError>, reply: Reply) {
+    pub(super) fn accepted(&mut self, result: Result<Box<Job>, CommandError>, reply: Reply) {
         let answer = result.map(|mut job| {
             // Started with nothing before it, the operator has just seen the plate; behind another job nobody has.
             let alone = self.running.is_none()
@@ -62,7 +62,7 @@ impl Printer {
                 && self.jobs.interrupted().is_none();
             job.awaits_plate = self.setting.machine.confirm_plate && !alone;
             let (id, view) = (job.directory.id, job.view.clone());
-            self.jobs.accept(job);
+            self.jobs.accept(*job);
             self.publish_job(id);
             view
         });
@@ -209,12 +209,12 @@ fn accept(setting: &Setting, spool: &Spool, submission: &Submission, limit_bytes
         accepted,
         at_unix_ms: unix_ms(),
     };
-    spool.check_space(0).map_err(spool_error)?;
-    let (directory, _journal) = spool.create(job).map_err(spool_error)?;
+    spool.check_space(0).map_err(|error| spool_error(&error))?;
+    let (directory, _journal) = spool.create(job).map_err(|error| spool_error(&error))?;
     Ok(Job::accepted(directory, key, layer_count, submission.name.clone(), recipe.name))
 }
 
-fn spool_error(error: SpoolError) -> CommandError {
+fn spool_error(error: &SpoolError) -> CommandError {
     let status = if matches!(error, SpoolError::NoSpace { .. }) { 507 } else { 500 };
     CommandError::new(status, error.to_string())
 }

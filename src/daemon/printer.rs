@@ -197,7 +197,7 @@ impl Printer {
         // What waits for room must not reach the device after an abort.
         self.message = None;
         let number = self.link.urgent(urgent);
-        self.with_engine(|running| running.urgent_number = Some(number));
+        self.with_engine(|running| running.urgent = Some((number, urgent)));
     }
 
     pub(super) fn notice(&self, text: String) {
@@ -311,16 +311,9 @@ impl Printer {
                     self.with_engine(|running| running.driver_event(event, now_us));
                 }
             }
-            LinkEvent::Session(HostEvent::UrgentDone { number, light_on }) => self.with_engine(|running| {
-                if running.urgent_number.take_if(|awaited| *awaited == number).is_some() {
-                    let event = if light_on {
-                        Event::UrgentFailed("the device says that its light is still on".into())
-                    } else {
-                        Event::UrgentDone
-                    };
-                    running.engine.handle(event, now_us);
-                }
-            }),
+            LinkEvent::Session(HostEvent::UrgentDone { number, light_on }) => {
+                self.urgent_done(number, light_on, now_us);
+            }
             LinkEvent::Session(HostEvent::Lost(reason)) => self.lost(reason.to_string(), now_us),
             LinkEvent::Session(HostEvent::Refused(refusal)) => self.lost(refusal.to_string(), now_us),
             LinkEvent::NotOpen(error) => self.lost(error.to_string(), now_us),
@@ -330,6 +323,23 @@ impl Printer {
                 self.link.reconnect();
             }
             LinkEvent::PortFailed(error) => self.lost(format!("the port failed: {error}"), now_us),
+        }
+    }
+
+    fn urgent_done(&mut self, number: u32, light_on: bool, now_us: u64) {
+        let Some(running) = &mut self.running else { return };
+        let Some((_, urgent)) = running.urgent.take_if(|(awaited, _)| *awaited == number) else { return };
+        running.engine.handle(
+            if light_on {
+                Event::UrgentFailed("the device says that its light is still on".into())
+            } else {
+                Event::UrgentDone
+            },
+            now_us,
+        );
+        if urgent == Urgent::Abort {
+            // An aborted device does nothing more until a new hello.
+            self.link.reconnect();
         }
     }
 

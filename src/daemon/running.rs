@@ -38,7 +38,7 @@ pub(super) enum Background {
     /// A new job is in the spool, or not.
     Accepted {
         /// The job.
-        result: Result<Job, CommandError>,
+        result: Result<Box<Job>, CommandError>,
         /// Who asked.
         reply: oneshot::Sender<Result<JobView, CommandError>>,
     },
@@ -119,8 +119,8 @@ pub(super) struct Running {
     /// The queue's share of the layer that is being sent.
     sending: Option<(u32, Room)>,
     act_number: u64,
-    /// The number of the urgent frame the engine waits for.
-    pub urgent_number: Option<u32>,
+    /// The urgent frame the engine waits for, by its number.
+    pub urgent: Option<(u32, Urgent)>,
 }
 
 impl Running {
@@ -146,7 +146,7 @@ impl Running {
             wanted: None,
             sending: None,
             act_number: 0,
-            urgent_number: None,
+            urgent: None,
         }
     }
 

@@ -34,6 +34,8 @@ pub struct Finished<T> {
 #[derive(Debug)]
 pub struct Room {
     _permit: OwnedSemaphorePermit,
+    /// The queue's bytes stay charged as long as any layer of it is held.
+    _charge: Arc<Charge>,
 }
 
 /// Why no layer, or no further layer, comes.
@@ -91,7 +93,8 @@ impl<T: Send + 'static> Ahead<T> {
         let permits = u32::try_from(queue_bytes / PERMIT_BYTES).unwrap_or(u32::MAX);
         let room = Arc::new(Semaphore::new(permits as usize));
         let (sender, finished) = mpsc::channel(QUEUE_LAYERS);
-        let worker = Worker { sender, room: Arc::clone(&room), permits, runtime: Handle::current(), _charge: charge };
+        let worker =
+            Worker { sender, room: Arc::clone(&room), permits, runtime: Handle::current(), charge: Arc::new(charge) };
         let thread = std::thread::Builder::new()
             .name("layers ahead".into())
             .spawn(move || worker.run(produce))
@@ -147,7 +150,7 @@ struct Worker<T> {
     room: Arc<Semaphore>,
     permits: u32,
     runtime: Handle,
-    _charge: Charge,
+    charge: Arc<Charge>,
 }
 
 impl<T: Send + 'static> Worker<T> {
@@ -175,7 +178,11 @@ impl<T: Send + 'static> Worker<T> {
             return Err(StreamError::LayerTooLarge { layer_bytes: bytes, queue_bytes });
         }
         let room = self.runtime.block_on(Arc::clone(&self.room).acquire_many_owned(needed));
-        Ok(room.ok().map(|permit| Finished { layer, compute_time, room: Room { _permit: permit } }))
+        Ok(room.ok().map(|permit| Finished {
+            layer,
+            compute_time,
+            room: Room { _permit: permit, _charge: Arc::clone(&self.charge) },
+        }))
     }
 }
 

@@ -202,8 +202,8 @@ impl Bench {
     /// The job with this id as the daemon shows it.
     pub(crate) fn job(&self, id: u64) -> Value {
         let jobs = self.json(&["jobs"]);
-        let list = jobs["jobs"].as_array().expect("jobs");
-        list.iter().find(|job| job["id"] == id.to_string()).unwrap_or_else(|| panic!("no job {id} in {jobs}")).clone()
+        let (list, id) = (jobs["jobs"].as_array().expect("jobs"), id.to_string());
+        list.iter().find(|job| job["id"] == id).unwrap_or_else(|| panic!("no job {id} in {jobs}")).clone()
     }
 
     /// Starts a job; its id.
