@@ -79,6 +79,11 @@ impl Line {
         self.handle.statistics()
     }
 
+    /// Share of the time with data to send in which the line was busy, 0 to 1.
+    pub(super) fn busy_share(&self) -> Option<f64> {
+        self.handle.busy_share()
+    }
+
     /// Ends the task.
     pub(super) async fn close(self) {
         drop(self.handle);

@@ -398,7 +398,7 @@ impl Printer {
     }
 
     fn publish(&mut self) {
-        let line = view::line(&self.link.statistics(), self.reconnects);
+        let line = view::line(&self.link.statistics(), self.reconnects, self.link.busy_share());
         let budget = view::budget(&self.budget);
         let (device, jobs) = (self.device.clone(), self.jobs.views());
         self.desk.snapshot.send_modify(|snapshot| {

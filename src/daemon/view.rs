@@ -13,7 +13,7 @@ pub(super) fn budget(budget: &MemoryBudget) -> BudgetView {
 }
 
 /// What the line carried.
-pub(super) fn line(statistics: &Statistics, reconnects: u64) -> LineView {
+pub(super) fn line(statistics: &Statistics, reconnects: u64, busy_share: Option<f64>) -> LineView {
     LineView {
         sent_bytes: statistics.bytes_sent,
         received_bytes: statistics.bytes_received,
@@ -22,7 +22,7 @@ pub(super) fn line(statistics: &Statistics, reconnects: u64) -> LineView {
         bad_frames: statistics.crc_errors + statistics.malformed_frames,
         reconnects,
         round_trip_ms: (statistics.round_trip_us > 0).then(|| statistics.round_trip_us as f64 / 1000.0),
-        busy_share: None,
+        busy_share,
     }
 }
 

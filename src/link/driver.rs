@@ -12,12 +12,10 @@ use tokio::time::{Instant, sleep_until};
 use crate::config::{FlowControl, LinkConfig};
 
 use super::message::{HostMessage, Urgent};
-use super::session::{HostEvent, HostSession, HostSettings, SendError, Statistics, line_time_us};
+use super::pacing::Pacing;
+use super::session::{HostEvent, HostSession, HostSettings, SendError, Statistics};
 use super::transport::{OpenError, SerialLine};
 
-/// Line time of the bytes given to the kernel ahead: an urgent frame waits behind them, and the line must not run dry while
-/// the host is busy.
-const BACKLOG_US: u64 = 10_000;
 /// Pauses between tries to open the port or to be accepted: soon at first, then seldom enough not to fill a log.
 const FIRST_PAUSE: Duration = Duration::from_millis(100);
 const LONGEST_PAUSE: Duration = Duration::from_secs(5);
@@ -53,6 +51,7 @@ pub struct LinkHandle {
 #[derive(Debug, Default)]
 struct Shared {
     statistics: Mutex<Statistics>,
+    busy_share: Mutex<Option<f64>>,
     renew: Notify,
 }
 
@@ -94,6 +93,11 @@ impl LinkHandle {
     pub fn statistics(&self) -> Statistics {
         *self.shared.statistics.lock().unwrap_or_else(PoisonError::into_inner)
     }
+
+    /// Share of the time with data to send in which the line was busy, 0 to 1; `None` before any data.
+    pub fn busy_share(&self) -> Option<f64> {
+        *self.shared.busy_share.lock().unwrap_or_else(PoisonError::into_inner)
+    }
 }
 
 /// The task's own end of the channels.
@@ -108,6 +112,7 @@ pub struct LinkDriver {
     shared: Arc<Shared>,
     /// Taken from its queue, waiting for room in the session's.
     waiting: Option<(u32, HostMessage)>,
+    pacing: Pacing,
     pause: Duration,
 }
 
@@ -120,6 +125,7 @@ pub fn link(config: LinkConfig) -> (LinkHandle, mpsc::Receiver<LinkEvent>, LinkD
     let handle = LinkHandle { messages: message_sender, urgents: urgent_sender, shared: Arc::clone(&shared) };
     let settings = HostSettings { baud: config.baud, escaped: config.flow_control == FlowControl::XonXoff };
     let driver = LinkDriver {
+        pacing: Pacing::new(config.baud),
         config,
         start: Instant::now(),
         session: HostSession::new(random_id(), settings, 0),
@@ -171,6 +177,7 @@ impl LinkDriver {
                 }
             };
             last_reason.clear();
+            self.pacing.reset();
             self.renew();
             match self.run_line(line).await {
                 Left::Owner | Left::Session | Left::Renewed => return,
@@ -236,9 +243,8 @@ impl LinkDriver {
 
     async fn run_session(&mut self, line: &mut SerialLine) -> Left {
         let mut input = [0_u8; READ_BYTES];
-        // The rest of the frame being written, and until when the line is busy with what the kernel has.
+        // The rest of the frame being written.
         let (mut output, mut written) = (Vec::new(), 0);
-        let mut busy_until_us = 0_u64;
         let mut event = None;
         loop {
             let now_us = self.now_us();
@@ -249,16 +255,16 @@ impl LinkDriver {
             if matches!(event, Some(LinkEvent::Session(HostEvent::Connected { .. }))) {
                 self.pause = FIRST_PAUSE;
             }
-            *self.shared.statistics.lock().unwrap_or_else(PoisonError::into_inner) = self.session.statistics();
             if event.is_none() && self.session.next_timeout_us().is_none() {
                 return Left::Session;
             }
-            let line_free_us = busy_until_us.saturating_sub(BACKLOG_US);
+            let line_free_us = self.pacing.free_us();
             if written == output.len() && now_us >= line_free_us {
                 output = self.session.transmit(now_us).unwrap_or_default();
                 written = 0;
             }
             let writing = written < output.len();
+            self.share_counts(writing, now_us);
             let timeout_us = self.session.next_timeout_us().unwrap_or(u64::MAX);
             let wake_us = match (writing, now_us < line_free_us) {
                 // Timers of frames that cannot go out yet are of no use; only the dead-man is, and a millisecond is soon enough.
@@ -278,7 +284,7 @@ impl LinkDriver {
                 count = line.writer.write(&output[written..]), if writing => match count {
                     Ok(count) => {
                         written += count;
-                        busy_until_us = busy_until_us.max(now_us) + line_time_us(count, self.config.baud);
+                        self.pacing.sent(count, now_us);
                     }
                     Err(error) => return Left::Port(error),
                 },
@@ -297,6 +303,12 @@ impl LinkDriver {
                 () = sleep_until(wake) => {}
             }
         }
+    }
+
+    fn share_counts(&mut self, writing: bool, now_us: u64) {
+        self.pacing.count(writing || self.waiting.is_some() || self.session.has_unsent(), now_us);
+        *self.shared.statistics.lock().unwrap_or_else(PoisonError::into_inner) = self.session.statistics();
+        *self.shared.busy_share.lock().unwrap_or_else(PoisonError::into_inner) = self.pacing.busy_share();
     }
 
     /// Gives the session the message that waits; one for another session is void.

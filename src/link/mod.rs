@@ -10,6 +10,7 @@
 //! `docs/protocol.md` is the contract between both ends.
 
 pub mod driver;
+mod pacing;
 pub mod session;
 pub mod transport;
 pub mod wire;

@@ -80,6 +80,11 @@ impl Endpoint {
         self.queue_limit_bytes.saturating_sub(self.outgoing.queued_bytes()) / self.frame_bytes
     }
 
+    /// Whether data waits for credit or for the line.
+    pub(super) fn has_unsent(&self) -> bool {
+        self.outgoing.has_unsent()
+    }
+
     /// Queues one message.
     pub(super) fn send(&mut self, payload: &[u8], bulk: bool) -> Result<(), SendError> {
         let limit = self.payload_limit();

@@ -403,6 +403,11 @@ impl HostSession {
         matches!(self.phase, Phase::Open(_))
     }
 
+    /// Whether data waits for credit or for the line.
+    pub fn has_unsent(&self) -> bool {
+        matches!(&self.phase, Phase::Open(endpoint) if endpoint.has_unsent())
+    }
+
     /// Counts.
     pub fn statistics(&self) -> Statistics {
         self.line.statistics

@@ -134,6 +134,11 @@ impl Outgoing {
         self.cursor = 0;
     }
 
+    /// Whether frames wait for credit or for the line.
+    pub(super) fn has_unsent(&self) -> bool {
+        self.cursor < self.frames.len()
+    }
+
     /// Whether something was sent that the peer may not have read.
     pub(super) fn is_waiting(&self) -> bool {
         !self.flight.is_empty() || self.cursor > 0
