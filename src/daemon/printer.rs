@@ -299,13 +299,13 @@ impl Printer {
                 view::device_connected(&mut self.device, &capabilities, &state, &self.jobs);
                 match &mut self.running {
                     Some(running) => running.connected(&capabilities, &state, now_us),
-                    None => self.idle = Some(DlpDriver::new(0, &capabilities, &state)),
+                    None => self.idle = Some(DlpDriver::new(0)),
                 }
                 self.capabilities = Some(capabilities);
                 self.link_changed(LinkState::Connected, None);
             }
             LinkEvent::Session(HostEvent::Message(message)) => {
-                let event = self.driver().and_then(|driver| driver.handle(message));
+                let event = self.driver().map(|driver| driver.handle(message));
                 if let Some(event) = event {
                     view::device_told(&mut self.device, &event, &self.jobs);
                     self.with_engine(|running| running.driver_event(event, now_us));

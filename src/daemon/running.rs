@@ -11,7 +11,7 @@ use super::jobs::Job;
 use super::layers::Layers;
 use super::part::{EncodedLayer, Part};
 use crate::config::{Machine, Recipe};
-use crate::device::{DlpDriver, check_capabilities, encoding};
+use crate::device::{DlpDriver, DriverEvent, check_capabilities, encoding};
 use crate::job::{
     Action, Command, Engine, Event, JobDirectory, JobPlan, JobState, Journal, Record, ResumeChoice, StartPoint,
 };
@@ -117,7 +117,7 @@ pub(super) struct Running {
     /// The layer and slot the engine wants uploaded and that is not computed yet.
     wanted: Option<(u32, u8)>,
     /// The queue's share of the layer that is being sent.
-    sending: Option<(u32, Room)>,
+    sending: Option<Room>,
     act_number: u64,
     /// The urgent frame the engine waits for, by its number.
     pub urgent: Option<(u32, Urgent)>,
@@ -158,7 +158,7 @@ impl Running {
             Ok(encoding) => self.encoding = Some(encoding),
             Err(text) => return self.engine.handle(Event::Unfit(text), now_us),
         }
-        self.driver = Some(DlpDriver::new(self.key, capabilities, state));
+        self.driver = Some(DlpDriver::new(self.key));
         let max_position_um = capabilities.max_position_um;
         self.engine.handle(Event::Connected { state: state.clone(), max_position_um }, now_us);
     }
@@ -264,23 +264,21 @@ impl Running {
         }
         tracing::debug!(layer, bytes = bytes.len(), compute_us = finished.compute_time.as_micros(), "layer computed");
         if let Some(driver) = &mut self.driver {
-            let _ = slot;
-            if let Err(error) = driver.upload(layer, encoding, bytes, decoded_crc32) {
+            if let Err(error) = driver.upload(layer, slot, encoding, bytes, decoded_crc32) {
                 tracing::error!(%error, layer, "upload refused by the driver");
             }
-            self.sending = Some((layer, finished.room));
+            self.sending = Some(finished.room);
         }
     }
 
     /// What the device says.
-    pub(super) fn driver_event(&mut self, event: crate::device::DriverEvent, now_us: u64) {
-        use crate::device::DriverEvent;
+    pub(super) fn driver_event(&mut self, event: DriverEvent, now_us: u64) {
         let event = match event {
-            DriverEvent::Uploaded { layer, .. } => {
-                self.sending = self.sending.take().filter(|(sending, _)| *sending != layer);
+            DriverEvent::Uploaded { layer } => {
+                self.sending = None;
                 Event::Uploaded { layer }
             }
-            DriverEvent::UploadFailed { layer, refusal } => {
+            DriverEvent::UploadRefused { layer, refusal } => {
                 self.sending = None;
                 Event::UploadRefused { layer, refusal }
             }
