@@ -2,89 +2,18 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use tokio::sync::{mpsc, oneshot};
+use tokio::sync::mpsc;
 
-use super::api::JobView;
+use super::background::Background;
 use super::clock::unix_ms;
-use super::handle::CommandError;
-use super::jobs::Job;
 use super::layers::Layers;
+use super::opened::Opened;
 use super::part::{EncodedLayer, Part};
 use crate::config::{Machine, Recipe};
 use crate::device::{DlpDriver, DriverEvent, check_capabilities, encoding};
-use crate::job::{
-    Action, Command, Engine, Event, JobDirectory, JobPlan, JobState, Journal, Record, ResumeChoice, StartPoint,
-};
+use crate::job::{Action, Command, Engine, Event, JobPlan, Journal, Record};
 use crate::link::message::{Capabilities, DeviceState, Encoding, Urgent};
 use crate::stream::{Finished, MemoryBudget, Room};
-
-/// What ends in the background, for the printer's loop.
-#[derive(Debug)]
-pub(super) enum Background {
-    /// A record is on disk, or not.
-    Journalled {
-        /// The job.
-        job: u32,
-        /// Why not.
-        result: Result<(), String>,
-    },
-    /// A job was opened, now that its turn has come.
-    Opened {
-        /// The job.
-        job: u32,
-        /// All it needs, or why it cannot be printed.
-        result: Result<Box<Opened>, String>,
-    },
-    /// A new job is in the spool, or not.
-    Accepted {
-        /// The job.
-        result: Result<Box<Job>, CommandError>,
-        /// Who asked.
-        reply: oneshot::Sender<Result<JobView, CommandError>>,
-    },
-}
-
-/// A job read from the spool, ready to run.
-#[derive(Debug)]
-pub(super) struct Opened {
-    journal: Journal,
-    key: u64,
-    start: StartPoint,
-    recipe: Recipe,
-    machine: Machine,
-    part: Arc<Part>,
-}
-
-impl Opened {
-    /// Opens a job of the spool: journal, recipe, machine and part as they were when it was accepted. Blocks.
-    ///
-    /// # Errors
-    /// A text that says what is missing or does not fit; where the journal can be written, the job's end stands in it.
-    pub(super) fn open(
-        job: &JobDirectory,
-        choice: ResumeChoice,
-        threads: usize,
-        limit_bytes: u64,
-    ) -> Result<Self, String> {
-        let (mut journal, history) = Journal::open(&job.journal()).map_err(|error| error.to_string())?;
-        let start = history.start(choice).map_err(|error| error.to_string())?;
-        let open = || -> Result<_, String> {
-            let recipe = Recipe::load(&job.recipe()).map_err(|error| error.to_string())?;
-            let machine = Machine::load(&job.machine()).map_err(|error| error.to_string())?;
-            let part = Part::open(&job.part(), &machine, &recipe, threads, limit_bytes).map_err(|e| e.to_string())?;
-            Ok((recipe, machine, Arc::new(part)))
-        };
-        match open() {
-            Ok((recipe, machine, part)) => Ok(Self { journal, key: history.key, start, recipe, machine, part }),
-            Err(text) => {
-                // A part that is on the plate stays resumable: whatever is wrong may be mended.
-                let state = if history.next_layer == 0 { JobState::Failed } else { JobState::Interrupted };
-                journal.append(Record::Ended { state, reason: text.clone() }, unix_ms()).map_err(|e| e.to_string())?;
-                Err(text)
-            }
-        }
-    }
-}
 
 /// What the printer's loop must do for an action of the engine.
 #[derive(Debug)]
