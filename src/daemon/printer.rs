@@ -109,10 +109,10 @@ impl Printer {
         self.publish();
         let ended = loop {
             self.settle();
-            let room = self.link.room();
             if self.shutting_down && self.is_idle() {
                 break Ok(());
             }
+            let room = self.link.room();
             let timeout_us = self.running.as_ref().and_then(|running| running.engine.next_timeout_us());
             // Orders first. What a busy or broken line can bring without end comes last: no timer and no watchdog waits for it.
             tokio::select! {

@@ -132,11 +132,12 @@ impl<T> Drop for Ahead<T> {
 }
 
 struct Worker<T> {
-    sender: mpsc::Sender<Result<Finished<T>, StreamError>>,
     room: Arc<Semaphore>,
     permits: u32,
     runtime: Handle,
     charge: Arc<Charge>,
+    /// Dropped last: whoever sees the end of the queue finds the memory given back.
+    sender: mpsc::Sender<Result<Finished<T>, StreamError>>,
 }
 
 impl<T: Send + 'static> Worker<T> {
