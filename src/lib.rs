@@ -19,6 +19,7 @@
 //! | [`device`]    | drivers, layer encodings and the simulated devices                |
 //! | [`job`]       | the life of a job: states, journal, resume                        |
 //! | [`config`]    | machines, recipes and the daemon's own settings                   |
+//! | [`codec`]     | small values as bytes: bincode, under a limit                     |
 //! | [`daemon`]    | control API, systemd, wiring the above together                   |
 //! | [`cli`]       | `layerctl`                                                        |
 //!

@@ -4,7 +4,7 @@ use bincode::{Decode, Encode};
 
 use super::model::Strut;
 
-/// Where one chunk lies and what it holds; z in quanta. Encoded in [`ChunkEntry::BYTES`] bytes.
+/// Where one chunk lies and what it holds; z in quanta. Encoded in 40 bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
 pub struct ChunkEntry {
     /// Byte offset of the compressed chunk from the start of the file.

@@ -115,7 +115,7 @@ enum Phase {
     Done,
 }
 
-/// The engine of one job. See the [module](self).
+/// The engine of one job.
 #[derive(Debug)]
 pub struct Engine {
     plan: JobPlan,
