@@ -71,10 +71,15 @@ impl Shape for ConvolutionStrut {
         path.run(vector::PackBits { cells: strip.pixels(row, first_byte * 8), out });
     }
 
-    /// The half-plane that the field's value and gradient (central differences, in pixels) describe, cut with the pixel.
+    /// The half-plane that the field's mean over the pixel and its gradient (central differences, in pixels) describe, cut
+    /// with the pixel. The mean, to second order the value plus a 24th of the Laplacian, allows for what a half-plane cannot
+    /// show: that the border bends and that the field is steeper on one side. With the value at the centre instead, discs of
+    /// three pixels' radius come out 1 to 3 % too large.
     fn coverage(strip: &Strip<f32>, row: usize, pixel: usize) -> u8 {
-        let excess = strip.pixel(row, pixel) - ISOVALUE as f32;
+        let value = strip.pixel(row, pixel);
         let [left, right, above, below] = strip.neighbours(row, pixel);
+        let laplacian = (left + right) + (above + below) - 4.0 * value;
+        let excess = value + laplacian * (1.0 / 24.0) - ISOVALUE as f32;
         let (gx, gy) = ((right - left).abs() * 0.5, (below - above).abs() * 0.5);
         (half_plane_coverage(excess, gx.max(gy), gx.min(gy)) * 255.0 + 0.5) as u8
     }
@@ -109,9 +114,7 @@ impl Work for Draw<'_> {
             let Some(range) = shape.row_range(self.grid, self.z) else { continue };
             let rows = self.strip.rows_within(range);
             let line = Line::new(shape, self.grid, self.z, self.strip);
-            for row in rows {
-                line.draw_row(self.strip, row);
-            }
+            line.draw_rows(self.strip, rows);
         }
     }
 }
@@ -119,6 +122,7 @@ impl Work for Draw<'_> {
 /// A strut seen from one plane and grid: what does not change from row to row.
 struct Line<'a> {
     shape: &'a ConvolutionStrut,
+    is_ball: bool,
     y0: f64,
     dy: f64,
     /// Of the strip's first cell, from the strut's `a`.
@@ -126,24 +130,40 @@ struct Line<'a> {
     dx: f64,
     inverse_dx: f64,
     dz: f64,
-    /// `u_y² + u_z²`, and the reciprocals of it, of its root and of `u_x`.
+    /// Along a row h² is `least_h2 + n2·(x − middle)²`; n2 = u_y² + u_z², for a ball 1.
     n2: f64,
     inverse_n2: f64,
     inverse_n: f64,
     inverse_ux: f64,
 }
 
+/// Rows whose intervals are computed at once.
+const ROWS: usize = 8;
+
+/// What some successive rows see of a strut; x from the strut's `a`.
+struct Rows {
+    /// First column within reach and the one after the last, in cells; equal where none is.
+    first: [i32; ROWS],
+    end: [i32; ROWS],
+    /// Where the row comes nearest to the axis, and the square of that distance.
+    middle: [f64; ROWS],
+    least_h2: [f64; ROWS],
+    /// Axial coordinate at x = 0.
+    axial: [f64; ROWS],
+}
+
 impl<'a> Line<'a> {
     #[inline(always)]
     fn new(shape: &'a ConvolutionStrut, grid: &Grid, z: f64, strip: &Strip<f32>) -> Self {
         let [ux, uy, uz] = shape.u;
-        let n2 = uy * uy + uz * uz;
-        let x0 = grid.x0 + strip.first_column() * grid.dx - shape.a[0];
+        let is_ball = shape.length == 0.0;
+        let n2 = if is_ball { 1.0 } else { uy * uy + uz * uz };
         Self {
             shape,
+            is_ball,
             y0: grid.y0 - shape.a[1],
             dy: grid.dy,
-            x0,
+            x0: grid.x0 + strip.first_column() * grid.dx - shape.a[0],
             dx: grid.dx,
             inverse_dx: 1.0 / grid.dx,
             dz: z - shape.a[2],
@@ -154,43 +174,74 @@ impl<'a> Line<'a> {
         }
     }
 
-    /// With v = (x, y, z) from `a`: t = u_x·x + g, and h² = |v × u|² has its least value k²/n² at x = u_x·g/n².
     #[inline(always)]
-    fn draw_row(&self, strip: &mut Strip<f32>, row: usize) {
+    fn draw_rows(&self, strip: &mut Strip<f32>, rows: std::ops::Range<usize>) {
+        for some in rows.clone().step_by(ROWS) {
+            let seen = self.rows(strip, some);
+            for row in some..rows.end.min(some + ROWS) {
+                self.draw_row(strip, row, &seen, row - some);
+            }
+        }
+    }
+
+    /// With v = (x, y, z) from `a`: t = u_x·x + g, and h² = |v × u|² has its least value k²/n² at x = u_x·g/n².
+    /// Without branches, so that it compiles to vectors.
+    #[inline(always)]
+    fn rows(&self, strip: &Strip<f32>, row: usize) -> Rows {
         let [ux, uy, uz] = self.shape.u;
-        let is_ball = self.shape.length == 0.0;
-        let (dz, y) = (self.dz, self.y0 + strip.grid_row(row) * self.dy);
-        let (k, g) = (y * uz - dz * uy, y * uy + dz * uz);
-        let least_h2 = if is_ball { y * y + dz * dz } else { k * k * self.inverse_n2 };
-        let reach = 1.0 + MARGIN - least_h2;
-        if reach <= 0.0 {
+        let first_y = self.y0 + strip.grid_row(row) * self.dy;
+        let last_column = strip.columns() as f64 - 1.0;
+        // A row along the strut, and a ball, have the same distance everywhere, or from one point.
+        let around_point = self.is_ball || self.n2 == 0.0;
+        let (slab_low, slab_high) =
+            if self.is_ball { (-ENDLESS, ENDLESS) } else { (-1.0 - MARGIN, self.shape.length + 1.0 + MARGIN) };
+        let mut seen = Rows {
+            first: [0; ROWS],
+            end: [0; ROWS],
+            middle: [0.0; ROWS],
+            least_h2: [0.0; ROWS],
+            axial: [0.0; ROWS],
+        };
+        for lane in 0..ROWS {
+            let y = first_y + lane as f64 * self.dy;
+            let (k, g) = (y * uz - self.dz * uy, y * uy + self.dz * uz);
+            let least_h2 = if around_point { y * y + self.dz * self.dz } else { k * k * self.inverse_n2 };
+            let reach = 1.0 + MARGIN - least_h2;
+            let half = greater(reach, 0.0).sqrt() * self.inverse_n;
+            let middle = ux * g * self.inverse_n2;
+            let (one, two) = ((slab_low - g) * self.inverse_ux, (slab_high - g) * self.inverse_ux);
+            let left = greater(middle - half, lesser(one, two));
+            let right = lesser(middle + half, greater(one, two));
+            let (one, two) = ((left - self.x0) * self.inverse_dx, (right - self.x0) * self.inverse_dx);
+            let (low, high) = if self.dx > 0.0 { (one, two) } else { (two, one) };
+            // The first whole cell after the one end; one exactly on it is in the margin and contributes nothing.
+            let first = lesser(greater(low, -1.0), last_column) + 1.0;
+            let end = lesser(greater(high, -1.0), last_column) + 1.0;
+            seen.first[lane] = first as i32;
+            seen.end[lane] = if reach > 0.0 { end as i32 } else { 0 };
+            seen.middle[lane] = middle;
+            seen.least_h2[lane] = least_h2;
+            seen.axial[lane] = g;
+        }
+        seen
+    }
+
+    #[inline(always)]
+    fn draw_row(&self, strip: &mut Strip<f32>, row: usize, seen: &Rows, lane: usize) {
+        let (first, end) = (seen.first[lane], seen.end[lane]);
+        if first >= end {
             return;
         }
-        let half = reach.sqrt() * if is_ball { 1.0 } else { self.inverse_n };
-        let middle = ux * g * self.inverse_n2;
-        let (mut left, mut right) = (middle - half, middle + half);
-        if !is_ball {
-            let one = (-1.0 - MARGIN - g) * self.inverse_ux;
-            let two = (self.shape.length + 1.0 + MARGIN - g) * self.inverse_ux;
-            left = left.max(one.min(two));
-            right = right.min(one.max(two));
-        }
-        let (one, two) = ((left - self.x0) * self.inverse_dx, (right - self.x0) * self.inverse_dx);
-        let (first, last) = (one.min(two).max(-1.0), one.max(two).min(strip.columns() as f64 - 1.0));
-        if !(first <= last && last >= 0.0) {
-            return;
-        }
-        // The first whole pixel after `first`; one exactly on it is in the margin and contributes nothing.
-        let (first, end) = ((first + 1.0) as usize, last as usize + 1);
-        let base = (middle - self.x0) * self.inverse_dx;
+        let (first, end) = (first as usize, end as usize);
+        let nearest = (seen.middle[lane] - self.x0) * self.inverse_dx;
         let mut start = first;
         while start < end {
             let stop = end.min(start + STRETCH_PX);
-            let base = base.max(start as f64).min(stop as f64 - 1.0).round();
-            let stretch = self.stretch(base, start, y, g, k);
+            let base = greater(lesser(nearest, stop as f64 - 1.0), start as f64) as i32 as f64;
+            let stretch = self.stretch(base, start, seen, lane);
             let padded = start + (stop - start).next_multiple_of(LANES);
             let cells = &mut strip.row_mut(row)[start..padded];
-            if is_ball {
+            if self.is_ball {
                 vector::add_ball(cells, stretch);
             } else if self.shape.weight[1] != 0.0 {
                 vector::add_strut::<true>(cells, stretch);
@@ -203,23 +254,17 @@ impl<'a> Line<'a> {
     }
 
     #[inline(always)]
-    fn stretch(&self, base: f64, start: usize, y: f64, g: f64, k: f64) -> Stretch {
-        let [ux, uy, uz] = self.shape.u;
+    fn stretch(&self, base: f64, start: usize, seen: &Rows, lane: usize) -> Stretch {
         let x = self.x0 + base * self.dx;
-        let (h2, slope, curve) = if self.shape.length == 0.0 {
-            (x * x + y * y + self.dz * self.dz, x, 1.0)
-        } else {
-            let (second, third) = (self.dz * ux - x * uz, x * uy - y * ux);
-            (k * k + second * second + third * third, self.n2 * x - ux * g, self.n2)
-        };
-        let lo = -(g + ux * x);
+        let away = x - seen.middle[lane];
+        let lo = -(seen.axial[lane] + self.shape.u[0] * x);
         Stretch {
-            q_base: (1.0 - h2) as f32,
-            slope: (2.0 * self.dx * slope) as f32,
-            curve: (self.dx * self.dx * curve) as f32,
+            q_base: (1.0 - seen.least_h2[lane] - self.n2 * away * away) as f32,
+            slope: (2.0 * self.dx * self.n2 * away) as f32,
+            curve: (self.dx * self.dx * self.n2) as f32,
             lo_base: lo as f32,
             hi_base: (self.shape.length + lo) as f32,
-            axial: (ux * self.dx) as f32,
+            axial: (self.shape.u[0] * self.dx) as f32,
             weight: self.shape.weight,
             first_d: (start as f64 - base) as f32,
         }
@@ -228,4 +273,16 @@ impl<'a> Line<'a> {
 
 fn reciprocal(x: f64) -> f64 {
     if x == 0.0 { ENDLESS } else { 1.0 / x }
+}
+
+/// `max` as one instruction; no operand is ever NaN.
+#[inline(always)]
+fn greater(a: f64, b: f64) -> f64 {
+    if a > b { a } else { b }
+}
+
+/// `min` as one instruction; no operand is ever NaN.
+#[inline(always)]
+fn lesser(a: f64, b: f64) -> f64 {
+    if a < b { a } else { b }
 }
