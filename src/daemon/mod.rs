@@ -19,6 +19,7 @@ mod upload;
 mod view;
 
 pub(crate) use body::ChannelBody;
+pub(crate) use part::PrintMemory;
 pub(crate) use percent::encode as percent_encode;
 pub use printer::Setting;
 pub use run::{load, log_to_stderr, run};
