@@ -9,8 +9,8 @@ use serde::Serialize;
 
 use super::slice::{Setting, default_threads};
 use crate::buildfile::BuildFile;
-use crate::config::Recipe;
-use crate::config::byte_size;
+use crate::config::{Recipe, byte_size};
+use crate::daemon::PrintMemory;
 use crate::device::encoding;
 use crate::link::message::Encoding;
 use crate::slice::{Bitmap, Depth, SlicePlan, Slicer};
@@ -41,25 +41,38 @@ const SAMPLES: u32 = 12;
 /// Bits on the line a byte: 8N1.
 const LINE_BITS: f64 = 10.0;
 
-/// Layers finished or encoded that a print holds beside the slicer: one being drawn, one waiting, one on the line.
-const LAYERS_HELD: u64 = 3;
-
 /// What `check` found; `--json` prints it.
 #[derive(Debug, Serialize)]
 struct Findings {
     fits: bool,
     problems: Vec<String>,
+    /// Of a part that fits the build volume.
+    #[serde(flatten)]
+    size: Option<Size>,
+    /// Of a part that fits the memory, too.
+    #[serde(flatten)]
+    times: Option<Times>,
+}
+
+/// From header and index.
+#[derive(Debug, Serialize)]
+struct Size {
     layer_count: u32,
     peak_active_struts: u64,
     memory_needed_bytes: u64,
     memory_budget_bytes: u64,
+    device_ms_normal_layer: f64,
+}
+
+/// From layers computed here.
+#[derive(Debug, Serialize)]
+struct Times {
     encoded_bytes_mean: u64,
     encoded_bytes_max: u64,
     compute_ms_mean: f64,
     compute_ms_max: f64,
     line_ms_mean: f64,
     line_ms_max: f64,
-    device_ms_normal_layer: f64,
     /// Ranges of layers, first to last, round samples where computing or the line takes longer than the device.
     late_layers: Vec<[u32; 2]>,
 }
@@ -79,55 +92,63 @@ struct Sample {
 /// Where the print does not fit, or cannot be judged.
 pub fn run(args: CheckArgs) -> anyhow::Result<()> {
     let CheckArgs { file: path, machine, recipe, budget, json } = args;
-    let Setting { file, machine, recipe } = Setting::load(&path, &machine, &recipe)?;
-    let depth = if recipe.antialias { Depth::Grey } else { Depth::Bit };
-    let plan = SlicePlan::new(file.header(), machine.raster(), depth, recipe.layer_height_um)?;
-    let peak_active_struts = file.peak_active();
-    let threads = default_threads();
-    let picture_bytes = Bitmap::new(machine.width_px, machine.height_px, depth).data().len() as u64;
-    let memory_needed_bytes =
-        Slicer::memory_bytes(&file, &plan, threads).saturating_add(picture_bytes.saturating_mul(LAYERS_HELD));
-    let layer_count = plan.layer_count;
-    drop(file);
+    let setting = Setting::load(&path, &machine, &recipe)?;
+    let findings = judge(setting, &path, budget)?;
+    if json {
+        super::print_json(&findings)?;
+    } else {
+        super::print(&text(&findings))?;
+    }
+    match findings.problems.first() {
+        Some(problem) if !findings.fits => bail!("the print does not fit: {problem}"),
+        _ => Ok(()),
+    }
+}
 
-    let mut problems = Vec::new();
-    if memory_needed_bytes > budget {
-        problems.push(format!(
-            "it needs {:.1} MiB of memory, the budget is {:.1} MiB: raise `memory_budget`",
-            mebibytes(memory_needed_bytes),
-            mebibytes(budget)
-        ));
-    }
-    let samples = measure(&path, &plan, threads, &recipe, f64::from(machine.link.baud))?;
-    let late_layers = late_layers(&samples, layer_count);
-    if !late_layers.is_empty() {
-        problems.push(late_text(&late_layers));
-    }
-    let findings = Findings {
-        fits: memory_needed_bytes <= budget,
-        problems,
-        layer_count,
-        peak_active_struts,
+fn judge(setting: Setting, path: &std::path::Path, budget: u64) -> anyhow::Result<Findings> {
+    let Setting { file, machine, recipe } = setting;
+    let depth = if recipe.antialias { Depth::Grey } else { Depth::Bit };
+    let plan = match SlicePlan::new(file.header(), machine.raster(), depth, recipe.layer_height_um) {
+        Ok(plan) => plan,
+        Err(error) => {
+            return Ok(Findings { fits: false, problems: vec![error.to_string()], size: None, times: None });
+        }
+    };
+    let threads = default_threads();
+    let memory_needed_bytes = PrintMemory::new(&file, &plan, threads).need_bytes();
+    let size = Size {
+        layer_count: plan.layer_count,
+        peak_active_struts: file.peak_active(),
         memory_needed_bytes,
         memory_budget_bytes: budget,
-        encoded_bytes_mean: mean(&samples, |sample| sample.bytes as f64) as u64,
-        encoded_bytes_max: samples.iter().map(|sample| sample.bytes as u64).max().unwrap_or(0),
-        compute_ms_mean: mean(&samples, |sample| sample.compute_ms),
-        compute_ms_max: most(&samples, |sample| sample.compute_ms),
-        line_ms_mean: mean(&samples, |sample| sample.line_ms),
-        line_ms_max: most(&samples, |sample| sample.line_ms),
-        device_ms_normal_layer: device_ms(&recipe, layer_count),
-        late_layers,
+        device_ms_normal_layer: device_ms(&recipe, plan.layer_count),
     };
-    if json {
-        println!("{}", serde_json::to_string(&findings)?);
-    } else {
-        print(&findings);
+    drop(file);
+    if memory_needed_bytes > budget {
+        let problem = format!(
+            "it needs {0}MiB of memory with {threads} threads, the budget is {1}MiB: set memory_budget = \"{0}MiB\" in the \
+             daemon's configuration, or fewer threads",
+            memory_needed_bytes.div_ceil(1 << 20),
+            budget >> 20
+        );
+        return Ok(Findings { fits: false, problems: vec![problem], size: Some(size), times: None });
     }
-    if !findings.fits {
-        bail!("the print does not fit: {}", findings.problems[0]);
+    let samples = measure(path, &plan, threads, &recipe, f64::from(machine.link.baud))?;
+    let late_layers = late_layers(&samples, plan.layer_count);
+    let problems = if late_layers.is_empty() { Vec::new() } else { vec![late_text(&late_layers)] };
+    Ok(Findings { fits: true, problems, size: Some(size), times: Some(times(&samples, late_layers)) })
+}
+
+fn times(samples: &[Sample], late_layers: Vec<[u32; 2]>) -> Times {
+    Times {
+        encoded_bytes_mean: mean(samples, |sample| sample.bytes as f64) as u64,
+        encoded_bytes_max: samples.iter().map(|sample| sample.bytes as u64).max().unwrap_or(0),
+        compute_ms_mean: mean(samples, |sample| sample.compute_ms),
+        compute_ms_max: most(samples, |sample| sample.compute_ms),
+        line_ms_mean: mean(samples, |sample| sample.line_ms),
+        line_ms_max: most(samples, |sample| sample.line_ms),
+        late_layers,
     }
-    Ok(())
 }
 
 /// Computes and encodes layers spread evenly over the part, each from a sweep of its own. Beginning a sweep reads the chunks
@@ -219,27 +240,37 @@ fn mebibytes(bytes: u64) -> f64 {
     bytes as f64 / f64::from(1 << 20)
 }
 
-fn print(findings: &Findings) {
-    println!("layers          {}", findings.layer_count);
-    println!("active struts   {} at most in one layer", findings.peak_active_struts);
-    println!(
-        "memory          {:.1} MiB of a budget of {:.1} MiB",
-        mebibytes(findings.memory_needed_bytes),
-        mebibytes(findings.memory_budget_bytes)
-    );
-    println!("encoded layer   {} bytes, at most {} (sampled)", findings.encoded_bytes_mean, findings.encoded_bytes_max);
-    println!("computing       {:.1} ms a layer, at most {:.1}", findings.compute_ms_mean, findings.compute_ms_max);
-    println!("line            {:.1} ms a layer, at most {:.1}", findings.line_ms_mean, findings.line_ms_max);
-    println!("device          {:.1} ms a normal layer", findings.device_ms_normal_layer);
-    for problem in &findings.problems {
-        println!("note            {problem}");
+fn text(findings: &Findings) -> String {
+    let mut lines = Vec::new();
+    if let Some(size) = &findings.size {
+        lines.push(format!("layers          {}", size.layer_count));
+        lines.push(format!("active struts   {} at most in one layer", size.peak_active_struts));
+        lines.push(format!(
+            "memory          {:.1} MiB of a budget of {:.1} MiB",
+            mebibytes(size.memory_needed_bytes),
+            mebibytes(size.memory_budget_bytes)
+        ));
+        lines.push(format!("device          {:.1} ms a normal layer", size.device_ms_normal_layer));
     }
-    println!(
+    if let Some(times) = &findings.times {
+        lines.push(format!(
+            "encoded layer   {} bytes, at most {} (sampled)",
+            times.encoded_bytes_mean, times.encoded_bytes_max
+        ));
+        lines.push(format!(
+            "computing       {:.1} ms a layer, at most {:.1}",
+            times.compute_ms_mean, times.compute_ms_max
+        ));
+        lines.push(format!("line            {:.1} ms a layer, at most {:.1}", times.line_ms_mean, times.line_ms_max));
+    }
+    lines.extend(findings.problems.iter().map(|problem| format!("note            {problem}")));
+    lines.push(format!(
         "verdict         {}",
-        match (findings.fits, findings.late_layers.is_empty()) {
+        match (findings.fits, findings.problems.is_empty()) {
             (false, _) => "does not fit",
             (true, true) => "fits; the device never waits",
             (true, false) => "fits; the device will wait for some layers",
         }
-    );
+    ));
+    lines.join("\n")
 }

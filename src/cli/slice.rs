@@ -91,7 +91,8 @@ pub fn run(args: SliceArgs) -> anyhow::Result<()> {
     let range = layers_within(layers, plan.layer_count)?;
     let threads = threads.unwrap_or_else(default_threads);
 
-    std::fs::create_dir_all(&output).with_context(|| format!("cannot make {}", output.display()))?;
+    ensure!(!output.is_file(), "{} is a file; -o wants a directory for the pictures", output.display());
+    std::fs::create_dir_all(&output).with_context(|| format!("cannot make the directory {}", output.display()))?;
     let mut manifest = Manifest::new(file.header(), &plan);
     // Offline there is no printer to keep within bounds for: the slicer may have what its own estimate says.
     let budget = MemoryBudget::new(Slicer::memory_bytes(&file, &plan, threads));

@@ -23,6 +23,7 @@ mod upload;
 mod view;
 
 pub(crate) use body::ChannelBody;
+pub(crate) use part::PrintMemory;
 pub(crate) use percent::encode as percent_encode;
 pub use run::{log_to_stderr, run};
 pub use setting::Setting;

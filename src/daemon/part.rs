@@ -11,7 +11,7 @@ use crate::slice::{Bitmap, Depth, SlicePlan, Slicer};
 use crate::stream::{Ahead, MemoryBudget, Produced};
 
 /// What the line holds at most: queues of the session both ways, the serial buffers, one layer's bookkeeping.
-pub(super) const LINK_BYTES: u64 = 512 << 10;
+const LINK_BYTES: u64 = 512 << 10;
 
 /// More queue than this would only compute layers that an abort throws away.
 const LARGEST_QUEUE_BYTES: u64 = 16 << 20;
@@ -53,6 +53,33 @@ fn mebibytes(bytes: u64) -> String {
     format!("{}MiB", bytes.div_ceil(1 << 20))
 }
 
+/// Memory that a print takes at its peak, known from header and index alone. `layerctl check` tells the same figure.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PrintMemory {
+    slicer_bytes: u64,
+    /// The picture, the encoder's output, and the line.
+    buffer_bytes: u64,
+    /// At least two layers wait, or one waits and one is on the line.
+    least_queue_bytes: u64,
+}
+
+impl PrintMemory {
+    /// Of a part on a raster, computed by `threads` threads.
+    pub(crate) fn new(file: &BuildFile, plan: &SlicePlan, threads: usize) -> Self {
+        let raw_bytes = plan.depth.stride_bytes(plan.raster.width_px) as u64 * u64::from(plan.raster.height_px);
+        Self {
+            slicer_bytes: Slicer::memory_bytes(file, plan, threads),
+            buffer_bytes: raw_bytes + encoding::largest_encoded_bytes(plan.depth, raw_bytes) + LINK_BYTES,
+            least_queue_bytes: 2 * raw_bytes + (64 << 10),
+        }
+    }
+
+    /// The least budget that will do.
+    pub(crate) fn need_bytes(&self) -> u64 {
+        self.slicer_bytes.saturating_add(self.buffer_bytes + self.least_queue_bytes)
+    }
+}
+
 /// A build file placed on a machine.
 #[derive(Debug)]
 pub(super) struct Part {
@@ -60,7 +87,7 @@ pub(super) struct Part {
     plan: SlicePlan,
     threads: usize,
     queue_bytes: u64,
-    raw_bytes: u64,
+    buffer_bytes: u64,
 }
 
 impl Part {
@@ -79,19 +106,15 @@ impl Part {
         let depth = if recipe.antialias { Depth::Grey } else { Depth::Bit };
         let plan = SlicePlan::new(file.header(), machine.raster(), depth, recipe.layer_height_um)
             .map_err(|error| Unprintable::Part(error.to_string()))?;
-        let raw_bytes = depth.stride_bytes(machine.width_px) as u64 * u64::from(machine.height_px);
-        // Besides the slicer: the picture, the encoder's output, and a queue of at least two layers.
-        let fixed_bytes = Slicer::memory_bytes(&file, &plan, threads)
-            + raw_bytes
-            + encoding::largest_encoded_bytes(depth, raw_bytes)
-            + LINK_BYTES;
-        let least_queue_bytes = 2 * raw_bytes + (64 << 10);
-        let need_bytes = fixed_bytes + least_queue_bytes;
+        let memory = PrintMemory::new(&file, &plan, threads);
+        let need_bytes = memory.need_bytes();
         if need_bytes > limit_bytes {
             return Err(Unprintable::Memory { need_bytes, limit_bytes });
         }
-        let queue_bytes = (limit_bytes - fixed_bytes).min(LARGEST_QUEUE_BYTES.max(least_queue_bytes));
-        Ok(Self { path: path.into(), plan, threads, queue_bytes, raw_bytes })
+        let PrintMemory { buffer_bytes, least_queue_bytes, .. } = memory;
+        let room_bytes = limit_bytes - need_bytes + least_queue_bytes;
+        let queue_bytes = room_bytes.min(LARGEST_QUEUE_BYTES.max(least_queue_bytes));
+        Ok(Self { path: path.into(), plan, threads, queue_bytes, buffer_bytes })
     }
 
     /// Number of layers.
@@ -115,10 +138,9 @@ impl Part {
         budget: &MemoryBudget,
     ) -> Result<Ahead<EncodedLayer>, String> {
         let file = BuildFile::open(&self.path).map_err(|error| error.to_string())?;
-        let buffers_bytes =
-            self.raw_bytes + encoding::largest_encoded_bytes(self.plan.depth, self.raw_bytes) + LINK_BYTES;
-        let buffers =
-            budget.charge("the picture and the line's buffers", buffers_bytes).map_err(|error| error.to_string())?;
+        let buffers = budget
+            .charge("the picture and the line's buffers", self.buffer_bytes)
+            .map_err(|error| error.to_string())?;
         let mut slicer =
             Slicer::new(file, self.plan.clone(), self.threads, first, budget).map_err(|error| error.to_string())?;
         let raster = &self.plan.raster;

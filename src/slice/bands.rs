@@ -12,6 +12,8 @@ const ENTRIES_PER_STRUT: usize = 4;
 #[derive(Debug)]
 pub(super) struct Bands {
     rows_per_band: usize,
+    /// Rows above and below a band that it must know as well.
+    halo: i32,
     count: usize,
     /// For each active strut the first band and the one after its last; equal where it reaches none.
     reached: Vec<[u32; 2]>,
@@ -24,10 +26,11 @@ pub(super) struct Bands {
 }
 
 impl Bands {
-    pub(super) fn new(height: usize, rows_per_band: usize) -> Self {
+    pub(super) fn new(height: usize, rows_per_band: usize, halo: usize) -> Self {
         let count = height.div_ceil(rows_per_band);
         Self {
             rows_per_band,
+            halo: halo as i32,
             count,
             reached: Vec::new(),
             lengths: vec![0; count],
@@ -51,9 +54,8 @@ impl Bands {
         let height = self.count * self.rows_per_band;
         for shape in active {
             let range = shape.row_range(grid, z).unwrap_or([0, -1]);
-            let halo = S::HALO as i32;
-            let first = (range[0].saturating_sub(halo)).max(0) as usize;
-            let end = ((range[1].saturating_add(1 + halo)).max(0) as usize).min(height);
+            let first = (range[0].saturating_sub(self.halo)).max(0) as usize;
+            let end = ((range[1].saturating_add(1 + self.halo)).max(0) as usize).min(height);
             let bands =
                 if first < end { [first / self.rows_per_band, (end - 1) / self.rows_per_band + 1] } else { [0, 0] };
             for length in &mut self.lengths[bands[0]..bands[1]] {

@@ -3,20 +3,23 @@
 use std::sync::{Mutex, PoisonError};
 
 use super::bands::Bands;
-use super::{Bitmap, Depth, SliceError};
+use super::{Bitmap, Depth, SliceError, SlicePlan};
 use crate::solid::{Grid, Path, Shape, Strip};
 use crate::stream::{Charge, MemoryBudget};
 
-/// A strip shall take half of a usual level-2 cache.
-const STRIP_BYTES: usize = 256 << 10;
+/// A strip shall leave room in a usual level-2 cache of 512 KiB. Fewer, larger strips set each strut up less often.
+const STRIP_BYTES: usize = 384 << 10;
+
+/// Shapes set up rows in eights.
+const ROW_GROUP: usize = 8;
 
 /// Draws layers of one size with shapes of one kind.
 pub(super) struct Drawing<S: Shape> {
     bands: Bands,
     rows_per_band: usize,
+    path: Path,
     /// One for each thread.
     strips: Vec<Strip<S::Cell>>,
-    path: Path,
     _charge: Charge,
 }
 
@@ -29,33 +32,38 @@ pub(super) struct Plane {
 
 impl<S: Shape> Drawing<S> {
     pub(super) fn new(
-        size: [usize; 2],
+        plan: &SlicePlan,
+        path: Path,
         peak_active: u64,
         threads: usize,
         budget: &MemoryBudget,
     ) -> Result<Self, SliceError> {
-        let [width, height] = size;
-        let bytes = Self::memory_bytes(size, peak_active, threads);
+        let bytes = Self::memory_bytes(plan, peak_active, threads);
         let charge = budget.charge("the strips and strut lists of the rasteriser", bytes)?;
-        let rows_per_band = Self::rows_per_band(width);
+        let (width, halo) = (plan.raster.width_px as usize, halo::<S>(plan.depth));
+        let rows_per_band = Self::rows_per_band(width, halo);
         Ok(Self {
-            bands: Bands::new(height, rows_per_band),
+            bands: Bands::new(plan.raster.height_px as usize, rows_per_band, halo),
             rows_per_band,
-            strips: (0..threads).map(|_| Strip::new(width, rows_per_band, S::HALO)).collect(),
-            path: Path::detect(),
+            path,
+            strips: (0..threads).map(|_| Strip::new(width, rows_per_band, halo)).collect(),
             _charge: charge,
         })
     }
 
     /// Bytes a drawing takes at most.
-    pub(super) fn memory_bytes([width, height]: [usize; 2], peak_active: u64, threads: usize) -> u64 {
-        let rows_per_band = Self::rows_per_band(width);
-        let strips = Strip::<S::Cell>::bytes(width, rows_per_band, S::HALO).saturating_mul(threads as u64);
+    pub(super) fn memory_bytes(plan: &SlicePlan, peak_active: u64, threads: usize) -> u64 {
+        let (width, height) = (plan.raster.width_px as usize, plan.raster.height_px as usize);
+        let halo = halo::<S>(plan.depth);
+        let rows_per_band = Self::rows_per_band(width, halo);
+        let strips = Strip::<S::Cell>::bytes(width, rows_per_band, halo).saturating_mul(threads as u64);
         Bands::memory_bytes(peak_active, height, rows_per_band).saturating_add(strips)
     }
 
-    fn rows_per_band(width: usize) -> usize {
-        (STRIP_BYTES / (width * size_of::<S::Cell>())).clamp(4, 64)
+    /// With the halo's rows a whole number of groups.
+    fn rows_per_band(width: usize, halo: usize) -> usize {
+        let groups = STRIP_BYTES / (width * size_of::<S::Cell>() * ROW_GROUP);
+        groups.clamp(1, 8) * ROW_GROUP - 2 * halo
     }
 
     /// Draws the plane over whatever the bitmap held.
@@ -89,6 +97,14 @@ impl<S: Shape> Drawing<S> {
                 work(own);
             });
         }
+    }
+}
+
+/// Only grey looks at neighbours.
+fn halo<S: Shape>(depth: Depth) -> usize {
+    match depth {
+        Depth::Bit => 0,
+        Depth::Grey => S::HALO,
     }
 }
 

@@ -4,7 +4,7 @@ use super::draw::{Drawing, Plane};
 use super::sweep::Sweep;
 use super::{Bitmap, Depth, SlicePlan, StrutSource};
 use crate::buildfile::Blend;
-use crate::solid::{ConvolutionStrut, Grid, ISOVALUE, LARGEST_RADIUS_SHARE, Shape, UnionStrut};
+use crate::solid::{ConvolutionStrut, Grid, ISOVALUE, LARGEST_RADIUS_SHARE, Path, Shape, UnionStrut};
 use crate::stream::{BudgetExceeded, MemoryBudget};
 
 /// Why a layer could not be computed.
@@ -70,6 +70,21 @@ impl Slicer {
         first_layer: u32,
         budget: &MemoryBudget,
     ) -> Result<Self, SliceError> {
+        Self::on_path(Path::detect(), source, plan, threads, first_layer, budget)
+    }
+
+    /// The same on a given instruction set: layers are equal bit for bit on every one.
+    ///
+    /// # Errors
+    /// As [`Slicer::new`].
+    pub fn on_path(
+        path: Path,
+        source: impl StrutSource + 'static,
+        plan: SlicePlan,
+        threads: usize,
+        first_layer: u32,
+        budget: &MemoryBudget,
+    ) -> Result<Self, SliceError> {
         if !(1..=Self::MOST_THREADS).contains(&threads) {
             return Err(SliceError::BadThreads(threads));
         }
@@ -81,9 +96,9 @@ impl Slicer {
                 if radius_um.partial_cmp(&(support_um * LARGEST_RADIUS_SHARE)) != Some(std::cmp::Ordering::Less) {
                     return Err(SliceError::RadiusTooLarge { radius_um, support_um });
                 }
-                Engine::Convolution(Machinery::new(source, &plan, support_um, threads, budget)?)
+                Engine::Convolution(Machinery::new(path, source, &plan, support_um, threads, budget)?)
             }
-            Blend::Union => Engine::Union(Machinery::new(source, &plan, 1.0, threads, budget)?),
+            Blend::Union => Engine::Union(Machinery::new(path, source, &plan, 1.0, threads, budget)?),
         };
         Ok(Self { plan, next_layer: first_layer, engine })
     }
@@ -134,18 +149,19 @@ impl Slicer {
 
 impl<S: Shape> Machinery<S> {
     fn new(
+        path: Path,
         source: Box<dyn StrutSource>,
         plan: &SlicePlan,
         unit_um: f64,
         threads: usize,
         budget: &MemoryBudget,
     ) -> Result<Self, SliceError> {
-        let drawing = Drawing::new(size(plan), source.peak_active(), threads, budget)?;
+        let drawing = Drawing::new(plan, path, source.peak_active(), threads, budget)?;
         Ok(Self { sweep: Sweep::new(source, unit_um, budget)?, drawing })
     }
 
     fn memory_bytes(source: &dyn StrutSource, plan: &SlicePlan, threads: usize) -> u64 {
-        let drawing = Drawing::<S>::memory_bytes(size(plan), source.peak_active(), threads);
+        let drawing = Drawing::<S>::memory_bytes(plan, source.peak_active(), threads);
         Sweep::<S>::memory_bytes(source).saturating_add(drawing)
     }
 
@@ -157,10 +173,6 @@ impl<S: Shape> Machinery<S> {
         self.drawing.draw(self.sweep.active(), &plane, bitmap);
         Ok(())
     }
-}
-
-fn size(plan: &SlicePlan) -> [usize; 2] {
-    [plan.raster.width_px as usize, plan.raster.height_px as usize]
 }
 
 fn grid(plan: &SlicePlan, unit_um: f64) -> Grid {

@@ -20,7 +20,7 @@ pub struct ConvolutionStrut {
 const MARGIN: f64 = 1e-4;
 
 /// Longest stretch evaluated from one base pixel: bounds |d|, and with it the rounding of `lo` and `hi`.
-const STRETCH_PX: usize = 64;
+const STRETCH_PX: f64 = 64.0;
 
 /// Stands for 1/0: large beyond every picture, far from overflow.
 const ENDLESS: f64 = 1e30;
@@ -71,10 +71,15 @@ impl Shape for ConvolutionStrut {
         path.run(vector::PackBits { cells: strip.pixels(row, first_byte * 8), out });
     }
 
-    /// The half-plane that the field's value and gradient (central differences, in pixels) describe, cut with the pixel.
+    /// The half-plane that the field's mean over the pixel and its gradient (central differences, in pixels) describe, cut
+    /// with the pixel. The mean, to second order the value plus a 24th of the Laplacian, allows for what a half-plane cannot
+    /// show: that the border bends and that the field is steeper on one side. With the value at the centre instead, discs of
+    /// three pixels' radius come out 1 to 3 % too large.
     fn coverage(strip: &Strip<f32>, row: usize, pixel: usize) -> u8 {
-        let excess = strip.pixel(row, pixel) - ISOVALUE as f32;
+        let value = strip.pixel(row, pixel);
         let [left, right, above, below] = strip.neighbours(row, pixel);
+        let laplacian = (left + right) + (above + below) - 4.0 * value;
+        let excess = value + laplacian * (1.0 / 24.0) - ISOVALUE as f32;
         let (gx, gy) = ((right - left).abs() * 0.5, (below - above).abs() * 0.5);
         (half_plane_coverage(excess, gx.max(gy), gx.min(gy)) * 255.0 + 0.5) as u8
     }
@@ -109,9 +114,7 @@ impl Work for Draw<'_> {
             let Some(range) = shape.row_range(self.grid, self.z) else { continue };
             let rows = self.strip.rows_within(range);
             let line = Line::new(shape, self.grid, self.z, self.strip);
-            for row in rows {
-                line.draw_row(self.strip, row);
-            }
+            line.draw_rows(self.strip, rows);
         }
     }
 }
@@ -119,6 +122,7 @@ impl Work for Draw<'_> {
 /// A strut seen from one plane and grid: what does not change from row to row.
 struct Line<'a> {
     shape: &'a ConvolutionStrut,
+    is_ball: bool,
     y0: f64,
     dy: f64,
     /// Of the strip's first cell, from the strut's `a`.
@@ -126,24 +130,47 @@ struct Line<'a> {
     dx: f64,
     inverse_dx: f64,
     dz: f64,
-    /// `u_y² + u_z²`, and the reciprocals of it, of its root and of `u_x`.
+    /// Along a row h² is `least_h2 + n2·(x − middle)²`; n2 = u_y² + u_z², for a ball 1.
     n2: f64,
     inverse_n2: f64,
     inverse_n: f64,
     inverse_ux: f64,
+    /// Second-order change of h² and change of t a pixel.
+    curve: f32,
+    axial: f32,
+}
+
+/// Rows whose intervals are computed at once.
+const ROWS: usize = 8;
+
+/// What some successive rows see of a strut: the stretch of cells to add to, and its [`Stretch`].
+struct Rows {
+    /// First cell and the one after the last; not in this order where there is none.
+    first: [f64; ROWS],
+    end: [f64; ROWS],
+    /// The cell after the row's last within reach: the end, or beyond it.
+    row_end: [f64; ROWS],
+    q_base: [f32; ROWS],
+    slope: [f32; ROWS],
+    lo_base: [f32; ROWS],
+    hi_base: [f32; ROWS],
+    first_d: [f32; ROWS],
+    /// Not negative where every cell is so far from both ends that the strut may be taken for endless.
+    beyond_kernel: [f64; ROWS],
 }
 
 impl<'a> Line<'a> {
     #[inline(always)]
     fn new(shape: &'a ConvolutionStrut, grid: &Grid, z: f64, strip: &Strip<f32>) -> Self {
         let [ux, uy, uz] = shape.u;
-        let n2 = uy * uy + uz * uz;
-        let x0 = grid.x0 + strip.first_column() * grid.dx - shape.a[0];
+        let is_ball = shape.length == 0.0;
+        let n2 = if is_ball { 1.0 } else { uy * uy + uz * uz };
         Self {
             shape,
+            is_ball,
             y0: grid.y0 - shape.a[1],
             dy: grid.dy,
-            x0,
+            x0: grid.x0 + strip.first_column() * grid.dx - shape.a[0],
             dx: grid.dx,
             inverse_dx: 1.0 / grid.dx,
             dz: z - shape.a[2],
@@ -151,81 +178,145 @@ impl<'a> Line<'a> {
             inverse_n2: if n2 > 0.0 { 1.0 / n2 } else { 0.0 },
             inverse_n: if n2 > 0.0 { 1.0 / n2.sqrt() } else { ENDLESS },
             inverse_ux: reciprocal(ux),
+            curve: (grid.dx * grid.dx * n2) as f32,
+            axial: (ux * grid.dx) as f32,
         }
     }
 
+    #[inline(always)]
+    fn draw_rows(&self, strip: &mut Strip<f32>, rows: std::ops::Range<usize>) {
+        for some in rows.clone().step_by(ROWS) {
+            let mut skipped = 0.0;
+            let mut goes_on = true;
+            while goes_on {
+                goes_on = false;
+                let seen = self.rows(strip, some, skipped);
+                for row in some..rows.end.min(some + ROWS) {
+                    let lane = row - some;
+                    self.draw_row(strip, row, &seen, lane);
+                    goes_on |= seen.row_end[lane] > seen.end[lane];
+                }
+                skipped += STRETCH_PX;
+            }
+        }
+    }
+
+    /// The stretches that begin `skipped` cells after the first within reach. Without branches, so that it compiles to
+    /// vectors.
+    ///
     /// With v = (x, y, z) from `a`: t = u_x·x + g, and h² = |v × u|² has its least value k²/n² at x = u_x·g/n².
     #[inline(always)]
-    fn draw_row(&self, strip: &mut Strip<f32>, row: usize) {
+    fn rows(&self, strip: &Strip<f32>, row: usize, skipped: f64) -> Rows {
         let [ux, uy, uz] = self.shape.u;
-        let is_ball = self.shape.length == 0.0;
-        let (dz, y) = (self.dz, self.y0 + strip.grid_row(row) * self.dy);
-        let (k, g) = (y * uz - dz * uy, y * uy + dz * uz);
-        let least_h2 = if is_ball { y * y + dz * dz } else { k * k * self.inverse_n2 };
-        let reach = 1.0 + MARGIN - least_h2;
-        if reach <= 0.0 {
-            return;
+        let length = self.shape.length;
+        let first_y = self.y0 + strip.grid_row(row) * self.dy;
+        let last_column = strip.columns() as f64 - 1.0;
+        // Seen from a row along the strut, and from around a ball, the axis is a point.
+        let is_point = self.is_ball || self.n2 == 0.0;
+        let (slab_low, slab_high) =
+            if self.is_ball { (-ENDLESS, ENDLESS) } else { (-1.0 - MARGIN, length + 1.0 + MARGIN) };
+        let mut seen = Rows {
+            first: [0.0; ROWS],
+            end: [0.0; ROWS],
+            row_end: [0.0; ROWS],
+            q_base: [0.0; ROWS],
+            slope: [0.0; ROWS],
+            lo_base: [0.0; ROWS],
+            hi_base: [0.0; ROWS],
+            first_d: [0.0; ROWS],
+            beyond_kernel: [0.0; ROWS],
+        };
+        for lane in 0..ROWS {
+            let y = first_y + lane as f64 * self.dy;
+            let (k, g) = (y * uz - self.dz * uy, y * uy + self.dz * uz);
+            let least_h2 = if is_point { y * y + self.dz * self.dz } else { k * k * self.inverse_n2 };
+            let reach = 1.0 + MARGIN - least_h2;
+            // Half the length of the axis that the kernel covers, where the row comes nearest.
+            let covered = greater(reach, 0.0).sqrt();
+            let (half, middle) = (covered * self.inverse_n, ux * g * self.inverse_n2);
+            let (one, two) = ((slab_low - g) * self.inverse_ux, (slab_high - g) * self.inverse_ux);
+            let left = greater(middle - half, lesser(one, two));
+            let right = lesser(middle + half, greater(one, two));
+            let (one, two) = ((left - self.x0) * self.inverse_dx, (right - self.x0) * self.inverse_dx);
+            let (low, high) = if self.dx > 0.0 { (one, two) } else { (two, one) };
+            // The first whole cell after the one end; one exactly on it is in the margin and contributes nothing.
+            let first = whole(lesser(greater(low, -1.0), last_column) + 1.0) + skipped;
+            let row_end = whole(lesser(greater(high, -1.0), last_column) + 1.0);
+            let row_end = if reach > 0.0 { row_end } else { 0.0 };
+            let end = lesser(row_end, first + STRETCH_PX);
+            seen.first[lane] = first;
+            seen.end[lane] = end;
+            seen.row_end[lane] = row_end;
+
+            // The base is the cell nearest to the axis: from it on q only falls.
+            let nearest = lesser((middle - self.x0) * self.inverse_dx, end - 1.0);
+            let base = whole(greater(nearest, first));
+            let x = self.x0 + base * self.dx;
+            let (away, lo) = (x - middle, -(g + ux * x));
+            seen.q_base[lane] = (1.0 - least_h2 - self.n2 * away * away) as f32;
+            seen.slope[lane] = (2.0 * self.dx * self.n2 * away) as f32;
+            seen.lo_base[lane] = lo as f32;
+            seen.hi_base[lane] = (length + lo) as f32;
+            seen.first_d[lane] = (first - base) as f32;
+
+            let (one, two) = (g + ux * (self.x0 + first * self.dx), g + ux * (self.x0 + end * self.dx));
+            seen.beyond_kernel[lane] = lesser(lesser(one, two), length - greater(one, two)) - covered;
         }
-        let half = reach.sqrt() * if is_ball { 1.0 } else { self.inverse_n };
-        let middle = ux * g * self.inverse_n2;
-        let (mut left, mut right) = (middle - half, middle + half);
-        if !is_ball {
-            let one = (-1.0 - MARGIN - g) * self.inverse_ux;
-            let two = (self.shape.length + 1.0 + MARGIN - g) * self.inverse_ux;
-            left = left.max(one.min(two));
-            right = right.min(one.max(two));
-        }
-        let (one, two) = ((left - self.x0) * self.inverse_dx, (right - self.x0) * self.inverse_dx);
-        let (first, last) = (one.min(two).max(-1.0), one.max(two).min(strip.columns() as f64 - 1.0));
-        if !(first <= last && last >= 0.0) {
-            return;
-        }
-        // The first whole pixel after `first`; one exactly on it is in the margin and contributes nothing.
-        let (first, end) = ((first + 1.0) as usize, last as usize + 1);
-        let base = (middle - self.x0) * self.inverse_dx;
-        let mut start = first;
-        while start < end {
-            let stop = end.min(start + STRETCH_PX);
-            let base = base.max(start as f64).min(stop as f64 - 1.0).round();
-            let stretch = self.stretch(base, start, y, g, k);
-            let padded = start + (stop - start).next_multiple_of(LANES);
-            let cells = &mut strip.row_mut(row)[start..padded];
-            if is_ball {
-                vector::add_ball(cells, stretch);
-            } else if self.shape.weight[1] != 0.0 {
-                vector::add_strut::<true>(cells, stretch);
-            } else {
-                vector::add_strut::<false>(cells, stretch);
-            }
-            start = stop;
-        }
-        strip.touch(first, end + LANES);
+        seen
     }
 
     #[inline(always)]
-    fn stretch(&self, base: f64, start: usize, y: f64, g: f64, k: f64) -> Stretch {
-        let [ux, uy, uz] = self.shape.u;
-        let x = self.x0 + base * self.dx;
-        let (h2, slope, curve) = if self.shape.length == 0.0 {
-            (x * x + y * y + self.dz * self.dz, x, 1.0)
-        } else {
-            let (second, third) = (self.dz * ux - x * uz, x * uy - y * ux);
-            (k * k + second * second + third * third, self.n2 * x - ux * g, self.n2)
-        };
-        let lo = -(g + ux * x);
-        Stretch {
-            q_base: (1.0 - h2) as f32,
-            slope: (2.0 * self.dx * slope) as f32,
-            curve: (self.dx * self.dx * curve) as f32,
-            lo_base: lo as f32,
-            hi_base: (self.shape.length + lo) as f32,
-            axial: (ux * self.dx) as f32,
-            weight: self.shape.weight,
-            first_d: (start as f64 - base) as f32,
+    fn draw_row(&self, strip: &mut Strip<f32>, row: usize, seen: &Rows, lane: usize) {
+        let (first, end) = (seen.first[lane], seen.end[lane]);
+        if first >= end {
+            return;
         }
+        let (first, end) = (first as i32 as usize, end as i32 as usize);
+        let stretch = Stretch {
+            q_base: seen.q_base[lane],
+            slope: seen.slope[lane],
+            curve: self.curve,
+            lo_base: seen.lo_base[lane],
+            hi_base: seen.hi_base[lane],
+            axial: self.axial,
+            weight: self.shape.weight,
+            first_d: seen.first_d[lane],
+        };
+        let padded = first + (end - first).next_multiple_of(LANES);
+        let cells = &mut strip.row_mut(row)[first..padded];
+        match (self.is_ball, seen.beyond_kernel[lane] >= 0.0, self.shape.weight[1] != 0.0) {
+            (true, ..) => vector::add_ball(cells, stretch),
+            (_, true, true) => vector::add_endless::<true>(cells, stretch),
+            (_, true, false) => vector::add_endless::<false>(cells, stretch),
+            (_, false, true) => vector::add_strut::<true>(cells, stretch),
+            (_, false, false) => vector::add_strut::<false>(cells, stretch),
+        }
+        strip.touch(first, padded);
     }
 }
 
 fn reciprocal(x: f64) -> f64 {
     if x == 0.0 { ENDLESS } else { 1.0 / x }
+}
+
+/// From here on an `f64` holds integers only.
+const INTEGERS: f64 = 4_503_599_627_370_496.0;
+
+/// A number of cells, at least 0, rounded down; a cast would not compile to vectors.
+#[inline(always)]
+fn whole(x: f64) -> f64 {
+    let rounded = (x + INTEGERS) - INTEGERS;
+    rounded - if rounded > x { 1.0 } else { 0.0 }
+}
+
+/// `max` as one instruction; no operand is ever NaN.
+#[inline(always)]
+fn greater(a: f64, b: f64) -> f64 {
+    if a > b { a } else { b }
+}
+
+/// `min` as one instruction; no operand is ever NaN.
+#[inline(always)]
+fn lesser(a: f64, b: f64) -> f64 {
+    if a < b { a } else { b }
 }

@@ -69,7 +69,7 @@ pub trait Shape: Send + Sync + Sized {
     /// What a strip holds for each pixel while shapes are drawn.
     type Cell: Copy + Default + Send;
 
-    /// Rows above and below a band, and columns beside it, that finishing the band must know.
+    /// Rows above and below a band, and columns beside it, that [`Shape::coverage`] must know.
     const HALO: usize;
 
     /// Prepares a beam given in micrometres; `unit_um` is the shape's unit of length.

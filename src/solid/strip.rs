@@ -113,7 +113,7 @@ impl<Cell: Copy + Default> Strip<Cell> {
         self.cells[(row + self.halo) * self.stride + pixel + self.halo]
     }
 
-    /// The four neighbours of a pixel: left, right, above, below. For strips with a halo.
+    /// The four neighbours of a pixel: left, right, above, below. Only for strips with a halo.
     pub(super) fn neighbours(&self, row: usize, pixel: usize) -> [Cell; 4] {
         let at = (row + self.halo) * self.stride + pixel + self.halo;
         [at - 1, at + 1, at - self.stride, at + self.stride].map(|index| self.cells[index])

@@ -108,6 +108,23 @@ pub(super) fn add_strut<const TAPERED: bool>(row: &mut [f32], stretch: Stretch) 
     }
 }
 
+/// Adds the field of a strut where its ends are out of reach: lo = −√q and hi = √q leave `16/15 q² √q`, and of a linear
+/// weight only its value at the foot.
+#[inline(always)]
+pub(super) fn add_endless<const TAPERED: bool>(row: &mut [f32], stretch: Stretch) {
+    let Stretch { q_base, slope, curve, lo_base, axial, weight, mut first_d, .. } = stretch;
+    let weight = weight.map(|weight| weight * (16.0 / 15.0));
+    for pixels in row.as_chunks_mut::<LANES>().0 {
+        for (lane, field) in pixels.iter_mut().enumerate() {
+            let d = first_d + LANE[lane];
+            let q = greater(q_base - d * (slope + curve * d), 0.0);
+            let local = if TAPERED { weight[0] + weight[1] * (axial * d - lo_base) } else { weight[0] };
+            *field += local * (q * q * q.sqrt());
+        }
+        first_d += LANES as f32;
+    }
+}
+
 /// Adds a ball's field, `w q²`.
 #[inline(always)]
 pub(super) fn add_ball(row: &mut [f32], stretch: Stretch) {

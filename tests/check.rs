@@ -1,0 +1,216 @@
+//! `layerctl check` and `layerctl slice` as an operator runs them: what they answer, refuse and write.
+
+mod support;
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+
+use layerd::solid::reference::beam_field;
+use layerd::solid::{Beam, Cap, ISOVALUE};
+use serde_json::Value;
+use support::{Bench, Setup};
+
+/// A strut of the part: ends and radius, millimetres.
+type Strut = ([f64; 3], [f64; 3], f64);
+
+const PART: [Strut; 5] = [
+    ([0.0, 0.0, 0.0], [4.0, 1.0, 3.0], 0.3),
+    ([4.0, 1.0, 3.0], [1.0, 5.0, 2.0], 0.25),
+    ([0.0, 0.0, 0.0], [1.0, 5.0, 2.0], 0.3),
+    ([1.0, 5.0, 2.0], [1.0, 2.5, 4.0], 0.2),
+    ([4.0, 1.0, 3.0], [4.5, 4.5, 1.0], 0.35),
+];
+
+/// A directory with a machine of 200 × 160 pixels, a recipe and the part, packed.
+fn bench(mirror: &str, pack: &[&str]) -> tempfile::TempDir {
+    let dir = tempfile::tempdir().expect("a directory");
+    let machine = format!(
+        "name = \"bench\"\nkind = \"dlp\"\nwidth_px = 200\nheight_px = 160\npixel_um = [50.0, 60.0]\n\
+         build_height_um = 100000.0\nclear_height_um = 30000.0\n{mirror}\n[link]\npath = \"device\"\nbaud = 3000000\n"
+    );
+    let recipe = "name = \"bench\"\nlayer_height_um = 100.0\nexposure_ms = 400\nbottom_exposure_ms = 400\n\
+                  bottom_layers = 0\nlift_height_um = 3000\nlift_speed_um_s = 2000\nretract_speed_um_s = 2000\n";
+    let mut text = format!("{} 0.3 0.45 0.0\n", PART.len());
+    for (a, b, r) in PART {
+        text += &format!("{} {} {} {} {} {} {r}\n", a[0], a[1], a[2], b[0], b[1], b[2]);
+    }
+    for (name, text) in [("machine.toml", machine.as_str()), ("recipe.toml", recipe), ("part.txt", &text)] {
+        fs::write(dir.path().join(name), text).expect("written");
+    }
+    let packed = layerctl(dir.path(), &[&["pack", "part.txt", "-o", "part.layerd"], pack].concat());
+    assert!(packed.status.success(), "{}", stderr(&packed));
+    dir
+}
+
+fn layerctl(dir: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_layerctl"))
+        .current_dir(dir)
+        .args(arguments)
+        .env_remove("LAYERD_CONFIG_DIR")
+        .output()
+        .expect("layerctl runs")
+}
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// The one JSON object on standard output.
+fn json(output: &Output) -> Value {
+    serde_json::from_slice(&output.stdout)
+        .unwrap_or_else(|error| panic!("{error}: {}\n{}", String::from_utf8_lossy(&output.stdout), stderr(output)))
+}
+
+const HERE: [&str; 4] = ["--machine", "machine.toml", "--recipe", "recipe.toml"];
+
+fn check(dir: &Path, more: &[&str]) -> Output {
+    layerctl(dir, &[&["check", "part.layerd"], &HERE[..], more].concat())
+}
+
+fn slice(dir: &Path, more: &[&str]) -> Output {
+    layerctl(dir, &[&["slice", "part.layerd"], &HERE[..], more].concat())
+}
+
+#[test]
+fn a_part_that_fits_is_said_to_fit_and_the_memory_named_is_just_enough() {
+    let dir = bench("", &[]);
+    let fits = check(dir.path(), &["--json"]);
+    let found = json(&fits);
+    assert!(fits.status.success(), "{}", stderr(&fits));
+    assert_eq!((&found["fits"], &found["late_layers"]), (&Value::from(true), &Value::from(Vec::<u32>::new())));
+    // 3.0 + 1.0 and the radii 0.2 and 0.3 high, in layers of 0.1 mm.
+    assert_eq!(found["layer_count"], 45);
+    let need_bytes = found["memory_needed_bytes"].as_u64().expect("a number");
+
+    assert!(check(dir.path(), &["--budget", &need_bytes.to_string()]).status.success());
+    let short = check(dir.path(), &["--json", "--budget", &(need_bytes - 1).to_string()]);
+    assert_eq!((short.status.code(), &json(&short)["fits"]), (Some(1), &Value::from(false)));
+    let remedy = format!("memory_budget = \"{}MiB\"", need_bytes.div_ceil(1 << 20));
+    assert!(stderr(&short).contains(&remedy), "{}", stderr(&short));
+}
+
+#[test]
+fn the_daemon_needs_what_check_says() {
+    // Pictures of 8 MB: far above the least budget a daemon takes.
+    let setup = |memory_budget| Setup {
+        size_px: [3840, 2160],
+        pixel_um: 20.0,
+        antialias: true,
+        memory_budget,
+        ..Setup::default()
+    };
+    let bench = Bench::prepare(setup("64MiB"));
+    bench.ok(&["generate", "bcc", "--struts", "200", "--box", "5,5,5", "--radius", "0.2", "-o", "part.layerd"]);
+    let found = bench.json(&["check", "part.layerd", "--machine", "machine.toml", "--recipe", "recipe.toml"]);
+    let need_mib = found["memory_needed_bytes"].as_u64().expect("a number").div_ceil(1 << 20);
+    for (mib, enough) in [(need_mib, true), (need_mib - 1, false)] {
+        let budget: &'static str = format!("{mib}MiB").leak();
+        let mut daemon = Bench::prepare(setup(budget));
+        daemon.start_daemon();
+        fs::copy(bench.path("part.layerd"), daemon.path("part.layerd")).expect("copied");
+        let started = daemon.layerctl(&["start", "part.layerd"]);
+        assert_eq!(started.status.success(), enough, "{mib} MiB: {}", stderr(&started));
+        assert!(enough || stderr(&started).contains(&format!("{need_mib}MiB")), "{}", stderr(&started));
+    }
+}
+
+#[test]
+fn a_part_that_does_not_fit_the_machine_is_told_as_json_too() {
+    let dir = bench("", &["--scale", "3"]);
+    let output = check(dir.path(), &["--json"]);
+    let found = json(&output);
+    assert_eq!((output.status.code(), &found["fits"]), (Some(1), &Value::from(false)));
+    let problem = found["problems"][0].as_str().expect("a problem");
+    assert!(problem.contains("--scale") && stderr(&output).contains(problem), "{problem}\n{}", stderr(&output));
+    let sliced = slice(dir.path(), &["-o", "layers"]);
+    assert_eq!(sliced.status.code(), Some(1));
+    assert!(stderr(&sliced).contains(problem) && !dir.path().join("layers").exists(), "{}", stderr(&sliced));
+}
+
+#[test]
+fn what_is_wrong_is_named_with_a_remedy() {
+    let dir = bench("", &[]);
+    fs::write(dir.path().join("a-file"), "in the way").expect("written");
+    let recipes = concat!(env!("CARGO_MANIFEST_DIR"), "/config/recipes/default.toml");
+    fs::create_dir_all(dir.path().join("config/recipes")).expect("made");
+    fs::copy(recipes, dir.path().join("config/recipes/default.toml")).expect("copied");
+    let cases: [(&[&str], i32, &[&str]); 9] = [
+        (
+            &["slice", "part.layerd", "-m", "nowhere", "-o", "x"],
+            1,
+            &["no machine named `nowhere`", "/etc/layerd/machines"],
+        ),
+        (
+            &["slice", "part.layerd", "-m", "machine.toml", "-r", "thin", "-o", "x"],
+            1,
+            &["no recipe named `thin`", "known are default"],
+        ),
+        (&["check", "part.layerd", "-m", "gone.toml"], 1, &["cannot read gone.toml", "No such file"]),
+        (&["check", "gone.layerd", "-m", "machine.toml"], 1, &["gone.layerd", "No such file"]),
+        (&["check", "part.txt", "-m", "machine.toml"], 1, &["part.txt", "pack"]),
+        (&["slice", "part.layerd", "-m", "machine.toml", "--layers", "80..100", "-o", "x"], 1, &["80..100", "0..90"]),
+        (
+            &["slice", "part.layerd", "-m", "machine.toml", "--layers", "7..3", "-o", "x"],
+            2,
+            &["7..3", "holds no layer"],
+        ),
+        (&["slice", "part.layerd", "-m", "machine.toml", "-o", "a-file"], 1, &["a-file is a file", "directory"]),
+        (&["slice", "part.layerd", "-m", "machine.toml", "--threads", "0", "-o", "x"], 1, &["0 threads", "1 to 256"]),
+    ];
+    for (arguments, code, words) in cases {
+        let output = layerctl(dir.path(), arguments);
+        let told = stderr(&output);
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {told}");
+        assert!(output.stdout.is_empty(), "{arguments:?}");
+        for word in words {
+            assert!(told.contains(word), "{arguments:?}: `{word}` is missing in: {told}");
+        }
+    }
+}
+
+/// The field of the part at `p`, millimetres, in plain `f64`.
+fn field(support_mm: f64, p: [f64; 3]) -> f64 {
+    let beam = |(a, b, radius): Strut| Beam { a, b, radius_a: radius, radius_b: radius, caps: [Cap::Sphere; 2] };
+    PART.iter().map(|strut| beam_field(&beam(*strut), support_mm, p)).sum()
+}
+
+#[test]
+fn pixels_agree_with_the_mathematics_that_the_manifest_describes() {
+    for (mirror, pack) in [
+        ("", &[][..]),
+        ("mirror = { x = true, y = false }", &[]),
+        ("mirror = { x = true, y = true }", &["--at", "3.1,5.2"]),
+    ] {
+        let dir = bench(mirror, pack);
+        let sliced = slice(dir.path(), &["--layers", "10..30", "-o", "layers"]);
+        assert!(sliced.status.success(), "{}", stderr(&sliced));
+        let read = fs::read(dir.path().join("layers/manifest.json")).expect("a manifest");
+        let manifest: Value = serde_json::from_slice(&read).expect("JSON");
+        let number = |value: &Value| value.as_f64().expect("a number");
+        assert_eq!((&manifest["width_px"], &manifest["height_px"]), (&200.into(), &160.into()));
+        let sign = |axis: &str| if manifest["mirror"][axis] == true { -1.0 } else { 1.0 };
+        let step_mm = [0, 1].map(|axis| number(&manifest["pixel_um"][axis]) / 1000.0);
+        let step_mm = [step_mm[0] * sign("x"), step_mm[1] * sign("y")];
+        let (isovalue, support_mm) = (number(&manifest["isovalue"]), number(&manifest["support_mm"]));
+        assert_eq!(manifest["layers"].as_array().map(Vec::len), Some(20));
+        let mut seen = [0; 2];
+        for layer in manifest["layers"].as_array().expect("layers") {
+            let file = layer["file"].as_str().expect("a name");
+            let picture = image::open(dir.path().join("layers").join(file)).expect("a picture").into_luma8();
+            for (x, y, pixel) in picture.enumerate_pixels() {
+                let p = [
+                    number(&manifest["origin_mm"][0]) + f64::from(x) * step_mm[0],
+                    number(&manifest["origin_mm"][1]) + f64::from(y) * step_mm[1],
+                    number(&layer["z_mm"]),
+                ];
+                let field = field(support_mm, p) * isovalue / ISOVALUE;
+                let undecided = (field - isovalue).abs() < 1e-5 * isovalue;
+                let lit = pixel.0[0] == 255;
+                assert!(undecided || lit == (field >= isovalue), "{file} {x} {y}: {field}, {mirror} {pack:?}");
+                seen[usize::from(lit)] += 1;
+            }
+        }
+        assert!(seen[1] > 5000 && seen[0] > 5000, "{seen:?}");
+    }
+}
