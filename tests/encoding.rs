@@ -2,7 +2,7 @@
 
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder};
-use layerd::device::encoding::{DecodeError, Decoder, choose, encode, picture_crc32};
+use layerd::device::encoding::{Choice, DecodeError, Decoder, choose, encode, encode_shortest, picture_crc32};
 use layerd::link::message::Encoding;
 use layerd::slice::{Bitmap, Depth};
 use proptest::prelude::*;
@@ -153,10 +153,28 @@ fn the_depth_must_fit_and_the_best_offered_encoding_is_chosen() {
     let grey = Bitmap::new(8, 8, Depth::Grey);
     let error = encode(&grey, Encoding::Group4, &mut Vec::new()).expect_err("grey is not bits");
     assert_eq!(error.to_string(), "a picture of Grey pixels cannot be written as Group4");
-    assert_eq!(choose(Depth::Bit, &ALL), Some(Encoding::Group4));
-    assert_eq!(choose(Depth::Grey, &ALL), Some(Encoding::RunGrey));
-    assert_eq!(choose(Depth::Grey, &[Encoding::RawBit, Encoding::RawGrey]), Some(Encoding::RawGrey));
+    let choice = |encoding, raw| Some(Choice { encoding, raw });
+    assert_eq!(choose(Depth::Bit, &ALL), choice(Encoding::Group4, Some(Encoding::RawBit)));
+    assert_eq!(choose(Depth::Grey, &ALL), choice(Encoding::RunGrey, Some(Encoding::RawGrey)));
+    assert_eq!(choose(Depth::Bit, &[Encoding::Group4]), choice(Encoding::Group4, None));
+    let raw_only = choose(Depth::Grey, &[Encoding::RawBit, Encoding::RawGrey]);
+    assert_eq!(raw_only, choice(Encoding::RawGrey, Some(Encoding::RawGrey)));
     assert_eq!(choose(Depth::Grey, &[Encoding::Group4]), None);
+}
+
+#[test]
+fn a_layer_that_packs_badly_goes_raw_where_the_device_decodes_that() {
+    let mut chequered = Bitmap::new(64, 8, Depth::Bit);
+    for (row, bytes) in chequered.data_mut().chunks_exact_mut(8).enumerate() {
+        bytes.fill(if row % 2 == 0 { 0xaa } else { 0x55 });
+    }
+    let mut bytes = Vec::new();
+    let raw_too = Choice { encoding: Encoding::Group4, raw: Some(Encoding::RawBit) };
+    assert_eq!(encode_shortest(&chequered, raw_too, &mut bytes), Ok(Encoding::RawBit));
+    assert_eq!(bytes, chequered.data());
+    let packed_only = Choice { raw: None, ..raw_too };
+    assert_eq!(encode_shortest(&chequered, packed_only, &mut bytes), Ok(Encoding::Group4));
+    assert!(bytes.len() > chequered.data().len());
 }
 
 /// A layer through a lattice: ellipses of struts cut at many angles, edges smoothed over a pixel.

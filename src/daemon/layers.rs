@@ -5,7 +5,7 @@ use std::sync::Arc;
 use tokio::task::JoinHandle;
 
 use super::part::{EncodedLayer, Part};
-use crate::link::message::Encoding;
+use crate::device::encoding::Choice;
 use crate::stream::{Ahead, Finished, MemoryBudget};
 
 /// A sweep, or none, or one being started.
@@ -22,7 +22,7 @@ pub(super) enum Layers {
 
 impl Layers {
     /// Ends what runs and starts at layer `from`.
-    pub(super) fn restart(&mut self, part: &Arc<Part>, from: u32, encoding: Encoding, budget: &MemoryBudget) {
+    pub(super) fn restart(&mut self, part: &Arc<Part>, from: u32, encoding: Choice, budget: &MemoryBudget) {
         let before = std::mem::take(self);
         let (part, budget) = (Arc::clone(part), budget.clone());
         *self = Self::Starting(tokio::spawn(async move {

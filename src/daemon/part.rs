@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use crate::buildfile::BuildFile;
 use crate::config::{Machine, Recipe};
-use crate::device::encoding;
+use crate::device::encoding::{self, Choice};
 use crate::link::message::Encoding;
 use crate::slice::{Bitmap, Depth, SlicePlan, Slicer};
 use crate::stream::{Ahead, MemoryBudget, Produced};
@@ -134,7 +134,7 @@ impl Part {
     pub(super) fn layers(
         self: &Arc<Self>,
         first: u32,
-        encoding: Encoding,
+        encoding: Choice,
         budget: &MemoryBudget,
     ) -> Result<Ahead<EncodedLayer>, String> {
         let file = BuildFile::open(&self.path).map_err(|error| error.to_string())?;

@@ -29,8 +29,8 @@ use crate::stream::{Finished, MemoryBudget};
 const BACKGROUND_EVENTS: usize = 16;
 /// How often statistics are published, and the idle device asked how it is.
 const HEARTBEAT: Duration = Duration::from_millis(500);
-/// The engine bounds each of its own steps; this bounds them all, well below systemd's TimeoutStopSec.
-const SHUTDOWN_LIMIT_US: u64 = 30_000_000;
+/// Half a minute for an exposure to end and a slow lift of 40 mm behind it, below systemd's TimeoutStopSec of 120 s.
+const SHUTDOWN_LIMIT_US: u64 = 110_000_000;
 
 /// The printer. See the [module](self).
 pub(super) struct Printer {

@@ -10,9 +10,10 @@ use super::layers::Layers;
 use super::opened::Opened;
 use super::part::{EncodedLayer, Part};
 use crate::config::{Machine, Recipe};
-use crate::device::{DlpDriver, DriverEvent, check_capabilities, encoding};
+use crate::device::encoding::{self, Choice};
+use crate::device::{DlpDriver, DriverEvent, check_capabilities};
 use crate::job::{Action, Command, Engine, Event, JobPlan, Journal, Record};
-use crate::link::message::{Capabilities, DeviceState, Encoding, Urgent};
+use crate::link::message::{Capabilities, DeviceState, Urgent};
 use crate::stream::{Finished, MemoryBudget, Room};
 
 /// What the printer's loop must do for an action of the engine.
@@ -41,7 +42,7 @@ pub(super) struct Running {
     background: mpsc::Sender<Background>,
     /// The session's driver; `None` without a session.
     pub driver: Option<DlpDriver>,
-    encoding: Option<Encoding>,
+    encoding: Option<Choice>,
     layers: Layers,
     /// The layer and slot the engine wants uploaded and that is not computed yet.
     wanted: Option<(u32, u8)>,
@@ -100,7 +101,7 @@ impl Running {
         self.engine.handle(Event::LineLost(reason), now_us);
     }
 
-    fn fits(&self, capabilities: &Capabilities) -> Result<Encoding, String> {
+    fn fits(&self, capabilities: &Capabilities) -> Result<Choice, String> {
         check_capabilities(&self.machine, capabilities).map_err(|error| error.to_string())?;
         let depth = self.part.depth();
         let longest_ms = self.recipe.exposure_ms.max(self.recipe.bottom_exposure_ms);

@@ -1,6 +1,6 @@
 //! One layer's pixels: bands of rows, shared by threads, each drawn on a strip that stays in the cache.
 
-use std::sync::{Mutex, PoisonError};
+use crossbeam::channel;
 
 use super::bands::Bands;
 use super::{Bitmap, Depth, SliceError, SlicePlan};
@@ -74,12 +74,14 @@ impl<S: Shape> Drawing<S> {
         while let Some(round) = self.bands.next_round() {
             let first_byte = (round.start * band_bytes).min(bitmap.data().len());
             let pictures = bitmap.data_mut()[first_byte..].chunks_mut(band_bytes);
-            let queue = Mutex::new(round.zip(pictures));
+            let (sender, queue) = channel::bounded(round.len());
+            for work in round.zip(pictures) {
+                // Never full: it was made for this round.
+                let _ = sender.try_send(work);
+            }
             let (bands, rows_per_band, path) = (&self.bands, self.rows_per_band, self.path);
             let work = |strip: &mut Strip<S::Cell>| {
-                // The lock guards an iterator only; a panic elsewhere leaves it whole.
-                let next = || queue.lock().unwrap_or_else(PoisonError::into_inner).next();
-                while let Some((band, picture)) = next() {
+                for (band, picture) in queue.try_iter() {
                     let rows = picture.len() / stride;
                     strip.begin(band * rows_per_band, rows);
                     S::draw(path, active, bands.struts(band), &plane.grid, plane.z, strip);

@@ -39,13 +39,24 @@ pub fn depth_of(encoding: Encoding) -> Depth {
     }
 }
 
+/// How layers are written for one device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Choice {
+    /// The shortest encoding the device decodes, as a rule.
+    pub encoding: Encoding,
+    /// The rows as they are, for a layer that is shorter so; `None` where the device does not decode them.
+    pub raw: Option<Encoding>,
+}
+
 /// The best encoding for pictures of `depth` among those a device decodes; `None` where it decodes none.
-pub fn choose(depth: Depth, offered: &[Encoding]) -> Option<Encoding> {
-    let by_size = match depth {
+pub fn choose(depth: Depth, offered: &[Encoding]) -> Option<Choice> {
+    let [packed, raw] = match depth {
         Depth::Bit => [Encoding::Group4, Encoding::RawBit],
         Depth::Grey => [Encoding::RunGrey, Encoding::RawGrey],
     };
-    by_size.into_iter().find(|encoding| offered.contains(encoding))
+    let raw = Some(raw).filter(|raw| offered.contains(raw));
+    let encoding = Some(packed).filter(|packed| offered.contains(packed)).or(raw)?;
+    Some(Choice { encoding, raw })
 }
 
 /// CRC-32 (IEEE) of a picture's rows: what a device compares after decoding.
@@ -53,21 +64,19 @@ pub fn picture_crc32(bitmap: &Bitmap) -> u32 {
     crc32fast::hash(bitmap.data())
 }
 
-/// Writes a picture in `wanted`, or plain where that is longer, and says which it was.
+/// Writes a picture in the chosen encoding, or raw where that is shorter and decoded, and says which it was.
 ///
 /// # Errors
 /// [`WrongDepth`].
-pub fn encode_shortest(bitmap: &Bitmap, wanted: Encoding, bytes: &mut Vec<u8>) -> Result<Encoding, WrongDepth> {
-    encode(bitmap, wanted, bytes)?;
-    if bytes.len() <= bitmap.data().len() {
-        return Ok(wanted);
+pub fn encode_shortest(bitmap: &Bitmap, choice: Choice, bytes: &mut Vec<u8>) -> Result<Encoding, WrongDepth> {
+    encode(bitmap, choice.encoding, bytes)?;
+    match choice.raw {
+        Some(raw) if bytes.len() > bitmap.data().len() => {
+            encode(bitmap, raw, bytes)?;
+            Ok(raw)
+        }
+        _ => Ok(choice.encoding),
     }
-    let plain = match bitmap.depth() {
-        Depth::Bit => Encoding::RawBit,
-        Depth::Grey => Encoding::RawGrey,
-    };
-    encode(bitmap, plain, bytes)?;
-    Ok(plain)
 }
 
 /// The most bytes [`encode`] can write for a picture of `raw_bytes`, with room for a growing buffer.

@@ -4,9 +4,9 @@ use super::{Engine, Event, Intent, Phase, SECOND_US};
 use crate::job::{JobState, Record};
 use crate::link::message::{Fault, Refusal, Urgent};
 
-/// A running exposure that ends within this time may end when the daemon is told to stop: a whole layer is worth more than
-/// five of the ninety seconds systemd waits.
-const SHUTDOWN_EXPOSURE_US: u64 = 5 * SECOND_US;
+/// A running exposure that ends within this time may end when the daemon is told to stop: a layer cut short is in doubt, and
+/// the longest usual bottom exposure is worth half a minute of the two that systemd waits.
+const SHUTDOWN_EXPOSURE_US: u64 = 30 * SECOND_US;
 /// A device answers urgent orders within 100 ms; the rest is for a line that is just being repaired.
 const URGENT_US: u64 = 5 * SECOND_US;
 /// An aborted device says hello again at once, a restarted one within seconds.
