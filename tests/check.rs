@@ -214,3 +214,26 @@ fn pixels_agree_with_the_mathematics_that_the_manifest_describes() {
         assert!(seen[1] > 5000 && seen[0] > 5000, "{seen:?}");
     }
 }
+
+#[test]
+fn a_real_lattice_is_the_same_on_any_number_of_threads_and_from_any_layer() {
+    let Some(text) = support::real_data("spot_lattice.txt") else { return };
+    let dir = tempfile::tempdir().expect("a directory");
+    let ok = |arguments: &[&str]| {
+        let output = layerctl(dir.path(), arguments);
+        assert!(output.status.success(), "{arguments:?}: {}", stderr(&output));
+    };
+    let machine = "name = \"4K\"\nkind = \"dlp\"\nwidth_px = 3840\nheight_px = 2160\npixel_um = [20.0, 20.0]\n\
+                   build_height_um = 100000.0\nclear_height_um = 30000.0\n[link]\npath = \"device\"\nbaud = 3000000\n";
+    fs::write(dir.path().join("4k.toml"), machine).expect("written");
+    let recipe = concat!(env!("CARGO_MANIFEST_DIR"), "/config/recipes/fine.toml");
+    ok(&["pack", text.to_str().expect("UTF-8"), "--rotate", "0,0,90", "-o", "spot.layerd"]);
+    let slice = ["slice", "spot.layerd", "-m", "4k.toml", "-r", recipe];
+    ok(&[&slice[..], &["--threads", "1", "--layers", "1498..1502", "-o", "one"]].concat());
+    ok(&[&slice[..], &["--threads", "3", "--layers", "1501..1502", "-o", "three"]].concat());
+    let picture = |folder: &str| fs::read(dir.path().join(folder).join("layer_001501.png")).expect("a picture");
+    assert!(picture("one") == picture("three"));
+    let pixels = image::open(dir.path().join("one/layer_001501.png")).expect("a PNG").into_luma8();
+    let lit = pixels.pixels().filter(|pixel| pixel.0[0] > 0).count();
+    assert!(lit > 100_000, "{lit} pixels are lit");
+}

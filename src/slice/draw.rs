@@ -126,9 +126,7 @@ fn finish_row<S: Shape>(path: Path, strip: &Strip<S::Cell>, row: usize, depth: D
         Depth::Grey => {
             out[..pixels.start].fill(0);
             out[pixels.end..].fill(0);
-            for (pixel, grey) in pixels.clone().zip(&mut out[pixels]) {
-                *grey = S::coverage(strip, row, pixel);
-            }
+            S::coverage(path, strip, row, pixels.start, &mut out[pixels]);
         }
     }
 }

@@ -1,7 +1,7 @@
 //! A strut of a convolution surface, row by row (closed form after Liu et al. 2021, §3). Unit of length: the support R.
 
 use super::vector::{self, LANES, Stretch, Work};
-use super::{Beam, Grid, ISOVALUE, Path, Shape, Strip, weight};
+use super::{Beam, Grid, Path, Shape, Strip, weight};
 
 /// A strut or ball with all that does not depend on the plane. Unit of length: R.
 #[derive(Clone, Copy, Debug)]
@@ -71,31 +71,9 @@ impl Shape for ConvolutionStrut {
         path.run(vector::PackBits { cells: strip.pixels(row, first_byte * 8), out });
     }
 
-    /// The half-plane that the field's mean over the pixel and its gradient (central differences, in pixels) describe, cut
-    /// with the pixel. The mean, to second order the value plus a 24th of the Laplacian, allows for what a half-plane cannot
-    /// show: that the border bends and that the field is steeper on one side. With the value at the centre instead, discs of
-    /// three pixels' radius come out 1 to 3 % too large.
-    fn coverage(strip: &Strip<f32>, row: usize, pixel: usize) -> u8 {
-        let value = strip.pixel(row, pixel);
-        let [left, right, above, below] = strip.neighbours(row, pixel);
-        let laplacian = (left + right) + (above + below) - 4.0 * value;
-        let excess = value + laplacian * (1.0 / 24.0) - ISOVALUE as f32;
-        let (gx, gy) = ((right - left).abs() * 0.5, (below - above).abs() * 0.5);
-        (half_plane_coverage(excess, gx.max(gy), gx.min(gy)) * 255.0 + 0.5) as u8
+    fn coverage(path: Path, strip: &Strip<f32>, row: usize, first_pixel: usize, out: &mut [u8]) {
+        path.run(vector::Coverage { around: strip.around(row, first_pixel), out });
     }
-}
-
-/// Share of a unit square where `value + major·x + minor·y ≥ 0`, x and y within ±½, `major ≥ minor ≥ 0`.
-fn half_plane_coverage(value: f32, major: f32, minor: f32) -> f32 {
-    let corner = (major + minor) * 0.5 - value.abs();
-    let lesser_part = if corner <= 0.0 {
-        0.0
-    } else if value.abs() <= (major - minor) * 0.5 {
-        0.5 - value.abs() / major
-    } else {
-        corner * corner / (2.0 * major * minor)
-    };
-    if value >= 0.0 { 1.0 - lesser_part } else { lesser_part }
 }
 
 struct Draw<'a> {
@@ -248,7 +226,7 @@ impl<'a> Line<'a> {
             seen.end[lane] = end;
             seen.row_end[lane] = row_end;
 
-            // The base is the cell nearest to the axis: from it on q only falls.
+            // The base is a cell next to the point nearest to the axis: away from it q falls.
             let nearest = lesser((middle - self.x0) * self.inverse_dx, end - 1.0);
             let base = whole(greater(nearest, first));
             let x = self.x0 + base * self.dx;

@@ -88,6 +88,6 @@ pub trait Shape: Send + Sync + Sized {
     /// pixel `8 × first_byte`; `row` counts from the band's first.
     fn pack_bits(path: Path, strip: &Strip<Self::Cell>, row: usize, first_byte: usize, out: &mut [u8]);
 
-    /// The covered share of a pixel, 0 to 255; `row` counts from the band's first.
-    fn coverage(strip: &Strip<Self::Cell>, row: usize, pixel: usize) -> u8;
+    /// The covered shares, 0 to 255, of one row's pixels from `first_pixel` on; `row` counts from the band's first.
+    fn coverage(path: Path, strip: &Strip<Self::Cell>, row: usize, first_pixel: usize, out: &mut [u8]);
 }

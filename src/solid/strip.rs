@@ -108,14 +108,8 @@ impl<Cell: Copy + Default> Strip<Cell> {
         &self.cells[row * self.stride + self.halo + first..(row + 1) * self.stride]
     }
 
-    /// The cell of a pixel; `row` counts from the band's first row.
-    pub(super) fn pixel(&self, row: usize, pixel: usize) -> Cell {
-        self.cells[(row + self.halo) * self.stride + pixel + self.halo]
-    }
-
-    /// The four neighbours of a pixel: left, right, above, below. Only for strips with a halo.
-    pub(super) fn neighbours(&self, row: usize, pixel: usize) -> [Cell; 4] {
-        let at = (row + self.halo) * self.stride + pixel + self.halo;
-        [at - 1, at + 1, at - self.stride, at + self.stride].map(|index| self.cells[index])
+    /// The cells above a row, of it and below it, from the one left of a pixel on. Only for strips with a halo.
+    pub(super) fn around(&self, row: usize, first: usize) -> [&[Cell]; 3] {
+        [0, 1, 2].map(|line| &self.cells[(row + line) * self.stride + first..(row + line + 1) * self.stride])
     }
 }

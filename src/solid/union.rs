@@ -76,8 +76,10 @@ impl Shape for UnionStrut {
         }
     }
 
-    fn coverage(strip: &Strip<u64>, row: usize, pixel: usize) -> u8 {
-        ((strip.pixel(row, pixel).count_ones() * 255 + 32) / 64) as u8
+    fn coverage(_: Path, strip: &Strip<u64>, row: usize, first_pixel: usize, out: &mut [u8]) {
+        for (grey, cell) in out.iter_mut().zip(strip.pixels(row, first_pixel)) {
+            *grey = ((cell.count_ones() * 255 + 32) / 64) as u8;
+        }
     }
 }
 
