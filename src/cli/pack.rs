@@ -74,8 +74,7 @@ pub fn run(args: PackArgs) -> anyhow::Result<()> {
     for note in &report.notes {
         eprintln!("note: {note}");
     }
-    println!("{}", super::info::Summary::of(&BuildFile::open(&output)?));
-    Ok(())
+    super::print(&super::info::Summary::of(&BuildFile::open(&output)?).to_string())
 }
 
 /// A bar on stderr; hidden where that is no terminal.

@@ -12,6 +12,7 @@ use super::jobs::Job;
 use super::part::{Part, Unprintable};
 use super::printer::{Printer, Setting};
 use super::running::Background;
+use crate::buildfile::BuildFile;
 use crate::config::Recipe;
 use crate::job::{Command as EngineCommand, JobState, Journal, NewJob, Record, ResumeChoice, Spool, SpoolError};
 
@@ -42,8 +43,10 @@ impl Printer {
         let (setting, spool) = (Arc::clone(&self.setting), Arc::clone(&self.spool));
         let (background, limit_bytes) = (self.background.clone(), self.budget.limit_bytes());
         tokio::task::spawn_blocking(move || {
+            // Before the spool is locked: a large part takes seconds, and the loop that prints needs the spool meanwhile.
+            let verified = verify(&submission);
             let result = match spool.lock() {
-                Ok(spool) => accept(&setting, &spool, &submission, limit_bytes).map(Box::new),
+                Ok(spool) => verified.and_then(|()| accept(&setting, &spool, &submission, limit_bytes)).map(Box::new),
                 Err(_) => {
                     Err(CommandError::new(500, "the spool cannot be used after an earlier panic; restart layerd"))
                 }
@@ -185,6 +188,17 @@ fn no_such_job(id: &str) -> CommandError {
     CommandError::new(404, format!("there is no job `{id}`; `layerctl jobs` lists them"))
 }
 
+/// Checks a new part from its first byte to its last. Blocks.
+fn verify(submission: &Submission) -> Result<(), CommandError> {
+    let verified = BuildFile::open(&submission.part).and_then(|file| file.verify());
+    verified.map_err(|error| unprintable(submission, &error.to_string()))
+}
+
+fn unprintable(submission: &Submission, text: &str) -> CommandError {
+    // The operator knows the part by its own name, not by that in the spool.
+    CommandError::new(422, text.replace(&submission.part.display().to_string(), &submission.name))
+}
+
 /// Checks a new job and puts it into the spool. Blocks.
 fn accept(setting: &Setting, spool: &Spool, submission: &Submission, limit_bytes: u64) -> Result<Job, CommandError> {
     let recipe_text = submission.recipe_text.as_deref().unwrap_or(&setting.recipe_text);
@@ -193,10 +207,8 @@ fn accept(setting: &Setting, spool: &Spool, submission: &Submission, limit_bytes
         .map_err(|error| CommandError::new(422, error.to_string()))?;
     let part =
         Part::open(&submission.part, &setting.machine, &recipe, setting.threads, limit_bytes).map_err(|error| {
-            // The operator knows the part by its own name, not by that in the spool.
-            let text = error.to_string().replace(&submission.part.display().to_string(), &submission.name);
             match error {
-                Unprintable::Part(_) | Unprintable::Memory { .. } => CommandError::new(422, text),
+                Unprintable::Part(_) | Unprintable::Memory { .. } => unprintable(submission, &error.to_string()),
             }
         })?;
     let key = random_key();

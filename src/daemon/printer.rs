@@ -67,6 +67,8 @@ pub(super) struct Printer {
     device: DeviceView,
     /// A message the driver gave and the line has no room for yet.
     message: Option<HostMessage>,
+    /// Number of the abort sent last that no device has answered.
+    last_abort: Option<u32>,
     last_progress: Option<Progress>,
     /// Sessions begun because the one before was lost.
     reconnects: u64,
@@ -101,6 +103,7 @@ impl Printer {
             idle: None,
             device: DeviceView::default(),
             message: None,
+            last_abort: None,
             last_progress: None,
             reconnects: 0,
             shutting_down: false,
@@ -197,6 +200,9 @@ impl Printer {
         // What waits for room must not reach the device after an abort.
         self.message = None;
         let number = self.link.urgent(urgent);
+        if urgent == Urgent::Abort {
+            self.last_abort = Some(number);
+        }
         self.with_engine(|running| running.urgent = Some((number, urgent)));
     }
 
@@ -327,8 +333,18 @@ impl Printer {
     }
 
     fn urgent_done(&mut self, number: u32, light_on: bool, now_us: u64) {
-        let Some(running) = &mut self.running else { return };
-        let Some((_, urgent)) = running.urgent.take_if(|(awaited, _)| *awaited == number) else { return };
+        let awaited = self.running.as_mut().and_then(|running| {
+            let (_, urgent) = running.urgent.take_if(|(awaited, _)| *awaited == number)?;
+            Some((running, urgent))
+        });
+        let Some((running, urgent)) = awaited else {
+            if self.last_abort.take_if(|abort| *abort == number).is_some() {
+                // Of a job that ended before the device came back. It obeys now, and does nothing more until a new hello.
+                self.lost("the device has only now obeyed the abort of an earlier job".into(), now_us);
+                self.link.reconnect();
+            }
+            return;
+        };
         running.engine.handle(
             if light_on {
                 Event::UrgentFailed("the device says that its light is still on".into())
@@ -338,6 +354,7 @@ impl Printer {
             now_us,
         );
         if urgent == Urgent::Abort {
+            self.last_abort = None;
             // An aborted device does nothing more until a new hello.
             self.link.reconnect();
         }
