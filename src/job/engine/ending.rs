@@ -205,14 +205,14 @@ impl Engine {
 
     /// Light off before anything else.
     pub(super) fn abort(&mut self, now_us: u64) {
-        if self.phase == Phase::Checking && !self.ever_connected && !self.touched {
-            // No device has heard of this job. An abort kept for the next session would only meet the next job.
-            self.intent = Intent::End(JobState::Aborted, "aborted by the operator before it began".into());
-            return self.end();
-        }
         self.out.urgent = Some(Urgent::Abort);
         if matches!(self.phase, Phase::Ending | Phase::Done) {
             return;
+        }
+        if self.phase == Phase::Checking && !self.ever_connected && !self.touched {
+            // This job asked no device for anything: there is no answer to wait for.
+            self.intent = Intent::End(JobState::Aborted, "aborted by the operator before it began".into());
+            return self.end();
         }
         self.out.forget_session();
         self.uploads.cancel();
