@@ -154,7 +154,6 @@ fn a_full_disk_interrupts_dark_and_the_job_goes_on_once_there_is_room() {
     let job = bench.wait_for(id, &["completed", "failed", "interrupted"]);
     assert_eq!(job["state"], "completed", "{job}");
     assert_eq!(bench.exposed_layers(), all_layers(&job));
-    drop(bench);
 }
 
 /// A file system of its own, small enough to fill.
