@@ -74,7 +74,7 @@ fn print(path: &Path, mut printer: Printer) -> Printer {
         session.handle_timeout(now_us());
         while let Some(event) = session.event() {
             match event {
-                HostEvent::Connected { capabilities, state, .. } => printer.connected(&capabilities, &state),
+                HostEvent::Connected { state, .. } => printer.connected(&state),
                 HostEvent::Message(message) => printer.message(message),
                 HostEvent::UrgentDone { .. } => {}
                 HostEvent::Refused(refusal) => panic!("{refusal}"),

@@ -125,11 +125,15 @@ fn stop_ends_after_the_layer_and_the_next_job_prints() {
     let first = bench.start_job("part.layerd");
     let second = bench.start_job("part.layerd");
     assert_eq!(bench.job(second)["state"], "queued");
+    let third = bench.start_job("part.layerd");
+    bench.ok(&["abort", &third.to_string()]);
+    assert_eq!(bench.job(third)["state"], "aborted");
     wait_until("some layers", || bench.job(first)["layers_done"].as_u64() >= Some(3));
     bench.ok(&["stop"]);
     let job = bench.wait_for(first, &["stopped"]);
     assert!(job["layers_done"].as_u64() < job["layers_total"].as_u64());
     bench.wait_for(second, &["completed"]);
+    assert_eq!(bench.job(third)["layers_done"], 0, "what was aborted while it waited is not printed");
 }
 
 #[test]

@@ -46,7 +46,7 @@ fn mistakes_in_a_recipe_are_told_with_file_key_value_and_range() {
         ("layer_height_um = -5.0", ["layer_height_um", "-5", "1 to 1000"]),
         ("light_pwm = 0", ["light_pwm", "0", "1 to 255"]),
         ("lift_speed_um_s = 1", ["lift_speed_um_s", "1", "10 to 1000000"]),
-        ("light_pwm = 256", ["light_pwm", "256", "0 to 255"]),
+        ("light_pwm = 256", ["light_pwm", "256", "1 to 255"]),
         ("exposure_ms = -1", ["exposure_ms", "-1", "from 0 to"]),
         ("exposure_ms = \"2 s\"", ["exposure_ms", "2 s", "whole number"]),
         ("exposure_seconds = 2", ["exposure_seconds", "unknown field", "exposure_ms"]),
@@ -65,12 +65,21 @@ fn mistakes_in_a_recipe_are_told_with_file_key_value_and_range() {
 fn mistakes_in_machine_and_daemon_files_are_told() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("m.toml");
-    let machine = std::fs::read_to_string(shipped("machines").remove(0)).unwrap();
+    let sim_dlp = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/machines/sim-dlp.toml");
+    let machine = std::fs::read_to_string(sim_dlp).unwrap();
     let cases = [
         (machine.replace("baud = ", "baud = 1 # "), vec!["m.toml", "link.baud", "= 1:", "9600 to 12000000"]),
         (machine.replace("width_px = ", "width_px = 9 # "), vec!["m.toml", "width_px", "= 9:", "16 to 32768"]),
         (machine.replace("baud", "bauds"), vec!["m.toml", "bauds", "unknown field"]),
         (machine.replace("\"dlp\"", "\"fdm\""), vec!["m.toml", "fdm", "dlp"]),
+        (machine.replace("\"dlp\"", "\"slm\""), vec!["m.toml", "kind", "cannot drive", "`slm`", "`dlp`"]),
+        (
+            machine.replace("pixel_um = ", "pixel_um = [0.5, 40.0] # "),
+            vec!["m.toml", "pixel_um[0]", "0.5", "1 to 1000"],
+        ),
+        (machine.replace("clear_height_um", "clear_um"), vec!["m.toml", "clear_um", "unknown field"]),
+        (machine.replace("[link]", "[mirror]\nz = true\n[link]"), vec!["m.toml", "`z`", "unknown field"]),
+        (machine.replace("baud = ", "flow_control = \"ack\"\nbaud = "), vec!["m.toml", "ack", "rts_cts", "xon_xoff"]),
     ];
     for (text, words) in cases {
         std::fs::write(&path, text).unwrap();

@@ -29,7 +29,7 @@ struct Arguments {
 fn main() -> ExitCode {
     let Arguments { config, check } = Arguments::parse();
     let ended = if check {
-        layerd::daemon::load(&config).map(|setting| {
+        layerd::daemon::Setting::load(&config).map(|setting| {
             println!(
                 "{}: machine `{}`, recipe `{}`: fine",
                 config.display(),

@@ -102,8 +102,7 @@ impl Sorter {
 /// # Errors
 /// Says how much is needed and how much is free.
 pub(super) fn check_free_space(directory: &Path, bytes: u64) -> io::Result<()> {
-    let statistics = rustix::fs::statvfs(directory)?;
-    let free = statistics.f_bavail.saturating_mul(statistics.f_frsize);
+    let free = crate::disk::free_bytes(directory)?;
     if free >= bytes {
         return Ok(());
     }

@@ -12,7 +12,7 @@ use clap::{Args, ValueEnum};
 use self::processes::{Children, run_self, spawn_self};
 use super::client::{Client, NewJob};
 use super::start::wait;
-use super::{block_on, duration_text};
+use super::{block_on, duration_text, mib};
 use crate::daemon::api::{JobView, LinkState, Status};
 use crate::job::JobState;
 
@@ -201,7 +201,6 @@ fn summarise(directory: &Path, job: &JobView, status: &Status, took: Duration) -
     let sent = format!("{:.2} MB sent", line.sent_bytes as f64 / 1e6);
     let again = line.retransmitted_frames;
     super::print(&format!("line     {sent} in {} frames, {again} of them again", line.sent_frames))?;
-    let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
     let budget = status.budget;
     super::print(&format!("memory   {:.1} of {:.1} MiB at most", mib(budget.peak_bytes), mib(budget.limit_bytes)))?;
     super::print(&format!("pictures {}", directory.join("exposed").display()))

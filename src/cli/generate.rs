@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use super::info::Summary;
-use super::pack::{bar, numbers};
+use super::pack::{BAR, numbers};
+use super::progress_bar;
 use crate::buildfile::{self, BuildFile, GenerateOptions, Kind};
 
 /// Generate a lattice for demos and benchmarks.
@@ -48,7 +49,7 @@ pub fn run(args: GenerateArgs) -> anyhow::Result<()> {
         KindArg::Random => Kind::Random,
     };
     let options = GenerateOptions { kind, struts, box_mm, radius_mm: radius, seed };
-    let bar = bar();
+    let bar = progress_bar(BAR);
     bar.set_message("writing");
     let result = buildfile::generate(&output, &options, &mut |done, total| {
         bar.set_length(total);

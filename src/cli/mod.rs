@@ -19,6 +19,7 @@ mod watch;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 /// Prints implicit geometry just in time: pack a part, check it, start it, watch it.
 #[derive(Debug, Parser)]
@@ -167,6 +168,17 @@ fn print_json(value: &impl serde::Serialize) -> anyhow::Result<()> {
 fn print(text: &str) -> anyhow::Result<()> {
     use std::io::Write;
     writeln!(std::io::stdout().lock(), "{text}").map_err(|error| anyhow::anyhow!("cannot write to stdout: {error}"))
+}
+
+/// A bar on stderr, of an indicatif template; invisible where that is no terminal.
+fn progress_bar(template: &str) -> ProgressBar {
+    let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr_with_hz(5));
+    bar.with_style(ProgressStyle::with_template(template).expect("our own templates are well-formed"))
+}
+
+/// Bytes as mebibytes, for people.
+fn mib(bytes: u64) -> f64 {
+    bytes as f64 / f64::from(1 << 20)
 }
 
 /// `1 h 05 min`, `4 min 10 s`, `12 s`.

@@ -2,8 +2,9 @@
 
 use std::path::PathBuf;
 
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::ProgressBar;
 
+use super::progress_bar;
 use crate::buildfile::{self, BlendChoice, BuildFile, PackOptions, PackProgress, Placement};
 use crate::config::byte_size;
 
@@ -67,7 +68,7 @@ pub fn run(args: PackArgs) -> anyhow::Result<()> {
         placement: at.map_or(Placement::Centred, |[x_mm, y_mm]| Placement::At { x_mm, y_mm }),
         memory_bytes: memory,
     };
-    let bar = bar();
+    let bar = progress_bar(BAR);
     let report = buildfile::pack(&inputs, &output, &options, &mut |progress| show(&bar, progress));
     bar.finish_and_clear();
     let report = report?;
@@ -77,12 +78,8 @@ pub fn run(args: PackArgs) -> anyhow::Result<()> {
     super::print(&super::info::Summary::of(&BuildFile::open(&output)?).to_string())
 }
 
-/// A bar on stderr; hidden where that is no terminal.
-pub(super) fn bar() -> ProgressBar {
-    let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr_with_hz(5));
-    let style = ProgressStyle::with_template("{msg:>8} [{wide_bar}] {percent:>3}% {eta}");
-    bar.with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
-}
+/// What [`super::progress_bar`] shows while a build file is made.
+pub(super) const BAR: &str = "{msg:>8} [{wide_bar}] {percent:>3}% {eta}";
 
 fn show(bar: &ProgressBar, progress: PackProgress) {
     let (name, done, total) = match progress {

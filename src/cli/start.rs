@@ -1,21 +1,21 @@
 //! `layerctl start`: hands a build file to the daemon and, if asked, waits for the end of the print.
 
-use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::time::Duration;
 
 use anyhow::Context;
 use clap::Args;
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::ProgressBar;
 
 use super::client::{Client, ClientError, Events, NewJob};
-use super::{Ending, block_on, duration_text, print, print_json};
+use super::{Ending, block_on, duration_text, print, print_json, progress_bar};
 use crate::config::{Folder, Recipe, find};
 use crate::daemon::api::{Event, JobView};
 use crate::job::JobState;
 
 /// How long a daemon that went away is waited for: systemd starts it again within seconds.
 const RECONNECT: Duration = Duration::from_secs(10);
+const BAR: &str = "{msg:10} [{wide_bar}] {pos}/{len} {prefix}";
 
 /// Give a build file to the daemon as a new job.
 #[derive(Debug, Args)]
@@ -48,7 +48,7 @@ pub(super) fn run(args: StartArgs) -> anyhow::Result<Ending> {
         let client = Client::from_environment();
         // Listening before submitting: no event of the job is missed.
         let events = if args.wait { Some(client.events().await?) } else { None };
-        let bar = progress_bar();
+        let bar = progress_bar(BAR);
         bar.set_message("sending");
         let job = client
             .submit(&new, |sent, total| {
@@ -83,19 +83,9 @@ fn read_recipe(recipe: &str) -> anyhow::Result<(String, String)> {
     Ok((checked.name, text))
 }
 
-/// A bar on stderr, invisible where that is no terminal.
-fn progress_bar() -> ProgressBar {
-    let target =
-        if std::io::stderr().is_terminal() { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
-    let style = ProgressStyle::with_template("{msg:10} [{wide_bar}] {pos}/{len} {prefix}");
-    let bar = ProgressBar::with_draw_target(Some(0), target);
-    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()).progress_chars("=> "));
-    bar
-}
-
 /// Follows a job until nothing happens to it any more; tells how it ended on stderr.
 pub(super) async fn wait(client: &Client, mut job: JobView, mut events: Events) -> anyhow::Result<(JobView, Ending)> {
-    let bar = progress_bar();
+    let bar = progress_bar(BAR);
     let mut told = None;
     loop {
         show(&bar, &job);

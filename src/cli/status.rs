@@ -4,7 +4,7 @@ use clap::Args;
 
 use super::client::Client;
 use super::jobs::notes;
-use super::{block_on, duration_text, print, print_json};
+use super::{block_on, duration_text, mib, print, print_json};
 use crate::daemon::api::{JobView, Status};
 
 /// Everything at a glance: line, job, queue, budget.
@@ -45,7 +45,6 @@ pub(super) fn lines(status: &Status) -> Vec<String> {
         lines.push(format!("queued   {} {}", job.id, job.name));
         lines.extend(notes(job).into_iter().map(|note| format!("         {note}")));
     }
-    let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
     let budget = status.budget;
     lines.push(format!(
         "budget   {:.1} of {:.1} MiB used, {:.1} at most",
@@ -58,8 +57,8 @@ pub(super) fn lines(status: &Status) -> Vec<String> {
         "traffic  {} bytes sent, {} of {} frames again, {} bad frames, {} reconnects",
         line.sent_bytes, line.retransmitted_frames, line.sent_frames, line.bad_frames, line.reconnects
     ));
-    if let (Some(rtt), Some(busy)) = (line.round_trip_ms, line.busy_share) {
-        lines.push(format!("         round trip {rtt:.1} ms, line busy {:.0} %", busy * 100.0));
+    if let Some(round_trip_ms) = line.round_trip_ms {
+        lines.push(format!("         round trip {round_trip_ms:.1} ms"));
     }
     lines
 }

@@ -187,7 +187,7 @@ mod tests {
             "started_ms": 2, "ended_ms": null, "reason": null, "in_doubt": null},
         "budget": {"limit_bytes": 67108864, "used_bytes": 1048576, "peak_bytes": 2097152},
         "line": {"sent_bytes": 10, "received_bytes": 1, "sent_frames": 4, "retransmitted_frames": 1, "bad_frames": 0,
-            "reconnects": 0, "round_trip_ms": null, "busy_share": null}}"#;
+            "reconnects": 0, "round_trip_ms": null}}"#;
 
     fn screen(view: &View) -> String {
         let mut terminal = Terminal::new(TestBackend::new(90, 24)).unwrap();

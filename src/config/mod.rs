@@ -46,7 +46,7 @@ pub enum ConfigError {
     },
 }
 
-/// A key that is out of range; [`load`] adds the file's name.
+/// A key that is out of range; [`parse`] adds the file's name.
 struct OutOfRange {
     key: String,
     value: String,
@@ -96,8 +96,13 @@ fn parse<T: serde::de::DeserializeOwned>(
 fn in_words(message: &str) -> String {
     message
         .trim_end()
-        .replace("expected u8", "expected a whole number from 0 to 255")
+        // `light_pwm` is the only key of that type.
+        .replace("expected u8", "expected a whole number from 1 to 255")
         .replace("expected u32", "expected a whole number from 0 to 4294967295")
         .replace("expected usize", "expected a whole number, not negative")
         .replace("expected f64", "expected a number")
+        .replace(
+            "unknown variant `slm`, expected `dlp`",
+            "layerd cannot drive machines of kind `slm` yet; use a `dlp` machine",
+        )
 }

@@ -142,8 +142,6 @@ pub struct LineView {
     pub reconnects: u64,
     /// Smoothed round trip, milliseconds.
     pub round_trip_ms: Option<f64>,
-    /// Share of the time with data to send in which the line was busy, 0 to 1.
-    pub busy_share: Option<f64>,
 }
 
 /// Answer of `GET /v1/device`.

@@ -21,6 +21,8 @@ pub(super) struct Job {
     pub choice: ResumeChoice,
     /// Whether the operator must say first that the plate is clear.
     pub awaits_plate: bool,
+    /// Whether an order is being checked or written in its journal; until then nothing else is done with it.
+    pub ordered: bool,
 }
 
 /// All jobs, and the queue.
@@ -107,7 +109,7 @@ impl Jobs {
     pub(super) fn take_next(&mut self) -> Option<u32> {
         let id = *self.queue.front()?;
         let interrupted = self.interrupted();
-        let job = self.jobs.get_mut(&id)?;
+        let job = self.jobs.get_mut(&id).filter(|job| !job.ordered)?;
         let obstacle = match interrupted {
             Some(other) => Some(format!(
                 "waits for job {other}, which is interrupted and whose part is on the plate: `layerctl resume {other}` or \
@@ -126,8 +128,8 @@ impl Jobs {
     }
 
     /// Forgets jobs whose records the spool has deleted.
-    pub(super) fn keep_only(&mut self, directories: &[JobDirectory]) {
-        self.jobs.retain(|id, _| directories.iter().any(|directory| directory.id == *id));
+    pub(super) fn forget(&mut self, ids: &[u32]) {
+        self.jobs.retain(|id, _| !ids.contains(id));
     }
 }
 
@@ -139,7 +141,7 @@ impl Job {
         view.recipe = recipe;
         view.layers_total = layer_count;
         view.submitted_ms = unix_ms();
-        Self { directory, key, view, choice: ResumeChoice::None, awaits_plate: false }
+        Self { directory, key, view, choice: ResumeChoice::None, awaits_plate: false, ordered: false }
     }
 
     fn load(directory: JobDirectory, awaits_plate: bool) -> Self {
@@ -160,7 +162,7 @@ impl Job {
             view.recipe = recipe.name;
         }
         let awaits_plate = awaits_plate && view.state == JobState::Queued;
-        Self { directory, key, view, choice: ResumeChoice::None, awaits_plate }
+        Self { directory, key, view, choice: ResumeChoice::None, awaits_plate, ordered: false }
     }
 
     /// Takes over what the engine says. Returns whether anything changed.

@@ -1,6 +1,7 @@
 //! The daemon: control API on a Unix socket, systemd, and the wiring of everything else.
 
 pub mod api;
+mod background;
 mod body;
 mod clock;
 pub mod handle;
@@ -8,6 +9,7 @@ mod jobs;
 mod layers;
 mod line;
 mod notify;
+mod opened;
 mod orders;
 mod part;
 mod percent;
@@ -15,10 +17,12 @@ mod printer;
 mod run;
 mod running;
 pub mod server;
+mod session;
+mod setting;
 mod upload;
 mod view;
 
 pub(crate) use body::ChannelBody;
 pub(crate) use percent::encode as percent_encode;
-pub use printer::Setting;
-pub use run::{load, log_to_stderr, run};
+pub use run::{log_to_stderr, run};
+pub use setting::Setting;

@@ -1,29 +1,48 @@
 //! What operators order, and what becomes of it.
 
 use std::path::Path;
-use std::sync::Arc;
-
-use tokio::sync::oneshot;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use super::api::{InDoubt, JobView};
+use super::background::{Background, Reply};
 use super::clock::unix_ms;
 use super::handle::{Command, CommandError, Order, Submission};
 use super::jobs::Job;
 use super::part::{Part, Unprintable};
-use super::printer::{Printer, Setting};
-use super::running::Background;
+use super::printer::Printer;
+use super::setting::Setting;
 use crate::buildfile::BuildFile;
 use crate::config::Recipe;
-use crate::job::{Command as EngineCommand, JobState, Journal, NewJob, Record, ResumeChoice, Spool, SpoolError};
+use crate::job::{
+    Command as EngineCommand, JobState, Journal, JournalError, NewJob, Record, ResumeChoice, Spool, SpoolError,
+    read_journal,
+};
+use crate::random;
 
-type Answer = Result<JobView, CommandError>;
-type Reply = oneshot::Sender<Answer>;
+/// What an operator wants of a job that does not hold the machine, where its journal has a say.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Change {
+    /// End it in that state.
+    End(JobState),
+    /// Print an interrupted job further.
+    Resume(ResumeChoice),
+}
+
+/// How far an order came at once.
+enum Step {
+    /// Done; the job's view is the answer.
+    Done(u32),
+    /// The journal must be asked or told first.
+    Change(u32, Change),
+}
+
+const ENDED: &str = "ended by the operator";
 
 impl Printer {
     /// Carries an order out and answers it.
     pub(super) fn order(&mut self, order: Order) {
         let Order { command, reply } = order;
-        let answer = match command {
+        let step = match command {
             Command::Submit(submission) => return self.submit(submission, reply),
             Command::Pause(id) => self.steer(&id, EngineCommand::Pause),
             Command::Stop(id) => self.steer(&id, EngineCommand::Stop),
@@ -34,6 +53,11 @@ impl Printer {
                 None => Err(CommandError::new(409, "no job is active, so there is nothing to abort")),
             },
         };
+        let answer = match step {
+            Ok(Step::Change(id, change)) => return self.change(id, change, reply),
+            Ok(Step::Done(id)) => self.view(id),
+            Err(error) => Err(error),
+        };
         // Whoever asked may have gone.
         let _ = reply.send(answer);
     }
@@ -43,14 +67,8 @@ impl Printer {
         let (setting, spool) = (Arc::clone(&self.setting), Arc::clone(&self.spool));
         let (background, limit_bytes) = (self.background.clone(), self.budget.limit_bytes());
         tokio::task::spawn_blocking(move || {
-            // Before the spool is locked: a large part takes seconds, and the loop that prints needs the spool meanwhile.
             let verified = verify(&submission);
-            let result = match spool.lock() {
-                Ok(spool) => verified.and_then(|()| accept(&setting, &spool, &submission, limit_bytes)).map(Box::new),
-                Err(_) => {
-                    Err(CommandError::new(500, "the spool cannot be used after an earlier panic; restart layerd"))
-                }
-            };
+            let result = verified.and_then(|()| accept(&setting, &spool, &submission, limit_bytes)).map(Box::new);
             let _ = background.blocking_send(Background::Accepted { result, reply });
         });
     }
@@ -73,84 +91,104 @@ impl Printer {
     }
 
     /// Pause, stop or abort.
-    fn steer(&mut self, id: &str, command: EngineCommand) -> Answer {
+    fn steer(&mut self, id: &str, command: EngineCommand) -> Result<Step, CommandError> {
         let id = self.find(id)?;
-        let now_us = self.clock.now_us();
-        if let Some(running) = self.running.as_mut().filter(|running| running.job == id) {
-            let state = running.engine.progress().state;
-            if !allowed(state, command) {
-                return Err(wrong_state(id, state, command));
-            }
-            running.command(command, now_us);
-            let progress = running.engine.progress();
-            if let Some(job) = self.jobs.get_mut(id) {
-                job.update(&progress);
-            }
-        } else if self.opening == Some(id) && command == EngineCommand::Abort {
-            self.abort_opening = true;
-        } else {
-            self.end_waiting(id, command)?;
+        if self.command_running(id, command)? {
+            return Ok(Step::Done(id));
         }
-        self.view(id)
+        if self.opening == Some(id) && command == EngineCommand::Abort {
+            self.abort_opening = true;
+            return Ok(Step::Done(id));
+        }
+        match (self.waiting(id)?.view.state, command) {
+            (JobState::Queued | JobState::Interrupted, EngineCommand::Abort) => {
+                Ok(Step::Change(id, Change::End(JobState::Aborted)))
+            }
+            (JobState::Queued | JobState::Interrupted, EngineCommand::Stop) => {
+                Ok(Step::Change(id, Change::End(JobState::Stopped)))
+            }
+            (state, command) => Err(wrong_state(id, state, command)),
+        }
     }
 
-    /// Stop or abort of a job that does not hold the machine.
-    fn end_waiting(&mut self, id: u32, command: EngineCommand) -> Result<(), CommandError> {
-        let Some(job) = self.jobs.get_mut(id) else { return Err(no_such_job(&id.to_string())) };
-        let ended = match (job.view.state, command) {
-            (JobState::Queued | JobState::Interrupted, EngineCommand::Abort) => JobState::Aborted,
-            (JobState::Queued | JobState::Interrupted, EngineCommand::Stop) => JobState::Stopped,
-            (state, command) => return Err(wrong_state(id, state, command)),
-        };
-        let reason = "ended by the operator".to_owned();
-        let (mut journal, _) =
-            Journal::open(&job.directory.journal()).map_err(|error| CommandError::new(500, error.to_string()))?;
-        journal
-            .append(Record::Ended { state: ended, reason: reason.clone() }, unix_ms())
-            .map_err(|error| CommandError::new(507, error.to_string()))?;
-        job.end(ended, Some(reason));
-        self.jobs.unqueue(id);
-        self.publish_job(id);
-        Ok(())
-    }
-
-    fn resume(&mut self, id: &str, in_doubt: Option<InDoubt>) -> Answer {
+    fn resume(&mut self, id: &str, in_doubt: Option<InDoubt>) -> Result<Step, CommandError> {
         let id = self.find(id)?;
-        let now_us = self.clock.now_us();
-        if let Some(running) = self.running.as_mut().filter(|running| running.job == id) {
-            let state = running.engine.progress().state;
-            if !allowed(state, EngineCommand::Resume) {
-                return Err(wrong_state(id, state, EngineCommand::Resume));
-            }
-            running.command(EngineCommand::Resume, now_us);
-            let progress = running.engine.progress();
-            if let Some(job) = self.jobs.get_mut(id) {
-                job.update(&progress);
-            }
-            return self.view(id);
+        if self.command_running(id, EngineCommand::Resume)? {
+            return Ok(Step::Done(id));
         }
         let choice = match in_doubt {
             None => ResumeChoice::None,
             Some(InDoubt::Exposed) => ResumeChoice::AssumeExposed,
             Some(InDoubt::Repeat) => ResumeChoice::Repeat,
         };
-        let Some(job) = self.jobs.get_mut(id) else { return Err(no_such_job(&id.to_string())) };
+        let job = self.waiting(id)?;
         match job.view.state {
             JobState::Queued if job.awaits_plate => {
                 job.awaits_plate = false;
                 job.view.reason = None;
+                self.publish_job(id);
+                Ok(Step::Done(id))
             }
-            JobState::Interrupted => {
-                let history = crate::job::read_journal(&job.directory.journal())
-                    .map_err(|error| CommandError::new(500, error.to_string()))?
-                    .1;
-                history.start(choice).map_err(|error| CommandError::new(409, error.to_string()))?;
-                self.jobs.resume(id, choice);
+            JobState::Interrupted => Ok(Step::Change(id, Change::Resume(choice))),
+            state => Err(wrong_state(id, state, EngineCommand::Resume)),
+        }
+    }
+
+    /// Gives the order to the engine if the job is the running one; says whether it is.
+    fn command_running(&mut self, id: u32, command: EngineCommand) -> Result<bool, CommandError> {
+        let now_us = self.clock.now_us();
+        let Some(running) = self.running.as_mut().filter(|running| running.job == id) else { return Ok(false) };
+        let state = running.engine.progress().state;
+        if !allowed(state, command) {
+            return Err(wrong_state(id, state, command));
+        }
+        running.command(command, now_us);
+        let progress = running.engine.progress();
+        if let Some(job) = self.jobs.get_mut(id) {
+            job.update(&progress);
+        }
+        Ok(true)
+    }
+
+    /// Asks or tells the journal of a job that does not hold the machine, in the background.
+    fn change(&mut self, id: u32, change: Change, reply: Reply) {
+        let Some(job) = self.jobs.get_mut(id) else {
+            let _ = reply.send(Err(no_such_job(&id.to_string())));
+            return;
+        };
+        job.ordered = true;
+        let (journal, background) = (job.directory.journal(), self.background.clone());
+        tokio::task::spawn_blocking(move || {
+            let result = settle_in_journal(&journal, change).map(|()| change);
+            let _ = background.blocking_send(Background::Changed { job: id, result, reply });
+        });
+    }
+
+    /// The journal allows the change and says so, or not.
+    pub(super) fn changed(&mut self, id: u32, result: Result<Change, CommandError>, reply: Reply) {
+        if let Some(job) = self.jobs.get_mut(id) {
+            job.ordered = false;
+            match &result {
+                Ok(Change::End(state)) => {
+                    job.end(*state, Some(ENDED.into()));
+                    self.jobs.unqueue(id);
+                }
+                Ok(Change::Resume(choice)) => self.jobs.resume(id, *choice),
+                Err(_) => {}
             }
-            state => return Err(wrong_state(id, state, EngineCommand::Resume)),
         }
         self.publish_job(id);
-        self.view(id)
+        let _ = reply.send(result.and_then(|_| self.view(id)));
+    }
+
+    /// A job that no other order is being carried out on.
+    fn waiting(&mut self, id: u32) -> Result<&mut Job, CommandError> {
+        let job = self.jobs.get_mut(id).ok_or_else(|| no_such_job(&id.to_string()))?;
+        if job.ordered {
+            let text = format!("another order for job {id} is being carried out; look at it and try again");
+            return Err(CommandError::new(409, text));
+        }
+        Ok(job)
     }
 
     fn find(&self, id: &str) -> Result<u32, CommandError> {
@@ -158,7 +196,7 @@ impl Printer {
         number.ok_or_else(|| no_such_job(id))
     }
 
-    fn view(&self, id: u32) -> Answer {
+    fn view(&self, id: u32) -> Result<JobView, CommandError> {
         self.jobs.get(id).map(|job| job.view.clone()).ok_or_else(|| no_such_job(&id.to_string()))
     }
 }
@@ -188,6 +226,22 @@ fn no_such_job(id: &str) -> CommandError {
     CommandError::new(404, format!("there is no job `{id}`; `layerctl jobs` lists them"))
 }
 
+/// Checks a change against the job's journal and writes there what must be known after a crash. Blocks.
+fn settle_in_journal(path: &Path, change: Change) -> Result<(), CommandError> {
+    let unreadable = |error: JournalError| CommandError::new(500, error.to_string());
+    match change {
+        Change::End(state) => {
+            let (mut journal, _) = Journal::open(path).map_err(unreadable)?;
+            let ended = Record::Ended { state, reason: ENDED.into() };
+            journal.append(ended, unix_ms()).map_err(|error| CommandError::new(507, error.to_string()))
+        }
+        Change::Resume(choice) => {
+            let (_, history) = read_journal(path).map_err(unreadable)?;
+            history.start(choice).map(|_| ()).map_err(|error| CommandError::new(409, error.to_string()))
+        }
+    }
+}
+
 /// Checks a new part from its first byte to its last. Blocks.
 fn verify(submission: &Submission) -> Result<(), CommandError> {
     let verified = BuildFile::open(&submission.part).and_then(|file| file.verify());
@@ -200,7 +254,12 @@ fn unprintable(submission: &Submission, text: &str) -> CommandError {
 }
 
 /// Checks a new job and puts it into the spool. Blocks.
-fn accept(setting: &Setting, spool: &Spool, submission: &Submission, limit_bytes: u64) -> Result<Job, CommandError> {
+fn accept(
+    setting: &Setting,
+    spool: &Mutex<Spool>,
+    submission: &Submission,
+    limit_bytes: u64,
+) -> Result<Job, CommandError> {
     let recipe_text = submission.recipe_text.as_deref().unwrap_or(&setting.recipe_text);
     let recipe_place = submission.recipe_name.as_deref().unwrap_or("recipe");
     let recipe = Recipe::parse(Path::new(recipe_place), recipe_text)
@@ -211,7 +270,8 @@ fn accept(setting: &Setting, spool: &Spool, submission: &Submission, limit_bytes
                 Unprintable::Part(_) | Unprintable::Memory { .. } => unprintable(submission, &error.to_string()),
             }
         })?;
-    let key = random_key();
+    // 0 names no job.
+    let key = random::bits().max(1);
     let layer_count = part.layer_count();
     let accepted = Record::Accepted { key, layer_count, name: submission.name.clone() };
     let job = NewJob {
@@ -221,6 +281,8 @@ fn accept(setting: &Setting, spool: &Spool, submission: &Submission, limit_bytes
         accepted,
         at_unix_ms: unix_ms(),
     };
+    // A panic elsewhere leaves the spool as it was: jobs appear whole or not at all.
+    let spool = spool.lock().unwrap_or_else(PoisonError::into_inner);
     spool.check_space(0).map_err(|error| spool_error(&error))?;
     let (directory, _journal) = spool.create(job).map_err(|error| spool_error(&error))?;
     Ok(Job::accepted(directory, key, layer_count, submission.name.clone(), recipe.name))
@@ -229,11 +291,4 @@ fn accept(setting: &Setting, spool: &Spool, submission: &Submission, limit_bytes
 fn spool_error(error: &SpoolError) -> CommandError {
     let status = if matches!(error, SpoolError::NoSpace { .. }) { 507 } else { 500 };
     CommandError::new(status, error.to_string())
-}
-
-/// A number no other job has: 64 random bits, never 0.
-fn random_key() -> u64 {
-    use std::hash::{BuildHasher, Hasher};
-    // The standard library seeds each of these from the system's random numbers.
-    std::collections::hash_map::RandomState::new().build_hasher().finish().max(1)
 }

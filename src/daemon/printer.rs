@@ -5,45 +5,32 @@
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
+use anyhow::anyhow;
 use tokio::sync::{mpsc, watch};
+use tokio::time::MissedTickBehavior;
 
-use super::api::{DeviceView, Event as News, LayerExposed, LinkState};
+use super::api::{DeviceView, Event as News, LayerExposed};
+use super::background::Background;
 use super::clock::Clock;
 use super::handle::Desk;
 use super::jobs::Jobs;
 use super::line::Line;
-use super::running::{Background, Opened, Running, Task};
+use super::opened::Opened;
+use super::part::EncodedLayer;
+use super::running::{Running, Task};
+use super::setting::Setting;
 use super::{notify, view};
-use crate::config::{DaemonConfig, Machine};
 use crate::device::DlpDriver;
 use crate::job::{Event, JobState, Progress, Spool};
-use crate::link::driver::LinkEvent;
 use crate::link::message::{Capabilities, HostMessage, Urgent};
-use crate::link::session::HostEvent;
-use crate::stream::MemoryBudget;
+use crate::stream::{Finished, MemoryBudget};
 
-/// Things that may end in the background at once: one journal record, one opening, and a few uploads being accepted.
+/// Ends from the background that may wait; what more ends waits with its thread: nobody gives so many orders at once.
 const BACKGROUND_EVENTS: usize = 16;
 /// How often statistics are published, and the idle device asked how it is.
 const HEARTBEAT: Duration = Duration::from_millis(500);
 /// The engine bounds each of its own steps; this bounds them all, well below systemd's TimeoutStopSec.
-const SHUTDOWN_LIMIT: Duration = Duration::from_secs(30);
-
-/// What does not change while the daemon runs.
-pub struct Setting {
-    /// The daemon's settings.
-    pub config: DaemonConfig,
-    /// The machine.
-    pub machine: Machine,
-    /// Text of the machine file, kept with each job.
-    pub machine_text: String,
-    /// The default recipe's text.
-    pub recipe_text: String,
-    /// Its name.
-    pub recipe_name: String,
-    /// Threads that compute layers.
-    pub threads: usize,
-}
+const SHUTDOWN_LIMIT_US: u64 = 30_000_000;
 
 /// The printer. See the [module](self).
 pub(super) struct Printer {
@@ -58,20 +45,22 @@ pub(super) struct Printer {
     pub(super) opening: Option<u32>,
     /// The operator aborted the job being opened.
     pub(super) abort_opening: bool,
+    /// The last job's memory is still being given back.
+    releasing: bool,
     pub(super) background: mpsc::Sender<Background>,
     finished_background: mpsc::Receiver<Background>,
-    link: Line,
-    capabilities: Option<Capabilities>,
+    pub(super) link: Line,
+    pub(super) capabilities: Option<Capabilities>,
     /// Asks the device how it is while no job runs; `None` without a session.
-    idle: Option<DlpDriver>,
-    device: DeviceView,
+    pub(super) idle: Option<DlpDriver>,
+    pub(super) device: DeviceView,
     /// A message the driver gave and the line has no room for yet.
-    message: Option<HostMessage>,
+    pub(super) message: Option<HostMessage>,
     /// Number of the abort sent last that no device has answered.
-    last_abort: Option<u32>,
+    pub(super) last_abort: Option<u32>,
     last_progress: Option<Progress>,
     /// Sessions begun because the one before was lost.
-    reconnects: u64,
+    pub(super) reconnects: u64,
     shutting_down: bool,
 }
 
@@ -96,6 +85,7 @@ impl Printer {
             running: None,
             opening: None,
             abort_opening: false,
+            releasing: false,
             background,
             finished_background,
             link,
@@ -111,50 +101,64 @@ impl Printer {
     }
 
     /// Runs until `shutdown` becomes true and the machine is safe.
-    pub(super) async fn run(mut self, mut shutdown: watch::Receiver<bool>) {
+    ///
+    /// # Errors
+    /// Where the machine could not be made safe, or the line's task is gone.
+    pub(super) async fn run(mut self, mut shutdown: watch::Receiver<bool>) -> anyhow::Result<()> {
         let watchdog = notify::alive_interval().unwrap_or(HEARTBEAT).min(HEARTBEAT);
         let mut heartbeat = tokio::time::interval(watchdog);
-        let mut give_up = None;
+        heartbeat.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let mut give_up_us = None;
         self.publish();
-        loop {
-            self.settle().await;
-            let room = self.link.room();
-            if self.shutting_down && self.running.is_none() && self.opening.is_none() {
-                break;
+        let ended = loop {
+            self.settle();
+            if self.shutting_down && self.is_idle() {
+                break Ok(());
             }
+            let room = self.link.room();
+            let timeout_us = self.running.as_ref().and_then(|running| running.engine.next_timeout_us());
+            // Orders first. What a busy or broken line can bring without end comes last: no timer and no watchdog waits for it.
             tokio::select! {
                 biased;
                 Some(order) = self.desk.orders.next() => self.order(order),
-                Some(event) = self.link.next_event() => self.link_event(event),
-                Some(event) = self.finished_background.recv() => self.background(event),
-                () = sleep_until(self.clock, self.running.as_ref().and_then(|running| running.engine.next_timeout_us())) => {
+                Ok(()) = shutdown.changed(), if !self.shutting_down => {
+                    give_up_us = Some(self.clock.now_us() + SHUTDOWN_LIMIT_US);
+                    self.begin_shutdown();
+                }
+                () = sleep_until(self.clock, give_up_us) => {
+                    break Err(anyhow!("the machine could not be made safe in time; the device's own limits must do it"));
+                }
+                _ = heartbeat.tick() => self.heartbeat(),
+                () = sleep_until(self.clock, timeout_us) => {
                     let now_us = self.clock.now_us();
                     self.with_engine(|running| running.engine.handle(Event::Timeout, now_us));
                 }
+                Some(event) = self.finished_background.recv() => self.background(event),
+                computed = wanted_layer(self.running.as_mut()) => {
+                    let now_us = self.clock.now_us();
+                    self.with_engine(|running| running.computed(computed, now_us));
+                }
+                event = self.link.next_event() => match event {
+                    Some(event) => self.link_event(event),
+                    None => break Err(anyhow!("the line's task ended with a panic; the device's own limits keep it safe")),
+                },
                 () = room, if self.message.is_some() => {
                     if let Some(message) = self.message.take() {
                         self.link.send(message);
                     }
                 }
-                computed = wanted_layer(self.running.as_mut()) => {
-                    let now_us = self.clock.now_us();
-                    self.with_engine(|running| running.computed(computed, now_us));
-                }
-                _ = heartbeat.tick() => self.heartbeat(),
-                Ok(()) = shutdown.changed(), if !self.shutting_down => {
-                    give_up = Some(tokio::time::Instant::now() + SHUTDOWN_LIMIT);
-                    self.begin_shutdown();
-                }
-                () = tokio::time::sleep_until(give_up.unwrap_or_else(tokio::time::Instant::now)), if give_up.is_some() => {
-                    tracing::error!("the machine could not be made safe in time; the device's own limits must do it");
-                    break;
-                }
             }
-        }
+        };
         if let Some(running) = self.running.take() {
             running.release().await;
         }
         self.link.close().await;
+        ended
+    }
+
+    /// Whether no job holds the machine or the memory.
+    fn is_idle(&self) -> bool {
+        self.running.is_none() && self.opening.is_none() && !self.releasing
     }
 
     fn begin_shutdown(&mut self) {
@@ -164,6 +168,7 @@ impl Printer {
         self.with_engine(|running| running.engine.handle(Event::Shutdown, now_us));
     }
 
+    /// Does something with the running job, if there is one.
     pub(super) fn with_engine(&mut self, act: impl FnOnce(&mut Running)) {
         if let Some(running) = &mut self.running {
             act(running);
@@ -171,12 +176,12 @@ impl Printer {
     }
 
     /// Carries out what the engine wants, starts the next job where none runs, and tells what changed.
-    async fn settle(&mut self) {
+    fn settle(&mut self) {
         while let Some(task) = self.running.as_mut().and_then(|running| running.next_task(&self.budget)) {
             match task {
                 Task::Urgent(urgent) => self.send_urgent(urgent),
                 Task::Notice(text) => self.notice(text),
-                Task::Finished => self.finish().await,
+                Task::Finished => self.finish(),
             }
         }
         self.tell_progress();
@@ -184,12 +189,13 @@ impl Printer {
             let piece_bytes = self.link.piece_bytes();
             self.message = self.driver().and_then(|driver| driver.next_message(piece_bytes));
         }
-        if self.running.is_none() && self.opening.is_none() && !self.shutting_down {
+        if self.is_idle() && !self.shutting_down {
             self.open_next();
         }
     }
 
-    fn driver(&mut self) -> Option<&mut DlpDriver> {
+    /// Who speaks with the device now.
+    pub(super) fn driver(&mut self) -> Option<&mut DlpDriver> {
         match &mut self.running {
             Some(running) => running.driver.as_mut(),
             None => self.idle.as_mut(),
@@ -206,6 +212,7 @@ impl Printer {
         self.with_engine(|running| running.urgent = Some((number, urgent)));
     }
 
+    /// Tells the operator something.
     pub(super) fn notice(&self, text: String) {
         tracing::warn!("{text}");
         let _ = self.desk.events.send(News::Notice { text });
@@ -239,6 +246,15 @@ impl Printer {
             }
             Background::Opened { job, result } => self.opened(job, result, now_us),
             Background::Accepted { result, reply } => self.accepted(result, reply),
+            Background::Changed { job, result, reply } => self.changed(job, result, reply),
+            Background::Released { forgotten } => {
+                self.releasing = false;
+                match forgotten {
+                    Ok(forgotten) => self.jobs.forget(&forgotten),
+                    Err(text) => self.notice(text),
+                }
+                self.publish();
+            }
         }
     }
 
@@ -271,114 +287,27 @@ impl Printer {
         }
     }
 
-    async fn finish(&mut self) {
+    /// The running job is over: its memory and the spool's old jobs are given up in the background.
+    fn finish(&mut self) {
         self.tell_progress();
         let Some(running) = self.running.take() else { return };
         self.message = None;
-        let id = running.job;
-        running.release().await;
         self.last_progress = None;
+        let id = running.job;
         tracing::info!(job = id, state = %self.jobs.get(id).map_or(JobState::Failed, |job| job.view.state), "job ended");
-        self.tidy_spool();
         self.idle = None;
         self.link.reconnect();
-        self.publish();
-    }
-
-    fn tidy_spool(&mut self) {
-        let over = self.jobs.over();
-        let tidied = {
-            let spool = self.spool.lock().unwrap_or_else(PoisonError::into_inner);
-            spool.tidy(&over).and_then(|()| spool.jobs())
-        };
-        match tidied {
-            Ok(directories) => self.jobs.keep_only(&directories),
-            Err(error) => self.notice(error.to_string()),
-        }
-    }
-
-    fn link_event(&mut self, event: LinkEvent) {
-        let now_us = self.clock.now_us();
-        match event {
-            LinkEvent::Session(HostEvent::Connected { capabilities, state, .. }) => {
-                self.message = None;
-                view::device_connected(&mut self.device, &capabilities, &state, &self.jobs);
-                match &mut self.running {
-                    Some(running) => running.connected(&capabilities, &state, now_us),
-                    None => self.idle = Some(DlpDriver::new(0, &capabilities, &state)),
-                }
-                self.capabilities = Some(capabilities);
-                self.link_changed(LinkState::Connected, None);
-            }
-            LinkEvent::Session(HostEvent::Message(message)) => {
-                let event = self.driver().and_then(|driver| driver.handle(message));
-                if let Some(event) = event {
-                    view::device_told(&mut self.device, &event, &self.jobs);
-                    self.with_engine(|running| running.driver_event(event, now_us));
-                }
-            }
-            LinkEvent::Session(HostEvent::UrgentDone { number, light_on }) => {
-                self.urgent_done(number, light_on, now_us);
-            }
-            LinkEvent::Session(HostEvent::Lost(reason)) => self.lost(reason.to_string(), now_us),
-            LinkEvent::Session(HostEvent::Refused(refusal)) => self.lost(refusal.to_string(), now_us),
-            LinkEvent::NotOpen(error) => self.lost(error.to_string(), now_us),
-            LinkEvent::NotSent(error) => {
-                // Without it the device and the driver no longer agree on what was asked.
-                self.lost(format!("a message could not be sent: {error}"), now_us);
-                self.link.reconnect();
-            }
-            LinkEvent::PortFailed(error) => self.lost(format!("the port failed: {error}"), now_us),
-        }
-    }
-
-    fn urgent_done(&mut self, number: u32, light_on: bool, now_us: u64) {
-        let awaited = self.running.as_mut().and_then(|running| {
-            let (_, urgent) = running.urgent.take_if(|(awaited, _)| *awaited == number)?;
-            Some((running, urgent))
+        self.releasing = true;
+        let (spool, over, background) = (Arc::clone(&self.spool), self.jobs.over(), self.background.clone());
+        tokio::spawn(async move {
+            running.release().await;
+            let tidy = move || spool.lock().unwrap_or_else(PoisonError::into_inner).tidy(&over);
+            let forgotten = match tokio::task::spawn_blocking(tidy).await {
+                Ok(tidied) => tidied.map_err(|error| error.to_string()),
+                Err(panic) => Err(panic.to_string()),
+            };
+            let _ = background.send(Background::Released { forgotten }).await;
         });
-        let Some((running, urgent)) = awaited else {
-            if self.last_abort.take_if(|abort| *abort == number).is_some() {
-                // Of a job that ended before the device came back. It obeys now, and does nothing more until a new hello.
-                self.lost("the device has only now obeyed the abort of an earlier job".into(), now_us);
-                self.link.reconnect();
-            }
-            return;
-        };
-        running.engine.handle(
-            if light_on {
-                Event::UrgentFailed("the device says that its light is still on".into())
-            } else {
-                Event::UrgentDone
-            },
-            now_us,
-        );
-        if urgent == Urgent::Abort {
-            self.last_abort = None;
-            // An aborted device does nothing more until a new hello.
-            self.link.reconnect();
-        }
-    }
-
-    fn lost(&mut self, reason: String, now_us: u64) {
-        self.message = None;
-        self.idle = None;
-        self.reconnects += u64::from(std::mem::take(&mut self.device.connected));
-        self.with_engine(|running| running.line_lost(reason.clone(), now_us));
-        let state = if self.capabilities.is_some() { LinkState::Lost } else { LinkState::Connecting };
-        self.link_changed(state, Some(reason));
-    }
-
-    fn link_changed(&mut self, state: LinkState, reason: Option<String>) {
-        let path = self.setting.machine.link.path.display().to_string();
-        let device = self.capabilities.as_ref().map(|capabilities| capabilities.name.clone());
-        let link = super::api::LinkView { state, path, device, reason };
-        let changed = self.desk.snapshot.borrow().link != link;
-        if changed {
-            tracing::info!(state = %link.state, reason = link.reason.as_deref().unwrap_or(""), "line");
-            self.desk.snapshot.send_modify(|snapshot| snapshot.link = link.clone());
-            let _ = self.desk.events.send(News::Link(link));
-        }
         self.publish();
     }
 
@@ -407,6 +336,7 @@ impl Printer {
         }
     }
 
+    /// Tells that a job changed.
     pub(super) fn publish_job(&mut self, id: u32) {
         let Some(job) = self.jobs.get(id) else { return };
         let _ = self.desk.events.send(News::Job(Box::new(job.view.clone())));
@@ -414,7 +344,8 @@ impl Printer {
         self.publish();
     }
 
-    fn publish(&mut self) {
+    /// Writes what subscribers and `status` read.
+    pub(super) fn publish(&mut self) {
         let line = view::line(&self.link.statistics(), self.reconnects);
         let budget = view::budget(&self.budget);
         let (device, jobs) = (self.device.clone(), self.jobs.views());
@@ -434,9 +365,7 @@ async fn sleep_until(clock: Clock, time_us: Option<u64>) {
     }
 }
 
-async fn wanted_layer(
-    running: Option<&mut Running>,
-) -> Result<crate::stream::Finished<super::part::EncodedLayer>, String> {
+async fn wanted_layer(running: Option<&mut Running>) -> Result<Finished<EncodedLayer>, String> {
     match running {
         Some(running) => running.wanted_layer().await,
         None => std::future::pending().await,

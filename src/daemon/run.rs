@@ -13,29 +13,14 @@ use super::api::{BudgetView, DeviceView, LineView, LinkState, LinkView};
 use super::handle::{self, Snapshot};
 use super::jobs::Jobs;
 use super::line::Line;
-use super::printer::{Printer, Setting};
+use super::printer::Printer;
+use super::setting::Setting;
 use super::{notify, server};
-use crate::config::{DaemonConfig, Machine, Recipe};
 use crate::job::Spool;
 use crate::stream::MemoryBudget;
 
 /// The runtime's own threads: one moves the line's bytes while the other serves the API. Layers have threads of their own.
 const RUNTIME_THREADS: usize = 2;
-
-/// Reads and checks everything the daemon is configured with.
-///
-/// # Errors
-/// Names the file, the key, the value and what is allowed.
-pub fn load(config: &Path) -> anyhow::Result<Setting> {
-    let config = DaemonConfig::load(config)?;
-    let machine = Machine::load(&config.machine)?;
-    let recipe = Recipe::load(&config.recipe)?;
-    let read = |path: &Path| std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()));
-    let (machine_text, recipe_text) = (read(&config.machine)?, read(&config.recipe)?);
-    let cores = || std::thread::available_parallelism().map_or(1, usize::from);
-    let threads = config.threads.unwrap_or_else(cores);
-    Ok(Setting { config, machine, machine_text, recipe_name: recipe.name, recipe_text, threads })
-}
 
 /// Sends the log to stderr; `RUST_LOG` says how much. Under systemd, whose journal knows the time, without times.
 pub fn log_to_stderr() {
@@ -53,7 +38,7 @@ pub fn log_to_stderr() {
 /// # Errors
 /// What keeps it from starting: configuration, spool, socket.
 pub fn run(config: &Path) -> anyhow::Result<()> {
-    let setting = load(config)?;
+    let setting = Setting::load(config)?;
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(RUNTIME_THREADS)
         .enable_all()
@@ -93,7 +78,7 @@ async fn serve(setting: Setting) -> anyhow::Result<()> {
     };
     let _ = server.await;
     let _ = std::fs::remove_file(&socket);
-    printed.context("the printer's loop ended with a panic; the device's own limits keep it safe")
+    printed.context("the printer's loop ended with a panic; the device's own limits keep it safe")?
 }
 
 fn first_snapshot(setting: &Setting) -> Snapshot {

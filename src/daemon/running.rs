@@ -2,89 +2,18 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use tokio::sync::{mpsc, oneshot};
+use tokio::sync::mpsc;
 
-use super::api::JobView;
+use super::background::Background;
 use super::clock::unix_ms;
-use super::handle::CommandError;
-use super::jobs::Job;
 use super::layers::Layers;
+use super::opened::Opened;
 use super::part::{EncodedLayer, Part};
 use crate::config::{Machine, Recipe};
-use crate::device::{DlpDriver, check_capabilities, encoding};
-use crate::job::{
-    Action, Command, Engine, Event, JobDirectory, JobPlan, JobState, Journal, Record, ResumeChoice, StartPoint,
-};
+use crate::device::{DlpDriver, DriverEvent, check_capabilities, encoding};
+use crate::job::{Action, Command, Engine, Event, JobPlan, Journal, Record};
 use crate::link::message::{Capabilities, DeviceState, Encoding, Urgent};
 use crate::stream::{Finished, MemoryBudget, Room};
-
-/// What ends in the background, for the printer's loop.
-#[derive(Debug)]
-pub(super) enum Background {
-    /// A record is on disk, or not.
-    Journalled {
-        /// The job.
-        job: u32,
-        /// Why not.
-        result: Result<(), String>,
-    },
-    /// A job was opened, now that its turn has come.
-    Opened {
-        /// The job.
-        job: u32,
-        /// All it needs, or why it cannot be printed.
-        result: Result<Box<Opened>, String>,
-    },
-    /// A new job is in the spool, or not.
-    Accepted {
-        /// The job.
-        result: Result<Box<Job>, CommandError>,
-        /// Who asked.
-        reply: oneshot::Sender<Result<JobView, CommandError>>,
-    },
-}
-
-/// A job read from the spool, ready to run.
-#[derive(Debug)]
-pub(super) struct Opened {
-    journal: Journal,
-    key: u64,
-    start: StartPoint,
-    recipe: Recipe,
-    machine: Machine,
-    part: Arc<Part>,
-}
-
-impl Opened {
-    /// Opens a job of the spool: journal, recipe, machine and part as they were when it was accepted. Blocks.
-    ///
-    /// # Errors
-    /// A text that says what is missing or does not fit; where the journal can be written, the job's end stands in it.
-    pub(super) fn open(
-        job: &JobDirectory,
-        choice: ResumeChoice,
-        threads: usize,
-        limit_bytes: u64,
-    ) -> Result<Self, String> {
-        let (mut journal, history) = Journal::open(&job.journal()).map_err(|error| error.to_string())?;
-        let start = history.start(choice).map_err(|error| error.to_string())?;
-        let open = || -> Result<_, String> {
-            let recipe = Recipe::load(&job.recipe()).map_err(|error| error.to_string())?;
-            let machine = Machine::load(&job.machine()).map_err(|error| error.to_string())?;
-            let part = Part::open(&job.part(), &machine, &recipe, threads, limit_bytes).map_err(|e| e.to_string())?;
-            Ok((recipe, machine, Arc::new(part)))
-        };
-        match open() {
-            Ok((recipe, machine, part)) => Ok(Self { journal, key: history.key, start, recipe, machine, part }),
-            Err(text) => {
-                // A part that is on the plate stays resumable: whatever is wrong may be mended.
-                let state = if history.next_layer == 0 { JobState::Failed } else { JobState::Interrupted };
-                journal.append(Record::Ended { state, reason: text.clone() }, unix_ms()).map_err(|e| e.to_string())?;
-                Err(text)
-            }
-        }
-    }
-}
 
 /// What the printer's loop must do for an action of the engine.
 #[derive(Debug)]
@@ -117,7 +46,7 @@ pub(super) struct Running {
     /// The layer and slot the engine wants uploaded and that is not computed yet.
     wanted: Option<(u32, u8)>,
     /// The queue's share of the layer that is being sent.
-    sending: Option<(u32, Room)>,
+    sending: Option<Room>,
     act_number: u64,
     /// The urgent frame the engine waits for, by its number.
     pub urgent: Option<(u32, Urgent)>,
@@ -158,7 +87,7 @@ impl Running {
             Ok(encoding) => self.encoding = Some(encoding),
             Err(text) => return self.engine.handle(Event::Unfit(text), now_us),
         }
-        self.driver = Some(DlpDriver::new(self.key, capabilities, state));
+        self.driver = Some(DlpDriver::new(self.key));
         let max_position_um = capabilities.max_position_um;
         self.engine.handle(Event::Connected { state: state.clone(), max_position_um }, now_us);
     }
@@ -264,23 +193,21 @@ impl Running {
         }
         tracing::debug!(layer, bytes = bytes.len(), compute_us = finished.compute_time.as_micros(), "layer computed");
         if let Some(driver) = &mut self.driver {
-            let _ = slot;
-            if let Err(error) = driver.upload(layer, encoding, bytes, decoded_crc32) {
+            if let Err(error) = driver.upload(layer, slot, encoding, bytes, decoded_crc32) {
                 tracing::error!(%error, layer, "upload refused by the driver");
             }
-            self.sending = Some((layer, finished.room));
+            self.sending = Some(finished.room);
         }
     }
 
     /// What the device says.
-    pub(super) fn driver_event(&mut self, event: crate::device::DriverEvent, now_us: u64) {
-        use crate::device::DriverEvent;
+    pub(super) fn driver_event(&mut self, event: DriverEvent, now_us: u64) {
         let event = match event {
-            DriverEvent::Uploaded { layer, .. } => {
-                self.sending = self.sending.take().filter(|(sending, _)| *sending != layer);
+            DriverEvent::Uploaded { layer } => {
+                self.sending = None;
                 Event::Uploaded { layer }
             }
-            DriverEvent::UploadFailed { layer, refusal } => {
+            DriverEvent::UploadRefused { layer, refusal } => {
                 self.sending = None;
                 Event::UploadRefused { layer, refusal }
             }

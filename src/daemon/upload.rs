@@ -12,6 +12,7 @@ use tokio::time::timeout;
 use super::api::{LARGEST_RECIPE_BYTES, LONGEST_NAME_BYTES, NAME_HEADER, RECIPE_HEADER, RECIPE_NAME_HEADER};
 use super::handle::{CommandError, Submission};
 use super::percent;
+use crate::disk;
 
 /// Space left free for journals and the rest of the system: a full disk must not end the print that is under way.
 const RESERVED_BYTES: u64 = 32 << 20;
@@ -92,10 +93,9 @@ fn no_space(incoming: &Path, announced: Option<u64>, space: u64) -> CommandError
 }
 
 fn free_bytes(directory: &Path) -> Result<u64, CommandError> {
-    let space = rustix::fs::statvfs(directory).map_err(|error| {
+    disk::free_bytes(directory).map_err(|error| {
         CommandError::new(500, format!("cannot tell the free space of {}: {error}", directory.display()))
-    })?;
-    Ok(space.f_bavail.saturating_mul(space.f_frsize))
+    })
 }
 
 /// One percent-encoded header as text of at most `limit` bytes.

@@ -22,7 +22,6 @@ pub(super) fn line(statistics: &Statistics, reconnects: u64) -> LineView {
         bad_frames: statistics.crc_errors + statistics.malformed_frames,
         reconnects,
         round_trip_ms: (statistics.round_trip_us > 0).then(|| statistics.round_trip_us as f64 / 1000.0),
-        busy_share: None,
     }
 }
 

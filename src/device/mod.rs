@@ -3,7 +3,9 @@
 mod act;
 mod dlp;
 pub mod encoding;
+mod mismatch;
 pub mod sim;
 
 pub use act::{Act, Outcome};
-pub use dlp::{DlpDriver, DriverBusy, DriverEvent, MachineMismatch, check_capabilities};
+pub use dlp::{DlpDriver, DriverBusy, DriverEvent};
+pub use mismatch::{MachineMismatch, check_capabilities};

@@ -19,6 +19,7 @@ use std::path::{Path, PathBuf};
 
 use super::journal::sync_parent;
 use super::{Journal, JournalError, Record};
+use crate::disk;
 
 /// Finished jobs whose records are kept: some months of a busy machine, a few kilobytes to megabytes each.
 pub const MOST_RECORDS: usize = 100;
@@ -130,9 +131,7 @@ impl Spool {
     /// # Errors
     /// [`SpoolError::NoSpace`] says how much is there and how much is needed.
     pub fn check_space(&self, bytes: u64) -> Result<(), SpoolError> {
-        let stat =
-            rustix::fs::statvfs(&self.root).map_err(|error| io("ask the free space of", &self.root)(error.into()))?;
-        let free_bytes = stat.f_bavail.saturating_mul(stat.f_frsize);
+        let free_bytes = disk::free_bytes(&self.root).map_err(io("ask the free space of", &self.root))?;
         let need_bytes = bytes.saturating_add(RESERVE_BYTES);
         if free_bytes >= need_bytes {
             return Ok(());
@@ -202,11 +201,12 @@ impl Spool {
     }
 
     /// Deletes the parts and records of jobs that are over, beyond [`MOST_PARTS`] and [`MOST_RECORDS`]. `over` lists the
-    /// jobs in whose state nothing can change any more.
+    /// jobs in whose state nothing can change any more. Gives the numbers of those whose records are gone.
     ///
     /// # Errors
     /// [`SpoolError::Io`] names what could not be deleted.
-    pub fn tidy(&self, over: &[u32]) -> Result<(), SpoolError> {
+    pub fn tidy(&self, over: &[u32]) -> Result<Vec<u32>, SpoolError> {
+        let mut forgotten = Vec::new();
         let mut jobs = self.jobs()?;
         // The last job stays whatever it is: its number must not be given again.
         let newest = jobs.last().map(|job| job.id);
@@ -214,11 +214,12 @@ impl Spool {
         for (age, job) in jobs.iter().rev().enumerate() {
             if age >= MOST_RECORDS && Some(job.id) != newest {
                 fs::remove_dir_all(&job.path).map_err(io("delete", &job.path))?;
+                forgotten.push(job.id);
             } else if age >= MOST_PARTS && job.part().exists() {
                 fs::remove_file(job.part()).map_err(io("delete", &job.part()))?;
             }
         }
-        Ok(())
+        Ok(forgotten)
     }
 
     fn delete_leftovers(&self) -> Result<(), SpoolError> {

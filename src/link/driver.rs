@@ -1,7 +1,5 @@
 //! The task that joins a host session to its port: paces bytes, keeps timers, opens the port again and begins new sessions.
 
-use std::collections::hash_map::RandomState;
-use std::hash::{BuildHasher, Hasher};
 use std::io;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -10,6 +8,7 @@ use tokio::sync::{Notify, mpsc};
 use tokio::time::{Instant, sleep_until};
 
 use crate::config::{FlowControl, LinkConfig};
+use crate::random;
 
 use super::message::{HostMessage, Urgent};
 use super::session::{HostEvent, HostSession, HostSettings, SendError, Statistics, line_time_us};
@@ -135,8 +134,7 @@ pub fn link(config: LinkConfig) -> (LinkHandle, mpsc::Receiver<LinkEvent>, LinkD
 
 /// A session id that no earlier process used, in all likelihood.
 fn random_id() -> u32 {
-    // The standard library seeds each state from the system's random numbers.
-    let bits = RandomState::new().build_hasher().finish();
+    let bits = random::bits();
     (bits ^ (bits >> 32)) as u32
 }
 

@@ -3,6 +3,7 @@
 //! The queue is bounded twice: in bytes, by what was charged to the memory budget for it, and in layers. A layer's bytes are
 //! free again only when its [`Room`] is dropped, so a layer being uploaded still counts.
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -60,7 +61,7 @@ pub enum StreamError {
         /// Size of the whole queue.
         queue_bytes: u64,
     },
-    /// The thread ended without a word: a panic, reported on stderr.
+    /// The computation panicked; the panic's own message is on stderr.
     #[error("the computing thread ended unexpectedly; its panic message is in the daemon's log")]
     Panicked,
 }
@@ -107,25 +108,7 @@ impl<T: Send + 'static> Ahead<T> {
     /// # Errors
     /// [`StreamError`], once; no layer follows.
     pub async fn next(&mut self) -> Result<Option<Finished<T>>, StreamError> {
-        match self.finished.recv().await {
-            Some(result) => result.map(Some),
-            None => self.ended().await,
-        }
-    }
-
-    /// Layers finished and not yet taken.
-    pub fn waiting(&self) -> usize {
-        self.finished.len()
-    }
-
-    async fn ended(&mut self) -> Result<Option<Finished<T>>, StreamError> {
-        match self.thread.take() {
-            Some(thread) => match tokio::task::spawn_blocking(move || thread.join()).await {
-                Ok(Ok(())) => Ok(None),
-                _ => Err(StreamError::Panicked),
-            },
-            None => Ok(None),
-        }
+        self.finished.recv().await.transpose()
     }
 
     /// Stops computing and waits until the thread has given back its memory, at most the time of one layer.
@@ -134,7 +117,10 @@ impl<T: Send + 'static> Ahead<T> {
         self.finished.close();
         // Layers already in the queue hold room; nothing else needs them.
         while self.finished.recv().await.is_some() {}
-        let _ = self.ended().await;
+        if let Some(thread) = self.thread.take() {
+            // Its panic, if any, was reported when it happened.
+            let _ = tokio::task::spawn_blocking(move || thread.join()).await;
+        }
     }
 }
 
@@ -146,21 +132,24 @@ impl<T> Drop for Ahead<T> {
 }
 
 struct Worker<T> {
-    sender: mpsc::Sender<Result<Finished<T>, StreamError>>,
     room: Arc<Semaphore>,
     permits: u32,
     runtime: Handle,
     charge: Arc<Charge>,
+    /// Dropped last: whoever sees the end of the queue finds the memory given back.
+    sender: mpsc::Sender<Result<Finished<T>, StreamError>>,
 }
 
 impl<T: Send + 'static> Worker<T> {
     fn run(self, mut produce: impl FnMut() -> Produced<T>) {
         loop {
             let began = Instant::now();
-            let step = match produce() {
-                Ok(None) => return,
-                Ok(Some((layer, bytes))) => self.queue(layer, bytes, began.elapsed()),
-                Err(text) => Err(StreamError::Failed(text)),
+            // After a panic nothing of `produce` is used again.
+            let step = match catch_unwind(AssertUnwindSafe(&mut produce)) {
+                Ok(Ok(None)) => return,
+                Ok(Ok(Some((layer, bytes)))) => self.queue(layer, bytes, began.elapsed()),
+                Ok(Err(text)) => Err(StreamError::Failed(text)),
+                Err(_) => Err(StreamError::Panicked),
             };
             let failed = step.is_err();
             let Some(message) = step.transpose() else { return };

@@ -2,7 +2,7 @@
 
 use layerd::device::encoding::{encode, picture_crc32};
 use layerd::device::{Act, DlpDriver, DriverEvent, Outcome};
-use layerd::link::message::{Capabilities, DeviceMessage, DeviceState, Encoding, Fault, HostMessage, Refusal};
+use layerd::link::message::{DeviceMessage, DeviceState, Encoding, ExposureId, Fault, HostMessage, Refusal};
 use layerd::link::session::{HostSession, SendError};
 
 use super::{id, picture};
@@ -12,6 +12,10 @@ pub struct Printer {
     exposure_ms: u32,
     next: u32,
     driver: Option<DlpDriver>,
+    /// The layer in each of the device's slots.
+    slots: Vec<Option<u32>>,
+    /// The layer on its way, and its slot.
+    uploading: Option<(u32, usize)>,
     /// Whether no exposure of an earlier session is running.
     settled: bool,
     unsent: Option<HostMessage>,
@@ -23,16 +27,30 @@ pub struct Printer {
 
 impl Printer {
     pub fn new(layers: u32, exposure_ms: u32) -> Self {
-        Self { layers, exposure_ms, next: 0, driver: None, settled: false, unsent: None, fault: None, openings: 0 }
+        Self {
+            layers,
+            exposure_ms,
+            next: 0,
+            driver: None,
+            slots: Vec::new(),
+            uploading: None,
+            settled: false,
+            unsent: None,
+            fault: None,
+            openings: 0,
+        }
     }
 
     pub fn is_done(&self) -> bool {
         self.next == self.layers || self.fault.is_some()
     }
 
-    pub fn connected(&mut self, capabilities: &Capabilities, state: &DeviceState) {
-        self.driver = Some(DlpDriver::new(id(0).job, capabilities, state));
+    pub fn connected(&mut self, state: &DeviceState) {
+        self.driver = Some(DlpDriver::new(id(0).job));
         self.unsent = None;
+        self.uploading = None;
+        let own = |slot: &Option<ExposureId>| slot.filter(|held| held.job == id(0).job).map(|held| held.layer);
+        self.slots = state.slots.iter().map(own).collect();
         self.learn(state);
     }
 
@@ -54,18 +72,22 @@ impl Printer {
     pub fn message(&mut self, message: DeviceMessage) {
         let Some(driver) = &mut self.driver else { return };
         match driver.handle(message) {
-            Some(DriverEvent::ActDone(Outcome::Exposed { layer, .. })) => {
+            DriverEvent::ActDone(Outcome::Exposed { layer, .. }) => {
                 assert_eq!(layer, self.next);
                 self.next += 1;
             }
-            Some(DriverEvent::StateKnown(state)) => self.learn(&state),
+            DriverEvent::StateKnown(state) => self.learn(&state),
             // The old exposure may have begun just before its session ended.
-            Some(DriverEvent::ActDone(Outcome::Refused(Refusal::Busy))) => driver.query_state(),
-            Some(DriverEvent::Fault(fault)) => self.fault = fault,
+            DriverEvent::ActDone(Outcome::Refused(Refusal::Busy)) => driver.query_state(),
+            DriverEvent::Fault(fault) => self.fault = fault,
             // Asked for before the fault was heard of.
-            Some(DriverEvent::ActDone(Outcome::Refused(_))) if self.fault.is_some() => {}
-            None | Some(DriverEvent::Uploaded { .. }) => {}
-            Some(other) => panic!("{other:?}"),
+            DriverEvent::ActDone(Outcome::Refused(_)) if self.fault.is_some() => {}
+            DriverEvent::Uploaded { layer } => {
+                let (sent, slot) = self.uploading.take().expect("an upload");
+                assert_eq!(layer, sent);
+                self.slots[slot] = Some(layer);
+            }
+            other => panic!("{other:?}"),
         }
     }
 
@@ -73,15 +95,18 @@ impl Printer {
     pub fn work(&mut self, session: &mut HostSession) {
         let Some(driver) = &mut self.driver else { return };
         if self.settled {
-            for layer in self.next..self.layers.min(self.next + 2) {
-                if driver.free_slots() > 0 && !driver.holds(layer) && !driver.is_uploading(layer) {
-                    let mut bytes = Vec::new();
-                    encode(&picture(layer), Encoding::Group4, &mut bytes).expect("bits");
-                    let crc32 = picture_crc32(&picture(layer));
-                    driver.upload(layer, Encoding::Group4, bytes, crc32).expect("a free slot");
-                }
+            let needed = self.next..self.layers.min(self.next + 2);
+            let missing = needed.clone().find(|layer| !self.slots.contains(&Some(*layer)));
+            let free = self.slots.iter().position(|held| held.is_none_or(|layer| !needed.contains(&layer)));
+            if let (Some(layer), Some(slot), None) = (missing, free, self.uploading) {
+                let mut bytes = Vec::new();
+                encode(&picture(layer), Encoding::Group4, &mut bytes).expect("bits");
+                let crc32 = picture_crc32(&picture(layer));
+                driver.upload(layer, slot as u8, Encoding::Group4, bytes, crc32).expect("no upload under way");
+                self.slots[slot] = None;
+                self.uploading = Some((layer, slot));
             }
-            if !driver.is_acting() && driver.holds(self.next) {
+            if !driver.is_acting() && self.slots.contains(&Some(self.next)) {
                 let act = Act::Expose { layer: self.next, duration_ms: self.exposure_ms, light_pwm: 255 };
                 driver.act(act).expect("no act under way");
             }

@@ -1,0 +1,52 @@
+//! What ends in the background, for the printer's loop: disk, computation, everything that may take its time.
+
+use tokio::sync::oneshot;
+
+use super::api::JobView;
+use super::handle::CommandError;
+use super::jobs::Job;
+use super::opened::Opened;
+use super::orders::Change;
+
+/// Where an order's answer goes.
+pub(super) type Reply = oneshot::Sender<Result<JobView, CommandError>>;
+
+/// Something that ended in the background.
+#[derive(Debug)]
+pub(super) enum Background {
+    /// A record is on disk, or not.
+    Journalled {
+        /// The job.
+        job: u32,
+        /// Why not.
+        result: Result<(), String>,
+    },
+    /// A job was opened, now that its turn has come.
+    Opened {
+        /// The job.
+        job: u32,
+        /// All it needs, or why it cannot be printed.
+        result: Result<Box<Opened>, String>,
+    },
+    /// A new job is in the spool, or not.
+    Accepted {
+        /// The job.
+        result: Result<Box<Job>, CommandError>,
+        /// Who asked.
+        reply: Reply,
+    },
+    /// A waiting job's journal allows a change and says so, or not.
+    Changed {
+        /// The job.
+        job: u32,
+        /// The change.
+        result: Result<Change, CommandError>,
+        /// Who asked.
+        reply: Reply,
+    },
+    /// The job that ended has given its memory back, and the spool is tidy again.
+    Released {
+        /// Jobs whose records were deleted, or why that failed.
+        forgotten: Result<Vec<u32>, String>,
+    },
+}

@@ -1,0 +1,98 @@
+//! What happens on the line, and what it means for the printer: sessions begin and end, the device speaks.
+
+use super::api::{Event as News, LinkState, LinkView};
+use super::printer::Printer;
+use super::view;
+use crate::device::DlpDriver;
+use crate::job::Event;
+use crate::link::driver::LinkEvent;
+use crate::link::message::Urgent;
+use crate::link::session::HostEvent;
+
+impl Printer {
+    /// Something happened on the line.
+    pub(super) fn link_event(&mut self, event: LinkEvent) {
+        let now_us = self.clock.now_us();
+        match event {
+            LinkEvent::Session(HostEvent::Connected { capabilities, state, .. }) => {
+                self.message = None;
+                view::device_connected(&mut self.device, &capabilities, &state, &self.jobs);
+                match &mut self.running {
+                    Some(running) => running.connected(&capabilities, &state, now_us),
+                    None => self.idle = Some(DlpDriver::new(0)),
+                }
+                self.capabilities = Some(capabilities);
+                self.link_changed(LinkState::Connected, None);
+            }
+            LinkEvent::Session(HostEvent::Message(message)) => {
+                let event = self.driver().map(|driver| driver.handle(message));
+                if let Some(event) = event {
+                    view::device_told(&mut self.device, &event, &self.jobs);
+                    self.with_engine(|running| running.driver_event(event, now_us));
+                }
+            }
+            LinkEvent::Session(HostEvent::UrgentDone { number, light_on }) => {
+                self.urgent_done(number, light_on, now_us);
+            }
+            LinkEvent::Session(HostEvent::Lost(reason)) => self.lost(reason.to_string(), now_us),
+            LinkEvent::Session(HostEvent::Refused(refusal)) => self.lost(refusal.to_string(), now_us),
+            LinkEvent::NotOpen(error) => self.lost(error.to_string(), now_us),
+            LinkEvent::NotSent(error) => {
+                // Without it the device and the driver no longer agree on what was asked.
+                self.lost(format!("a message could not be sent: {error}"), now_us);
+                self.link.reconnect();
+            }
+            LinkEvent::PortFailed(error) => self.lost(format!("the port failed: {error}"), now_us),
+        }
+    }
+
+    fn urgent_done(&mut self, number: u32, light_on: bool, now_us: u64) {
+        let awaited = self.running.as_mut().and_then(|running| {
+            let (_, urgent) = running.urgent.take_if(|(awaited, _)| *awaited == number)?;
+            Some((running, urgent))
+        });
+        let Some((running, urgent)) = awaited else {
+            if self.last_abort.take_if(|abort| *abort == number).is_some() {
+                // Of a job that ended before the device came back. It obeys now, and does nothing more until a new hello.
+                self.lost("the device has only now obeyed the abort of an earlier job".into(), now_us);
+                self.link.reconnect();
+            }
+            return;
+        };
+        running.engine.handle(
+            if light_on {
+                Event::UrgentFailed("the device says that its light is still on".into())
+            } else {
+                Event::UrgentDone
+            },
+            now_us,
+        );
+        if urgent == Urgent::Abort {
+            self.last_abort = None;
+            // An aborted device does nothing more until a new hello.
+            self.link.reconnect();
+        }
+    }
+
+    fn lost(&mut self, reason: String, now_us: u64) {
+        self.message = None;
+        self.idle = None;
+        self.reconnects += u64::from(std::mem::take(&mut self.device.connected));
+        self.with_engine(|running| running.line_lost(reason.clone(), now_us));
+        let state = if self.capabilities.is_some() { LinkState::Lost } else { LinkState::Connecting };
+        self.link_changed(state, Some(reason));
+    }
+
+    fn link_changed(&mut self, state: LinkState, reason: Option<String>) {
+        let path = self.setting.machine.link.path.display().to_string();
+        let device = self.capabilities.as_ref().map(|capabilities| capabilities.name.clone());
+        let link = LinkView { state, path, device, reason };
+        let changed = self.desk.snapshot.borrow().link != link;
+        if changed {
+            tracing::info!(state = %link.state, reason = link.reason.as_deref().unwrap_or(""), "line");
+            self.desk.snapshot.send_modify(|snapshot| snapshot.link = link.clone());
+            let _ = self.desk.events.send(News::Link(link));
+        }
+        self.publish();
+    }
+}

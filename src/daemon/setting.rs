@@ -1,0 +1,41 @@
+//! Everything the daemon is configured with, read and checked before it starts.
+
+use std::path::Path;
+
+use anyhow::Context;
+
+use crate::config::{DaemonConfig, Machine, Recipe};
+
+/// What does not change while the daemon runs.
+pub struct Setting {
+    /// The daemon's settings.
+    pub config: DaemonConfig,
+    /// The machine.
+    pub machine: Machine,
+    /// Text of the machine file, kept with each job.
+    pub machine_text: String,
+    /// The default recipe's text.
+    pub recipe_text: String,
+    /// Its name.
+    pub recipe_name: String,
+    /// Threads that compute layers.
+    pub threads: usize,
+}
+
+impl Setting {
+    /// Reads and checks everything the daemon is configured with.
+    ///
+    /// # Errors
+    /// Names the file, the key, the value and what is allowed.
+    pub fn load(config: &Path) -> anyhow::Result<Self> {
+        let config = DaemonConfig::load(config)?;
+        let machine = Machine::load(&config.machine)?;
+        let recipe = Recipe::load(&config.recipe)?;
+        let read =
+            |path: &Path| std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()));
+        let (machine_text, recipe_text) = (read(&config.machine)?, read(&config.recipe)?);
+        let cores = || std::thread::available_parallelism().map_or(1, usize::from);
+        let threads = config.threads.unwrap_or_else(cores);
+        Ok(Self { config, machine, machine_text, recipe_name: recipe.name, recipe_text, threads })
+    }
+}
