@@ -44,7 +44,7 @@ fn main() -> ExitCode {
     match ended {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {error:#}");
+            layerd::cli::report(&error);
             ExitCode::FAILURE
         }
     }

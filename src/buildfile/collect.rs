@@ -124,7 +124,7 @@ impl<'a> Collector<'a> {
         let limit = f64::from(i32::MAX / 2);
         if !(quanta.is_finite() && quanta.abs().max_element() <= limit) {
             let problem = format!(
-                "the point {}, {}, {} mm is not within ±{} m of the origin",
+                "the point {:?}, {:?}, {:?} mm is not within ±{} m of the origin",
                 point.x,
                 point.y,
                 point.z,
@@ -149,7 +149,7 @@ impl<'a> Collector<'a> {
             let final_mm = quanta * self.quantum_um / 1000.0;
             if final_mm >= RADIUS_LIMIT * support_mm {
                 let problem = format!(
-                    "a radius of {final_mm} mm does not fit the support R = {support_mm} mm: it must be below \
+                    "a radius of {final_mm:?} mm does not fit the support R = {support_mm} mm: it must be below \
                      {RADIUS_LIMIT} R; name --support {:.3} or more, or none",
                     SUPPORT_FACTOR * final_mm
                 );

@@ -1,6 +1,7 @@
 //! From sources of any size and order to one build file.
 
 use std::io::Read;
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
@@ -94,7 +95,7 @@ pub enum PackError {
     #[error("{0}")]
     Option(String),
     /// Sorting out of core failed.
-    #[error("cannot sort in {}: {source}", directory.display())]
+    #[error("cannot write beside the build file, in {}: {source}", directory.display())]
     Sort {
         /// Where runs are spilled: beside the build file.
         directory: PathBuf,
@@ -127,6 +128,16 @@ pub fn pack(
         Some(parent) if parent != Path::new("") => parent,
         _ => Path::new("."),
     };
+    for path in inputs {
+        let metadata = std::fs::metadata(path).map_err(|source| PackError::Read { path: path.clone(), source })?;
+        if metadata.is_dir() {
+            return Err(PackError::input(path.display().to_string(), "it is a directory; name a file to read"));
+        }
+        if std::fs::metadata(output).is_ok_and(|there| (there.dev(), there.ino()) == (metadata.dev(), metadata.ino())) {
+            let problem = "it is both read and written; name another build file with -o";
+            return Err(PackError::input(path.display().to_string(), problem));
+        }
+    }
     let importers = inputs.iter().map(|path| import::importer(path)).collect::<Result<Vec<_>, _>>()?;
     let (source_digest, total) = digest(inputs)?;
     let mut collector = Collector::new(options, QUANTUM_UM, directory)?;

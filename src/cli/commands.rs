@@ -95,7 +95,7 @@ fn resumable(jobs: &[JobView]) -> anyhow::Result<&JobView> {
     let interrupted: Vec<_> = jobs.iter().filter(|job| job.state == JobState::Interrupted).collect();
     match interrupted[..] {
         [job] => Ok(job),
-        [] => bail!("no job is paused or interrupted; `layerctl jobs` lists them"),
+        [] => bail!("no job is paused or interrupted; `layerctl jobs` lists them and says what each one waits for"),
         _ => {
             let ids: Vec<_> = interrupted.iter().map(|job| job.id.as_str()).collect();
             bail!("several jobs are interrupted: say which of {}", ids.join(", "))

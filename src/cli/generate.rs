@@ -57,6 +57,5 @@ pub fn run(args: GenerateArgs) -> anyhow::Result<()> {
     });
     bar.finish_and_clear();
     result?;
-    println!("{}", Summary::of(&BuildFile::open(&output)?));
-    Ok(())
+    super::print(&Summary::of(&BuildFile::open(&output)?).to_string())
 }

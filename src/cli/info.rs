@@ -25,12 +25,7 @@ pub struct InfoArgs {
 pub fn run(args: InfoArgs) -> anyhow::Result<()> {
     let InfoArgs { file, json } = args;
     let summary = Summary::of(&BuildFile::open(&file)?);
-    if json {
-        println!("{}", serde_json::to_string(&summary)?);
-    } else {
-        println!("{summary}");
-    }
-    Ok(())
+    if json { super::print_json(&summary) } else { super::print(&summary.to_string()) }
 }
 
 /// What a build file says of itself. Field names are those of `info --json`.

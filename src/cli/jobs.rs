@@ -31,7 +31,11 @@ pub(super) fn run(args: &JobsArgs) -> anyhow::Result<()> {
     print(&format!("{:<10} {:<12} {:>13} {:>14}  {}", "ID", "STATE", "LAYERS", "SUBMITTED", "NAME"))?;
     for job in &jobs {
         let layers = format!("{}/{}", job.layers_done, job.layers_total);
-        let age = format!("{} ago", duration_text(age_s(job.submitted_ms)));
+        // 0 where the journal, which alone knows, cannot be read.
+        let age = match job.submitted_ms {
+            0 => "unknown".into(),
+            since_ms => format!("{} ago", duration_text(age_s(since_ms))),
+        };
         print(&format!("{:<10} {:<12} {layers:>13} {age:>14}  {}", job.id, job.state.name(), job.name))?;
         for line in notes(job) {
             print(&format!("{:<10} {line}", ""))?;

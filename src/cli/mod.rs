@@ -143,7 +143,7 @@ fn done((): ()) -> Ending {
 }
 
 /// `error: …` and each cause that its text does not already contain.
-fn report(error: &anyhow::Error) {
+pub fn report(error: &anyhow::Error) {
     let mut told = error.to_string();
     eprintln!("error: {told}");
     for cause in error.chain().skip(1).map(ToString::to_string) {

@@ -75,8 +75,7 @@ pub fn run(args: PackArgs) -> anyhow::Result<()> {
     for note in &report.notes {
         eprintln!("note: {note}");
     }
-    println!("{}", super::info::Summary::of(&BuildFile::open(&output)?));
-    Ok(())
+    super::print(&super::info::Summary::of(&BuildFile::open(&output)?).to_string())
 }
 
 /// What [`super::progress_bar`] shows while a build file is made.

@@ -86,8 +86,13 @@ fn read_recipe(recipe: &str) -> anyhow::Result<(String, String)> {
 /// Follows a job until nothing happens to it any more; tells how it ended on stderr.
 pub(super) async fn wait(client: &Client, mut job: JobView, mut events: Events) -> anyhow::Result<(JobView, Ending)> {
     let bar = progress_bar(BAR);
+    let mut told = None;
     loop {
         show(&bar, &job);
+        if job.state == JobState::Queued && job.reason != told {
+            told.clone_from(&job.reason);
+            bar.suspend(|| told.iter().for_each(|reason| eprintln!("job {} {reason}", job.id)));
+        }
         if let Some(ending) = ending(job.state) {
             bar.finish_and_clear();
             summarise(&job);

@@ -43,6 +43,7 @@ pub(super) fn lines(status: &Status) -> Vec<String> {
     }
     for job in &status.queue {
         lines.push(format!("queued   {} {}", job.id, job.name));
+        lines.extend(notes(job).into_iter().map(|note| format!("         {note}")));
     }
     let budget = status.budget;
     lines.push(format!(

@@ -94,6 +94,10 @@ impl Machine {
         within("pixel_um[1]", self.pixel_um[1], 1.0, 1000.0)?;
         within("build_height_um", self.build_height_um, 1000.0, 2_000_000.0)?;
         within("clear_height_um", self.clear_height_um, 1000.0, 2_000_000.0)?;
+        if self.link.path.as_os_str().is_empty() {
+            let allowed = "the path of a serial port".into();
+            return Err(OutOfRange { key: "link.path".into(), value: "\"\"".into(), allowed });
+        }
         within("link.baud", self.link.baud, 9600, 12_000_000)
     }
 

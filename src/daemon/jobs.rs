@@ -152,8 +152,9 @@ impl Job {
                 history.key
             }
             Err(error) => {
+                tracing::error!(job = directory.id, "{error}");
                 view.state = JobState::Failed;
-                view.reason = Some(error.to_string());
+                view.reason = Some(format!("{error}. If its part is on the plate, take it off"));
                 0
             }
         };

@@ -11,6 +11,7 @@ use super::jobs::Job;
 use super::part::{Part, Unprintable};
 use super::printer::Printer;
 use super::setting::Setting;
+use crate::buildfile::BuildFile;
 use crate::config::Recipe;
 use crate::job::{
     Command as EngineCommand, JobState, Journal, JournalError, NewJob, Record, ResumeChoice, Spool, SpoolError,
@@ -66,7 +67,8 @@ impl Printer {
         let (setting, spool) = (Arc::clone(&self.setting), Arc::clone(&self.spool));
         let (background, limit_bytes) = (self.background.clone(), self.budget.limit_bytes());
         tokio::task::spawn_blocking(move || {
-            let result = accept(&setting, &spool, &submission, limit_bytes).map(Box::new);
+            let verified = verify(&submission);
+            let result = verified.and_then(|()| accept(&setting, &spool, &submission, limit_bytes)).map(Box::new);
             let _ = background.blocking_send(Background::Accepted { result, reply });
         });
     }
@@ -240,6 +242,17 @@ fn settle_in_journal(path: &Path, change: Change) -> Result<(), CommandError> {
     }
 }
 
+/// Checks a new part from its first byte to its last. Blocks.
+fn verify(submission: &Submission) -> Result<(), CommandError> {
+    let verified = BuildFile::open(&submission.part).and_then(|file| file.verify());
+    verified.map_err(|error| unprintable(submission, &error.to_string()))
+}
+
+fn unprintable(submission: &Submission, text: &str) -> CommandError {
+    // The operator knows the part by its own name, not by that in the spool.
+    CommandError::new(422, text.replace(&submission.part.display().to_string(), &submission.name))
+}
+
 /// Checks a new job and puts it into the spool. Blocks.
 fn accept(
     setting: &Setting,
@@ -253,10 +266,8 @@ fn accept(
         .map_err(|error| CommandError::new(422, error.to_string()))?;
     let part =
         Part::open(&submission.part, &setting.machine, &recipe, setting.threads, limit_bytes).map_err(|error| {
-            // The operator knows the part by its own name, not by that in the spool.
-            let text = error.to_string().replace(&submission.part.display().to_string(), &submission.name);
             match error {
-                Unprintable::Part(_) | Unprintable::Memory { .. } => CommandError::new(422, text),
+                Unprintable::Part(_) | Unprintable::Memory { .. } => unprintable(submission, &error.to_string()),
             }
         })?;
     // 0 names no job.

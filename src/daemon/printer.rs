@@ -56,6 +56,8 @@ pub(super) struct Printer {
     pub(super) device: DeviceView,
     /// A message the driver gave and the line has no room for yet.
     pub(super) message: Option<HostMessage>,
+    /// Number of the abort sent last that no device has answered.
+    pub(super) last_abort: Option<u32>,
     last_progress: Option<Progress>,
     /// Sessions begun because the one before was lost.
     pub(super) reconnects: u64,
@@ -91,6 +93,7 @@ impl Printer {
             idle: None,
             device: DeviceView::default(),
             message: None,
+            last_abort: None,
             last_progress: None,
             reconnects: 0,
             shutting_down: false,
@@ -203,6 +206,9 @@ impl Printer {
         // What waits for room must not reach the device after an abort.
         self.message = None;
         let number = self.link.urgent(urgent);
+        if urgent == Urgent::Abort {
+            self.last_abort = Some(number);
+        }
         self.with_engine(|running| running.urgent = Some((number, urgent)));
     }
 

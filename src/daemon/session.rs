@@ -47,8 +47,18 @@ impl Printer {
     }
 
     fn urgent_done(&mut self, number: u32, light_on: bool, now_us: u64) {
-        let Some(running) = &mut self.running else { return };
-        let Some((_, urgent)) = running.urgent.take_if(|(awaited, _)| *awaited == number) else { return };
+        let awaited = self.running.as_mut().and_then(|running| {
+            let (_, urgent) = running.urgent.take_if(|(awaited, _)| *awaited == number)?;
+            Some((running, urgent))
+        });
+        let Some((running, urgent)) = awaited else {
+            if self.last_abort.take_if(|abort| *abort == number).is_some() {
+                // Of a job that ended before the device came back. It obeys now, and does nothing more until a new hello.
+                self.lost("the device has only now obeyed the abort of an earlier job".into(), now_us);
+                self.link.reconnect();
+            }
+            return;
+        };
         running.engine.handle(
             if light_on {
                 Event::UrgentFailed("the device says that its light is still on".into())
@@ -58,6 +68,7 @@ impl Printer {
             now_us,
         );
         if urgent == Urgent::Abort {
+            self.last_abort = None;
             // An aborted device does nothing more until a new hello.
             self.link.reconnect();
         }

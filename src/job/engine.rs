@@ -272,7 +272,8 @@ impl Engine {
     /// The job's state.
     pub fn state(&self) -> JobState {
         match (&self.phase, &self.intent) {
-            (Phase::Ending | Phase::Done, Intent::End(state, _)) => *state,
+            // Not before its record is on disk and the machine given back: only then can the job be resumed.
+            (Phase::Done, Intent::End(state, _)) => *state,
             _ if self.aborting => JobState::Aborting,
             (Phase::Checking, _) => JobState::Checking,
             (Phase::Resting, Intent::Pause) => JobState::Paused,

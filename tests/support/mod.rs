@@ -145,6 +145,11 @@ impl Bench {
         self.daemon.as_ref().expect("the daemon runs").id()
     }
 
+    /// The simulated device's process number.
+    pub(crate) fn device_pid(&self) -> u32 {
+        self.device.as_ref().expect("the device runs").id()
+    }
+
     /// `kill -9` of the daemon.
     pub(crate) fn kill_daemon(&mut self) {
         let mut daemon = self.daemon.take().expect("the daemon runs");

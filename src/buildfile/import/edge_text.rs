@@ -15,7 +15,7 @@ use crate::buildfile::pack::{PackError, PackOptions};
 const LINE_LIMIT_BYTES: u64 = 1024;
 
 /// Most of a line that an error repeats.
-const QUOTE_LIMIT_CHARS: usize = 80;
+const QUOTE_LIMIT_CHARS: usize = 40;
 
 /// Reads one file.
 ///

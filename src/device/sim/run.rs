@@ -4,6 +4,8 @@
 //! line can carry is sent; then it sleeps until the line or a timer wakes it.
 
 use std::collections::VecDeque;
+use std::collections::hash_map::RandomState;
+use std::hash::{BuildHasher, Hasher};
 use std::io;
 use std::os::fd::AsFd;
 use std::path::{Path, PathBuf};
@@ -113,7 +115,8 @@ impl Device {
         let log = options.directory.as_deref().map(ActLog::create).transpose()?;
         let pty = Some(open_line(&options.link)?);
         let (faults, seed, baud) = (&options.faults, options.seed, options.baud);
-        let mut dice = Dice::new(seed ^ 0xb007);
+        // Not from the seed alone: a device switched on again must not pass for the one that was switched off.
+        let mut dice = Dice::new(seed ^ RandomState::new().build_hasher().finish());
         Ok(Self {
             started: Instant::now(),
             session: new_session(&options, 0),

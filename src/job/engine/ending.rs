@@ -209,6 +209,11 @@ impl Engine {
         if matches!(self.phase, Phase::Ending | Phase::Done) {
             return;
         }
+        if self.phase == Phase::Checking && !self.ever_connected && !self.touched {
+            // This job asked no device for anything: there is no answer to wait for.
+            self.intent = Intent::End(JobState::Aborted, "aborted by the operator before it began".into());
+            return self.end();
+        }
         self.out.forget_session();
         self.uploads.cancel();
         self.act_running = None;

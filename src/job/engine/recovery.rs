@@ -98,16 +98,15 @@ impl Engine {
 
     pub(super) fn on_no_device(&mut self, now_us: u64) {
         let why = if self.loss.is_empty() { "no answer" } else { self.loss.as_str() };
-        let text = format!(
-            "the device did not come back within {} s ({why}): check its power and cable and the machine file's link.path; \
-             the plate was not lifted",
-            RECONNECT_US / SECOND_US
-        );
+        let (seconds, remedy) =
+            (RECONNECT_US / SECOND_US, "check its power and cable and the machine file's link.path");
         if !self.ever_connected {
-            let state = self.failed_or_interrupted();
-            return self.wind_down(state, text, now_us);
+            let text = format!("no device was there within {seconds} s ({why}): {remedy}");
+            return self.wind_down(self.failed_or_interrupted(), text, now_us);
         }
-        self.end_unparked(text);
+        self.end_unparked(format!(
+            "the device did not come back within {seconds} s ({why}): {remedy}; the plate was not lifted"
+        ));
     }
 
     pub(super) fn on_state(&mut self, state: DeviceState, now_us: u64) {

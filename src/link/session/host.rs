@@ -61,9 +61,7 @@ pub enum HostEvent {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum LostReason {
     /// No answer to the hello within 2 s.
-    #[error(
-        "the device does not answer (of what came, {garbage_frames} frames were garbage; if there were any, check the line rate)"
-    )]
+    #[error("{}", no_answer(*.garbage_frames))]
     NoAnswer {
         /// Frames that were damaged or no frames at all.
         garbage_frames: u64,
@@ -77,6 +75,15 @@ pub enum LostReason {
     /// A message came whole but makes no sense.
     #[error("the device sent a message that makes no sense: {0}")]
     BadMessage(WireError),
+}
+
+/// Without the count, which is another each time: one cause is told once.
+fn no_answer(garbage_frames: u64) -> &'static str {
+    if garbage_frames == 0 {
+        "the device does not answer; is it switched on, and is this its port?"
+    } else {
+        "the device does not answer, and what comes is garbage; is `baud` its line rate, and is this its port?"
+    }
 }
 
 /// Why host and device do not fit.
