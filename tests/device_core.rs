@@ -208,7 +208,7 @@ fn a_silent_host_lets_the_exposure_end_and_nothing_begin() {
 }
 
 #[test]
-fn a_reset_forgets_all_but_what_was_exposed() {
+fn a_reset_forgets_all_but_what_was_exposed_and_where_the_plate_rests() {
     let mut bench = Bench::new();
     bench.upload(0, id(0));
     bench.expose(id(0), 100);
@@ -224,10 +224,14 @@ fn a_reset_forgets_all_but_what_was_exposed() {
     assert!(!bench.core.state().light_on);
     let state = bench.hello();
     assert_eq!((state.boot_id, state.last_exposed), (boot_id + 1, Some(id(0))));
-    assert_eq!((state.cut_short, state.slots, state.position_um), (Some((id(1), 300)), vec![None, None], None));
+    assert_eq!((state.cut_short, state.slots, state.position_um), (Some((id(1), 300)), vec![None, None], Some(0)));
     bench.upload(0, id(0));
     let again = bench.request(Request::Expose { id: id(0), duration_ms: 100, light_pwm: 255 });
     assert_eq!(bench.reply(again), Some(Reply::Refused(Refusal::AlreadyExposed)), "nothing is exposed twice");
+    bench.request(Request::Move { position_um: 5000, speed_um_s: 1000 });
+    bench.advance(1_000_000);
+    bench.reset(boot_id + 2);
+    assert_eq!(bench.hello().position_um, None, "a plate in motion is lost");
 }
 
 #[test]

@@ -103,7 +103,7 @@ fn a_device_switched_off_in_an_exposure_leaves_the_layer_in_doubt() {
 #[test]
 fn a_light_put_off_by_shutdown_is_decided_by_the_operator() {
     for (choice, lights) in [("exposed", 1), ("repeat", 2)] {
-        let mut bench = Bench::start(Setup { time_scale: 2, exposure_ms: 24_000, ..Setup::default() });
+        let mut bench = Bench::start(Setup { time_scale: 2, exposure_ms: 90_000, ..Setup::default() });
         bench.ok(&["generate", "bcc", "--struts", "30", "--box", "8,8,1", "-o", "part.layerd"]);
         let id = bench.start_job("part.layerd");
         wait_until("light", || bench.path("device-out/acts.jsonl").exists() && last_light(&bench) == "light_on");
@@ -209,4 +209,29 @@ fn a_closed_stdout_is_an_error_and_no_panic() {
         assert_eq!(output.status.code(), Some(1), "{arguments:?}: {text}");
         assert!(text.contains("cannot write to stdout"), "{arguments:?}: {text}");
     }
+}
+
+#[test]
+fn a_device_that_restarts_under_light_can_print_on_once_the_operator_has_decided() {
+    let simulate = ["--fault", "reset=2", "--seed", "3"].map(String::from).to_vec();
+    // Light of 350 ms on the wall's clock: a reset comes within 300 ms of its beginning.
+    let bench = Bench::start(Setup { time_scale: 10, exposure_ms: 3_500, simulate, ..Setup::default() });
+    bench.ok(&["generate", "bcc", "--struts", "30", "--box", "8,8,1", "-o", "part.layerd"]);
+    let id = bench.start_job("part.layerd");
+    let mut decided = Vec::new();
+    let job = loop {
+        let job = bench.wait_for(id, &["completed", "failed", "interrupted"]);
+        if job["state"] != "interrupted" {
+            break job;
+        }
+        let layer = job["in_doubt"].as_u64().unwrap_or_else(|| panic!("a layer in doubt: {job}"));
+        let refused = refusal(&bench, &["resume", &id.to_string()]);
+        assert!(refused.contains("--in-doubt exposed") && refused.contains("--in-doubt repeat"), "{refused}");
+        bench.ok(&["resume", &id.to_string(), "--in-doubt", "repeat"]);
+        decided.push(layer);
+        assert!(decided.len() <= 2, "{job}");
+    };
+    assert_eq!(job["state"], "completed", "{job}");
+    assert_eq!(decided.len(), 2, "both resets fell into an exposure");
+    assert_eq!(bench.exposed_layers(), all_layers(&job), "each layer had its whole time once; in doubt: {decided:?}");
 }

@@ -214,9 +214,11 @@ impl DlpCore {
         self.drop_session();
         self.record(ActRecord { event: "reset", ..ActRecord::default() });
         self.cut_exposure("reset");
+        // A plate at rest stays where it is, and its height was written down when it came to rest.
+        self.homed &= self.motion.is_none();
         self.stop_motion();
         self.slots.fill(None);
-        (self.boot_id, self.readiness, self.homed, self.fault) = (boot_id, Readiness::WaitsForHello, false, None);
+        (self.boot_id, self.readiness, self.fault) = (boot_id, Readiness::WaitsForHello, None);
         self.statistics.resets += 1;
     }
 
