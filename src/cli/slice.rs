@@ -7,7 +7,7 @@ use anyhow::{Context, bail, ensure};
 use serde::Serialize;
 
 use crate::buildfile::{Blend, BuildFile, Header};
-use crate::config::{Folder, Machine, Recipe, find};
+use crate::config::{ConfigText, Folder, Machine, Recipe, find};
 use crate::slice::{Bitmap, Depth, Mirror, SlicePlan, Slicer, write_png};
 use crate::stream::MemoryBudget;
 
@@ -67,8 +67,10 @@ pub(super) struct Setting {
 
 impl Setting {
     pub(super) fn load(file: &Path, machine: &str, recipe: &str) -> anyhow::Result<Self> {
-        let machine = Machine::load(&find(Folder::Machines, machine)?)?;
-        let recipe = Recipe::load(&find(Folder::Recipes, recipe)?)?;
+        let ConfigText { path, text } = find(Folder::Machines, machine)?;
+        let machine = Machine::parse(&path, &text)?;
+        let ConfigText { path, text } = find(Folder::Recipes, recipe)?;
+        let recipe = Recipe::parse(&path, &text)?;
         Ok(Self { file: BuildFile::open(file)?, machine, recipe })
     }
 }

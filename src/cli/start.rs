@@ -9,7 +9,7 @@ use indicatif::ProgressBar;
 
 use super::client::{Client, ClientError, Events, NewJob};
 use super::{Ending, block_on, duration_text, print, print_json, progress_bar};
-use crate::config::{Folder, Recipe, find};
+use crate::config::{ConfigText, Folder, Recipe, find};
 use crate::daemon::api::{Event, JobView};
 use crate::job::JobState;
 
@@ -24,8 +24,8 @@ Examples:
   layerctl start part.layerd                       prints the job's id and returns
   layerctl start part.layerd --recipe fine --wait  shows progress until the print has ended
 
-A recipe is a path or a name: $LAYERD_CONFIG_DIR/recipes/NAME.toml, /etc/layerd/recipes/NAME.toml or
-config/recipes/NAME.toml. Exit codes with --wait: 0 completed, 1 failed, 3 aborted or stopped, 4 interrupted.")]
+A recipe is a path or a name: $LAYERD_CONFIG_DIR/recipes/NAME.toml, /etc/layerd/recipes/NAME.toml,
+config/recipes/NAME.toml, or one built in (default, fine, demo). Exit codes with --wait: 0 completed, 1 failed, 3 aborted or stopped, 4 interrupted.")]
 pub(super) struct StartArgs {
     /// The build file, as `layerctl pack` writes it.
     file: PathBuf,
@@ -77,9 +77,8 @@ fn tell(job: &JobView, json: bool) -> anyhow::Result<()> {
 
 /// Name and text of a recipe, checked here already: a typing error is told before anything is sent.
 fn read_recipe(recipe: &str) -> anyhow::Result<(String, String)> {
-    let path = find(Folder::Recipes, recipe)?;
-    let checked = Recipe::load(&path)?;
-    let text = std::fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
+    let ConfigText { path, text } = find(Folder::Recipes, recipe)?;
+    let checked = Recipe::parse(&path, &text)?;
     Ok((checked.name, text))
 }
 

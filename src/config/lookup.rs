@@ -1,6 +1,9 @@
-//! From what an operator types to a configuration file: a path, or a bare name looked up in the usual places.
+//! From what an operator types to a configuration file: a path, or a bare name looked up in the usual places and, last, among
+//! the files this program was built with.
 
 use std::path::{Path, PathBuf};
+
+use super::{ConfigError, read_text};
 
 /// Which kind of file is looked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -9,6 +12,36 @@ pub enum Folder {
     Machines,
     /// Recipe files.
     Recipes,
+}
+
+/// The files of `config/`, so that their names work wherever the program stands alone.
+const SHIPPED: [(Folder, &str, &str); 6] = [
+    (Folder::Machines, "dlp-1080p-50um", include_str!("../../config/machines/dlp-1080p-50um.toml")),
+    (Folder::Machines, "lcd-4k-35um", include_str!("../../config/machines/lcd-4k-35um.toml")),
+    (Folder::Machines, "sim-dlp", include_str!("../../config/machines/sim-dlp.toml")),
+    (Folder::Recipes, "default", include_str!("../../config/recipes/default.toml")),
+    (Folder::Recipes, "demo", include_str!("../../config/recipes/demo.toml")),
+    (Folder::Recipes, "fine", include_str!("../../config/recipes/fine.toml")),
+];
+
+/// A configuration file, read.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ConfigText {
+    /// Where it came from: what errors name.
+    pub path: PathBuf,
+    /// What it says.
+    pub text: String,
+}
+
+/// Why there is no file.
+#[derive(Debug, thiserror::Error)]
+pub enum FindError {
+    /// Nothing has that name.
+    #[error(transparent)]
+    NotFound(#[from] NotFound),
+    /// The file cannot be read.
+    #[error(transparent)]
+    Unreadable(#[from] ConfigError),
 }
 
 /// A name under which no file was found.
@@ -37,38 +70,45 @@ fn remedy(known: &[String]) -> String {
 }
 
 /// The file `name` means: itself where it ends in `.toml` or has a directory, else `NAME.toml` in the folder below
-/// `$LAYERD_CONFIG_DIR`, `/etc/layerd` and `config`, the first that exists.
+/// `$LAYERD_CONFIG_DIR`, `/etc/layerd` and `config`, the first that exists, else the one of that name built in.
 ///
 /// # Errors
-/// [`NotFound`] lists where it looked.
-pub fn find(folder: Folder, name: &str) -> Result<PathBuf, NotFound> {
+/// [`FindError::NotFound`] lists where it looked, [`FindError::Unreadable`] says what the system says.
+pub fn find(folder: Folder, name: &str) -> Result<ConfigText, FindError> {
+    let read = |path: PathBuf| Ok(ConfigText { text: read_text(&path)?, path });
     let (kind, subdirectory) = match folder {
         Folder::Machines => ("machine", "machines"),
         Folder::Recipes => ("recipe", "recipes"),
     };
     let as_path = Path::new(name);
     if name.ends_with(".toml") || as_path.components().count() > 1 {
-        return Ok(as_path.into());
+        return read(as_path.into());
     }
     let configured = std::env::var_os("LAYERD_CONFIG_DIR").filter(|directory| !directory.is_empty());
     let roots = configured.map(PathBuf::from).into_iter().chain(["/etc/layerd".into(), "config".into()]);
     let looked: Vec<PathBuf> = roots.map(|root| root.join(subdirectory).join(format!("{name}.toml"))).collect();
-    match looked.iter().find(|path| path.is_file()) {
-        Some(path) => Ok(path.clone()),
-        None => Err(NotFound { kind, name: name.into(), known: known(&looked), looked }),
+    if let Some(path) = looked.iter().find(|path| path.is_file()) {
+        return read(path.clone());
+    }
+    match SHIPPED.iter().find(|(of, called, _)| (*of, *called) == (folder, name)) {
+        Some((_, _, text)) => {
+            Ok(ConfigText { path: format!("{name}.toml (built in)").into(), text: (*text).to_owned() })
+        }
+        None => Err(NotFound { kind, name: name.into(), known: known(folder, &looked), looked }.into()),
     }
 }
 
 /// More names than this would not be read.
 const MOST_KNOWN: usize = 20;
 
-/// The names that lie in the folders looked in.
-fn known(looked: &[PathBuf]) -> Vec<String> {
+/// The names that lie in the folders looked in, and those built in.
+fn known(folder: Folder, looked: &[PathBuf]) -> Vec<String> {
     let folders = looked.iter().filter_map(|path| path.parent()?.read_dir().ok());
     let files = folders.flat_map(|folder| folder.filter_map(|entry| Some(entry.ok()?.path())));
     let is_toml = |path: &PathBuf| path.extension().is_some_and(|extension| extension == "toml");
     let name = |path: PathBuf| Some(path.file_stem()?.to_str()?.to_owned());
-    let names: std::collections::BTreeSet<String> = files.filter(is_toml).filter_map(name).collect();
+    let shipped = SHIPPED.iter().filter(|(of, ..)| *of == folder).map(|(_, called, _)| (*called).to_owned());
+    let names: std::collections::BTreeSet<String> = files.filter(is_toml).filter_map(name).chain(shipped).collect();
     names.into_iter().take(MOST_KNOWN).collect()
 }
 
@@ -78,11 +118,23 @@ mod tests {
 
     #[test]
     fn a_path_is_taken_as_it_is_and_a_missing_name_lists_the_places() {
-        assert_eq!(find(Folder::Machines, "there/mine"), Ok("there/mine".into()));
-        assert_eq!(find(Folder::Recipes, "mine.toml"), Ok("mine.toml".into()));
-        let missing = find(Folder::Recipes, "no-such-recipe").expect_err("no such file");
-        assert!(missing.to_string().contains("/etc/layerd/recipes/no-such-recipe.toml"), "{missing}");
-        // Tests run in the package's folder, which has `config/recipes`.
-        assert!(missing.known.contains(&"default".into()), "{missing}");
+        let unreadable = find(Folder::Machines, "there/mine").expect_err("no such file").to_string();
+        assert!(unreadable.contains("cannot read there/mine"), "{unreadable}");
+        let found = find(Folder::Recipes, "config/recipes/fine.toml").expect("shipped");
+        assert_eq!(found.path, Path::new("config/recipes/fine.toml"));
+        let missing = find(Folder::Recipes, "no-such-recipe").expect_err("no such file").to_string();
+        assert!(missing.contains("/etc/layerd/recipes/no-such-recipe.toml"), "{missing}");
+        assert!(missing.contains("known are default, demo, fine"), "{missing}");
+    }
+
+    #[test]
+    fn every_file_built_in_is_valid() {
+        for (folder, name, text) in SHIPPED {
+            let path = Path::new(name);
+            match folder {
+                Folder::Machines => drop(crate::config::Machine::parse(path, text).expect(name)),
+                Folder::Recipes => drop(crate::config::Recipe::parse(path, text).expect(name)),
+            }
+        }
     }
 }

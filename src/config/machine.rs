@@ -81,7 +81,15 @@ impl Machine {
     /// # Errors
     /// [`ConfigError`] names file, key, value and the allowed range.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
-        let mut machine = parse(path, &read_text(path)?, Self::check)?;
+        Self::parse(path, &read_text(path)?)
+    }
+
+    /// Checks a machine's text; `path` is what errors name, and what a relative line is taken from.
+    ///
+    /// # Errors
+    /// [`ConfigError`] names file, key, value and the allowed range.
+    pub fn parse(path: &Path, text: &str) -> Result<Self, ConfigError> {
+        let mut machine = parse(path, text, Self::check)?;
         // A path in a file is taken from that file's directory.
         machine.link.path = path.parent().unwrap_or(Path::new(".")).join(&machine.link.path);
         Ok(machine)

@@ -9,7 +9,7 @@ mod recipe;
 use std::path::{Path, PathBuf};
 
 pub use daemon::{DaemonConfig, byte_size};
-pub use lookup::{Folder, NotFound, find};
+pub use lookup::{ConfigText, FindError, Folder, NotFound, find};
 pub use machine::{FlowControl, LinkConfig, Machine};
 pub use recipe::Recipe;
 
