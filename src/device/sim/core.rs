@@ -4,18 +4,20 @@
 //! moment it was due, however late [`DlpCore::advance`] is called. There is light only between the beginning of an exposure and
 //! its end, and an exposure ends by the device's clock, by an urgent light-off or abort, by a fault, or by a reset.
 
+mod plate;
+mod upload;
+
 use std::collections::VecDeque;
 
+use plate::{HOMING_SPEED_UM_S, Motion};
+use upload::Upload;
+
 use super::log::ActRecord;
-use crate::device::encoding::Decoder;
 use crate::link::message::{
-    Capabilities, DeviceMessage, DeviceState, Encoding, ExposureId, Fault, HostMessage, Refusal, Reply, Report,
-    Request, Urgent,
+    Capabilities, DeviceMessage, DeviceState, ExposureId, Fault, HostMessage, Refusal, Reply, Report, Request, Urgent,
 };
 use crate::slice::Bitmap;
 
-/// Speed at which the plate looks for its zero position, micrometres a second.
-const HOMING_SPEED_UM_S: u32 = 20_000;
 /// Where the plate stands before the first homing, which nobody knows but the simulation.
 const UNKNOWN_POSITION_UM: i32 = 20_000;
 
@@ -63,16 +65,6 @@ enum Readiness {
 }
 
 #[derive(Debug)]
-struct Upload {
-    number: u32,
-    slot: usize,
-    id: ExposureId,
-    remaining_bytes: usize,
-    crc32: u32,
-    decoder: Decoder,
-}
-
-#[derive(Debug)]
 struct Exposure {
     /// Of the request, while its session lasts.
     number: Option<u32>,
@@ -80,16 +72,6 @@ struct Exposure {
     id: ExposureId,
     began_us: u64,
     duration_ms: u32,
-}
-
-#[derive(Debug)]
-struct Motion {
-    number: Option<u32>,
-    began_us: u64,
-    arrives_us: u64,
-    from_um: i32,
-    to_um: i32,
-    homing: bool,
 }
 
 /// The state of the firmware.
@@ -326,67 +308,6 @@ impl DlpCore {
         if ready { Ok(()) } else { Err(Refusal::NotReady) }
     }
 
-    fn layer_begin(
-        &mut self,
-        number: u32,
-        slot: u8,
-        id: ExposureId,
-        (encoding, encoded_bytes, crc32): (Encoding, u32, u32),
-    ) -> Result<(), Refusal> {
-        // The host moved on without finishing: that layer will never be whole.
-        if let Some(upload) = self.upload.take() {
-            self.refuse_layer(&upload);
-        }
-        self.check_ready()?;
-        let slot = usize::from(slot);
-        if slot >= self.slots.len() {
-            return Err(Refusal::NoSuchLayer);
-        }
-        if self.exposure.as_ref().is_some_and(|exposure| exposure.slot == slot) {
-            return Err(Refusal::SlotBusy);
-        }
-        if !self.capabilities.encodings.contains(&encoding) {
-            return Err(Refusal::BadEncoding);
-        }
-        if encoded_bytes == 0 {
-            return Err(Refusal::BadLayer);
-        }
-        self.slots[slot] = None;
-        let decoder = Decoder::new(encoding, self.capabilities.width_px, self.capabilities.height_px);
-        self.upload = Some(Upload { number, slot, id, remaining_bytes: encoded_bytes as usize, crc32, decoder });
-        Ok(())
-    }
-
-    fn layer_data(&mut self, bytes: &[u8]) {
-        let Some(mut upload) = self.upload.take() else {
-            self.statistics.stray_bytes += bytes.len() as u64;
-            return;
-        };
-        self.statistics.layer_bytes += bytes.len() as u64;
-        let taken = upload.remaining_bytes.checked_sub(bytes.len()).filter(|_| upload.decoder.push(bytes).is_ok());
-        match taken {
-            None => self.refuse_layer(&upload),
-            Some(0) => self.layer_complete(upload),
-            Some(remaining_bytes) => self.upload = Some(Upload { remaining_bytes, ..upload }),
-        }
-    }
-
-    fn layer_complete(&mut self, upload: Upload) {
-        let Upload { number, slot, id, crc32, decoder, .. } = upload;
-        match decoder.finish() {
-            Ok((picture, found)) if found == crc32 => {
-                self.slots[slot] = Some((id, picture));
-                self.statistics.uploads += 1;
-                self.reply(Some(number), Reply::Done);
-            }
-            _ => self.refused(number, Some(id), "bad layer", Refusal::BadLayer),
-        }
-    }
-
-    fn refuse_layer(&mut self, upload: &Upload) {
-        self.refused(upload.number, Some(upload.id), "bad layer", Refusal::BadLayer);
-    }
-
     fn expose(&mut self, number: u32, id: ExposureId, duration_ms: u32, light_pwm: u8) -> Result<(), Refusal> {
         if duration_ms == 0 || light_pwm == 0 || duration_ms > self.capabilities.max_exposure_ms {
             return Err(Refusal::BadDuration);
@@ -424,43 +345,6 @@ impl DlpCore {
         let record = of_layer("light_off", exposure.id);
         self.record(ActRecord { duration_ms: Some(lit_ms), reason: Some(reason.into()), ..record });
         self.reply(exposure.number, Reply::Refused(Refusal::CutShort));
-    }
-
-    fn begin_move(&mut self, number: u32, position_um: i32, speed_um_s: u32) -> Result<(), Refusal> {
-        if !self.homed {
-            return Err(Refusal::NotHomed);
-        }
-        if speed_um_s == 0 || !(0..=self.capabilities.max_position_um).contains(&position_um) {
-            return Err(Refusal::BadMove);
-        }
-        self.begin_motion(number, position_um, speed_um_s, false);
-        Ok(())
-    }
-
-    fn begin_motion(&mut self, number: u32, to_um: i32, speed_um_s: u32, homing: bool) {
-        let way_um = u64::from(self.position_um.abs_diff(to_um));
-        let arrives_us = self.now_us + way_um * 1_000_000 / u64::from(speed_um_s);
-        let (began_us, from_um) = (self.now_us, self.position_um);
-        self.motion = Some(Motion { number: Some(number), began_us, arrives_us, from_um, to_um, homing });
-        // A move to where the plate stands is over at once.
-        self.advance(self.now_us);
-    }
-
-    fn arrive(&mut self, motion: &Motion) {
-        self.position_um = motion.to_um;
-        self.homed |= motion.homing;
-        self.statistics.moves += 1;
-        self.record(ActRecord { event: "moved", position_um: Some(motion.to_um), ..ActRecord::default() });
-        self.reply(motion.number, Reply::Moved { position_um: motion.to_um });
-    }
-
-    /// The plate stops where it is. A homing that did not arrive has found nothing.
-    fn stop_motion(&mut self) {
-        let Some(motion) = self.motion.take() else { return };
-        self.position_um = motion.position_um(self.now_us);
-        let position_um = self.homed.then_some(self.position_um);
-        self.record(ActRecord { event: "moved", position_um, reason: Some("stopped".into()), ..ActRecord::default() });
-        self.reply(motion.number, Reply::Refused(Refusal::CutShort));
     }
 
     /// Numbers of the old session mean nothing in the next, and half a layer will not be continued.
@@ -515,14 +399,5 @@ fn of_layer(event: &'static str, id: ExposureId) -> ActRecord {
 impl Exposure {
     fn ends_us(&self) -> u64 {
         self.began_us + u64::from(self.duration_ms) * 1000
-    }
-}
-
-impl Motion {
-    fn position_um(&self, now_us: u64) -> i32 {
-        let whole_us = (self.arrives_us - self.began_us).max(1) as i128;
-        let gone_us = now_us.clamp(self.began_us, self.arrives_us) - self.began_us;
-        let way_um = i128::from(self.to_um) - i128::from(self.from_um);
-        (i128::from(self.from_um) + way_um * i128::from(gone_us) / whole_us) as i32
     }
 }

@@ -1,0 +1,64 @@
+//! The plate: where it is, where it goes, how fast.
+
+use super::{ActRecord, DlpCore};
+use crate::link::message::{Refusal, Reply};
+
+/// Speed at which the plate looks for its zero position, micrometres a second.
+pub(super) const HOMING_SPEED_UM_S: u32 = 20_000;
+#[derive(Debug)]
+pub(super) struct Motion {
+    pub(super) number: Option<u32>,
+    pub(super) began_us: u64,
+    pub(super) arrives_us: u64,
+    pub(super) from_um: i32,
+    pub(super) to_um: i32,
+    pub(super) homing: bool,
+}
+
+impl DlpCore {
+    pub(super) fn begin_move(&mut self, number: u32, position_um: i32, speed_um_s: u32) -> Result<(), Refusal> {
+        if !self.homed {
+            return Err(Refusal::NotHomed);
+        }
+        if speed_um_s == 0 || !(0..=self.capabilities.max_position_um).contains(&position_um) {
+            return Err(Refusal::BadMove);
+        }
+        self.begin_motion(number, position_um, speed_um_s, false);
+        Ok(())
+    }
+
+    pub(super) fn begin_motion(&mut self, number: u32, to_um: i32, speed_um_s: u32, homing: bool) {
+        let way_um = u64::from(self.position_um.abs_diff(to_um));
+        let arrives_us = self.now_us + way_um * 1_000_000 / u64::from(speed_um_s);
+        let (began_us, from_um) = (self.now_us, self.position_um);
+        self.motion = Some(Motion { number: Some(number), began_us, arrives_us, from_um, to_um, homing });
+        // A move to where the plate stands is over at once.
+        self.advance(self.now_us);
+    }
+
+    pub(super) fn arrive(&mut self, motion: &Motion) {
+        self.position_um = motion.to_um;
+        self.homed |= motion.homing;
+        self.statistics.moves += 1;
+        self.record(ActRecord { event: "moved", position_um: Some(motion.to_um), ..ActRecord::default() });
+        self.reply(motion.number, Reply::Moved { position_um: motion.to_um });
+    }
+
+    /// The plate stops where it is. A homing that did not arrive has found nothing.
+    pub(super) fn stop_motion(&mut self) {
+        let Some(motion) = self.motion.take() else { return };
+        self.position_um = motion.position_um(self.now_us);
+        let position_um = self.homed.then_some(self.position_um);
+        self.record(ActRecord { event: "moved", position_um, reason: Some("stopped".into()), ..ActRecord::default() });
+        self.reply(motion.number, Reply::Refused(Refusal::CutShort));
+    }
+}
+
+impl Motion {
+    pub(super) fn position_um(&self, now_us: u64) -> i32 {
+        let whole_us = (self.arrives_us - self.began_us).max(1) as i128;
+        let gone_us = now_us.clamp(self.began_us, self.arrives_us) - self.began_us;
+        let way_um = i128::from(self.to_um) - i128::from(self.from_um);
+        (i128::from(self.from_um) + way_um * i128::from(gone_us) / whole_us) as i32
+    }
+}

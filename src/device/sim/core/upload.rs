@@ -1,0 +1,78 @@
+//! A layer on its way into a slot: announced, received in pieces, decoded as it comes, checked.
+
+use super::DlpCore;
+use crate::device::encoding::Decoder;
+use crate::link::message::{Encoding, ExposureId, Refusal, Reply};
+
+#[derive(Debug)]
+pub(super) struct Upload {
+    pub(super) number: u32,
+    slot: usize,
+    id: ExposureId,
+    remaining_bytes: usize,
+    crc32: u32,
+    decoder: Decoder,
+}
+
+impl DlpCore {
+    pub(super) fn layer_begin(
+        &mut self,
+        number: u32,
+        slot: u8,
+        id: ExposureId,
+        (encoding, encoded_bytes, crc32): (Encoding, u32, u32),
+    ) -> Result<(), Refusal> {
+        // The host moved on without finishing: that layer will never be whole.
+        if let Some(upload) = self.upload.take() {
+            self.refuse_layer(&upload);
+        }
+        self.check_ready()?;
+        let slot = usize::from(slot);
+        if slot >= self.slots.len() {
+            return Err(Refusal::NoSuchLayer);
+        }
+        if self.exposure.as_ref().is_some_and(|exposure| exposure.slot == slot) {
+            return Err(Refusal::SlotBusy);
+        }
+        if !self.capabilities.encodings.contains(&encoding) {
+            return Err(Refusal::BadEncoding);
+        }
+        if encoded_bytes == 0 {
+            return Err(Refusal::BadLayer);
+        }
+        self.slots[slot] = None;
+        let decoder = Decoder::new(encoding, self.capabilities.width_px, self.capabilities.height_px);
+        self.upload = Some(Upload { number, slot, id, remaining_bytes: encoded_bytes as usize, crc32, decoder });
+        Ok(())
+    }
+
+    pub(super) fn layer_data(&mut self, bytes: &[u8]) {
+        let Some(mut upload) = self.upload.take() else {
+            self.statistics.stray_bytes += bytes.len() as u64;
+            return;
+        };
+        self.statistics.layer_bytes += bytes.len() as u64;
+        let taken = upload.remaining_bytes.checked_sub(bytes.len()).filter(|_| upload.decoder.push(bytes).is_ok());
+        match taken {
+            None => self.refuse_layer(&upload),
+            Some(0) => self.layer_complete(upload),
+            Some(remaining_bytes) => self.upload = Some(Upload { remaining_bytes, ..upload }),
+        }
+    }
+
+    fn layer_complete(&mut self, upload: Upload) {
+        let Upload { number, slot, id, crc32, decoder, .. } = upload;
+        match decoder.finish() {
+            Ok((picture, found)) if found == crc32 => {
+                self.slots[slot] = Some((id, picture));
+                self.statistics.uploads += 1;
+                self.reply(Some(number), Reply::Done);
+            }
+            _ => self.refused(number, Some(id), "bad layer", Refusal::BadLayer),
+        }
+    }
+
+    fn refuse_layer(&mut self, upload: &Upload) {
+        self.refused(upload.number, Some(upload.id), "bad layer", Refusal::BadLayer);
+    }
+}
