@@ -5,6 +5,8 @@ use crate::link::message::{Refusal, Reply};
 
 /// Speed at which the plate looks for its zero position, micrometres a second.
 pub(super) const HOMING_SPEED_UM_S: u32 = 20_000;
+
+/// A move under way.
 #[derive(Debug)]
 pub(super) struct Motion {
     pub(super) number: Option<u32>,

@@ -4,6 +4,7 @@ use super::DlpCore;
 use crate::device::encoding::Decoder;
 use crate::link::message::{Encoding, ExposureId, Refusal, Reply};
 
+/// The layer being received.
 #[derive(Debug)]
 pub(super) struct Upload {
     pub(super) number: u32,
