@@ -12,7 +12,7 @@ use super::model::{Bounds, Cap, Caps, Header, Strut};
 
 /// Most struts in one chunk. Few enough that node numbers fit two bytes and the index bounds the active set tightly, enough
 /// that a chunk's own cost (40 bytes of index, 36 of head, the compressor's tables) vanishes.
-pub(super) const CHUNK_STRUTS: usize = 8192;
+pub const CHUNK_STRUTS: usize = 8192;
 
 /// Most bytes of a chunk once unpacked: the format's own limit.
 pub(super) const UNPACKED_LIMIT_BYTES: u32 = 1 << 20;

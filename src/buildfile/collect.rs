@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DVec3};
 
 use super::chunk::node_key;
-use super::format::RADIUS_LIMIT;
 use super::model::{Blend, Caps, Strut};
 use super::pack::{BlendChoice, PackError, PackOptions};
 use super::sort::Sorter;
+use crate::solid::LARGEST_RADIUS_SHARE;
 
 /// Support R as a multiple of the largest radius where none is named: keeps every radius at or below 2R/3.
 const SUPPORT_FACTOR: f64 = 1.5;
@@ -147,10 +147,10 @@ impl<'a> Collector<'a> {
         }
         if let BlendChoice::Convolution { support_mm: Some(support_mm) } = self.options.blend {
             let final_mm = quanta * self.quantum_um / 1000.0;
-            if final_mm >= RADIUS_LIMIT * support_mm {
+            if final_mm >= LARGEST_RADIUS_SHARE * support_mm {
                 let problem = format!(
                     "a radius of {final_mm:?} mm does not fit the support R = {support_mm} mm: it must be below \
-                     {RADIUS_LIMIT} R; name --support {:.3} or more, or none",
+                     {LARGEST_RADIUS_SHARE} R; name --support {:.3} or more, or none",
                     SUPPORT_FACTOR * final_mm
                 );
                 return Err(PackError::input(place(), problem));

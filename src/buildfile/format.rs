@@ -4,6 +4,7 @@
 
 use super::model::{Blend, Header};
 use crate::codec;
+use crate::solid::LARGEST_RADIUS_SHARE;
 
 /// First bytes of every build file. The high bit and both line ends show a transfer that took it for text.
 pub(super) const MAGIC: [u8; 8] = *b"\x89LYD\r\n\x1a\n";
@@ -22,9 +23,6 @@ pub(super) const HEADER_LIMIT_BYTES: u32 = 4096;
 
 /// Most bytes of a source name.
 pub(super) const SOURCE_NAME_LIMIT_BYTES: usize = 255;
-
-/// Largest radius as a share of the support R; the weight of a strut goes to infinity at 1 (Liu et al. 2021, §3).
-pub const RADIUS_LIMIT: f64 = 0.95;
 
 /// Prelude and header.
 ///
@@ -109,9 +107,9 @@ pub(super) fn check_header(header: &Header) -> Result<(), String> {
     }
     if let Blend::Convolution { support_um } = blend {
         let largest_um = f64::from(*most) * quantum_um;
-        if !(support_um.is_finite() && largest_um < RADIUS_LIMIT * support_um) {
+        if !(support_um.is_finite() && largest_um < LARGEST_RADIUS_SHARE * support_um) {
             return Err(format!(
-                "support R = {support_um} µm, but the largest radius, {largest_um} µm, must be below {RADIUS_LIMIT} R"
+                "support R = {support_um} µm, but the largest radius, {largest_um} µm, must be below {LARGEST_RADIUS_SHARE} R"
             ));
         }
         // Activity is reckoned in 64-bit quanta; a support beyond any coordinate has no use.

@@ -18,7 +18,7 @@ mod reader;
 mod sort;
 mod writer;
 
-pub use format::RADIUS_LIMIT;
+pub use chunk::CHUNK_STRUTS;
 pub use generate::{GenerateOptions, Kind, generate};
 pub use index::ChunkEntry;
 pub use model::{Blend, Bounds, Cap, Caps, Header, Placement, Strut};

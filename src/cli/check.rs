@@ -7,6 +7,7 @@ use std::time::Instant;
 use anyhow::bail;
 use serde::Serialize;
 
+use super::mib;
 use super::slice::{Setting, default_threads};
 use crate::buildfile::BuildFile;
 use crate::config::{Recipe, byte_size};
@@ -236,10 +237,6 @@ fn most(samples: &[Sample], value: impl Fn(&Sample) -> f64) -> f64 {
     samples.iter().map(value).fold(0.0, f64::max)
 }
 
-fn mebibytes(bytes: u64) -> f64 {
-    bytes as f64 / f64::from(1 << 20)
-}
-
 fn text(findings: &Findings) -> String {
     let mut lines = Vec::new();
     if let Some(size) = &findings.size {
@@ -247,8 +244,8 @@ fn text(findings: &Findings) -> String {
         lines.push(format!("active struts   {} at most in one layer", size.peak_active_struts));
         lines.push(format!(
             "memory          {:.1} MiB of a budget of {:.1} MiB",
-            mebibytes(size.memory_needed_bytes),
-            mebibytes(size.memory_budget_bytes)
+            mib(size.memory_needed_bytes),
+            mib(size.memory_budget_bytes)
         ));
         lines.push(format!("device          {:.1} ms a normal layer", size.device_ms_normal_layer));
     }

@@ -17,4 +17,4 @@ pub use bitmap::{Bitmap, Depth};
 pub use plan::{Mirror, PlanError, Raster, SlicePlan};
 pub use png::write_png;
 pub use slicer::{SliceError, Slicer};
-pub use source::{ChunkSpan, MOST_CHUNK_STRUTS, MemoryStruts, StrutSource};
+pub use source::{ChunkSpan, MemoryStruts, StrutSource};

@@ -1,6 +1,6 @@
 //! Where the sweep gets its struts: chunks in ascending order of the lowest z.
 
-use crate::buildfile::{BuildFile, Header, Strut};
+use crate::buildfile::{BuildFile, CHUNK_STRUTS, Header, Strut};
 
 /// Where a chunk's struts lie, in quanta.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,9 +34,6 @@ pub trait StrutSource: Send {
     /// Whatever keeps the chunk from being read, naming file and place.
     fn read_chunk(&mut self, chunk: usize, struts: &mut Vec<Strut>) -> anyhow::Result<()>;
 }
-
-/// Most struts a chunk holds.
-pub const MOST_CHUNK_STRUTS: usize = 8192;
 
 impl StrutSource for BuildFile {
     fn header(&self) -> &Header {
@@ -75,10 +72,10 @@ pub struct MemoryStruts {
 }
 
 impl MemoryStruts {
-    /// Sorts `struts` (stably) and cuts them into chunks of `chunk_struts`, at least 1 and at most [`MOST_CHUNK_STRUTS`].
+    /// Sorts `struts` (stably) and cuts them into chunks of `chunk_struts`, at least 1 and at most [`CHUNK_STRUTS`].
     pub fn new(header: Header, mut struts: Vec<Strut>, chunk_struts: usize) -> Self {
         struts.sort_by_key(|strut| strut.a[2]);
-        Self { header, struts, chunk_struts: chunk_struts.clamp(1, MOST_CHUNK_STRUTS) }
+        Self { header, struts, chunk_struts: chunk_struts.clamp(1, CHUNK_STRUTS) }
     }
 
     fn chunk(&self, chunk: usize) -> &[Strut] {

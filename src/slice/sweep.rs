@@ -1,9 +1,8 @@
 //! The sweep plane and its active set (Liu et al. 2021, §4): struts come in ascending order, join when the plane comes within
 //! reach and leave when it is past them. Order never changes, so a layer's sums are the same wherever a sweep began.
 
-use super::source::MOST_CHUNK_STRUTS;
 use super::{SliceError, StrutSource};
-use crate::buildfile::{Cap, Strut};
+use crate::buildfile::{CHUNK_STRUTS, Cap, Strut};
 use crate::solid::{self, Beam, Shape};
 use crate::stream::{Charge, MemoryBudget};
 
@@ -51,7 +50,7 @@ impl<S: Shape> Sweep<S> {
 
     /// Bytes a sweep takes at most: the active set, one chunk and the source's own.
     pub(super) fn memory_bytes(source: &dyn StrutSource) -> u64 {
-        let chunk = (MOST_CHUNK_STRUTS * size_of::<Strut>()) as u64;
+        let chunk = (CHUNK_STRUTS * size_of::<Strut>()) as u64;
         let active = source.peak_active().saturating_mul(size_of::<S>() as u64);
         active.saturating_add(chunk).saturating_add(source.memory_bytes())
     }
