@@ -3,6 +3,10 @@
 use std::io;
 use std::path::Path;
 
+/// Space left free beyond what is being written: journals and the rest of the system live there too, and a full disk must not
+/// end the print that is under way.
+pub(crate) const RESERVE_BYTES: u64 = 16 << 20;
+
 /// Bytes free for this user on the file system of `directory`.
 ///
 /// # Errors

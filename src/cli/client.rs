@@ -13,13 +13,12 @@ use tokio::io::AsyncReadExt;
 use tokio::net::UnixStream;
 use tokio::time::timeout;
 
+use crate::config::DEFAULT_SOCKET;
 use crate::daemon::api::{
     ErrorBody, Event, JobList, JobView, NAME_HEADER, RECIPE_HEADER, RECIPE_NAME_HEADER, ResumeBody, Status,
 };
 use crate::daemon::{ChannelBody, percent_encode};
 
-/// Where the daemon listens unless `LAYERD_SOCKET` says otherwise.
-pub const DEFAULT_SOCKET: &str = "/run/layerd/control.sock";
 /// No answer of the API but events is larger; a wrong socket must not fill memory.
 const LARGEST_ANSWER_BYTES: usize = 16 << 20;
 /// The daemon answers from memory, and orders at once; checking a submitted job takes longest.

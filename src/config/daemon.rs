@@ -28,8 +28,11 @@ pub struct DaemonConfig {
     pub recipe: PathBuf,
 }
 
+/// Where the control socket is unless the configuration says otherwise.
+pub const DEFAULT_SOCKET: &str = "/run/layerd/control.sock";
+
 fn default_socket() -> PathBuf {
-    "/run/layerd/control.sock".into()
+    DEFAULT_SOCKET.into()
 }
 
 fn default_spool() -> PathBuf {

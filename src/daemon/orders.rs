@@ -8,7 +8,7 @@ use super::background::{Background, Reply};
 use super::clock::unix_ms;
 use super::handle::{Command, CommandError, Order, Submission};
 use super::jobs::Job;
-use super::part::{Part, Unprintable};
+use super::part::Part;
 use super::printer::Printer;
 use super::setting::Setting;
 use crate::buildfile::BuildFile;
@@ -264,12 +264,8 @@ fn accept(
     let recipe_place = submission.recipe_name.as_deref().unwrap_or("recipe");
     let recipe = Recipe::parse(Path::new(recipe_place), recipe_text)
         .map_err(|error| CommandError::new(422, error.to_string()))?;
-    let part =
-        Part::open(&submission.part, &setting.machine, &recipe, setting.threads, limit_bytes).map_err(|error| {
-            match error {
-                Unprintable::Part(_) | Unprintable::Memory { .. } => unprintable(submission, &error.to_string()),
-            }
-        })?;
+    let part = Part::open(&submission.part, &setting.machine, &recipe, setting.threads, limit_bytes)
+        .map_err(|error| unprintable(submission, &error.to_string()))?;
     // 0 names no job.
     let key = random::bits().max(1);
     let layer_count = part.layer_count();

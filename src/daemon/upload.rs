@@ -14,8 +14,6 @@ use super::handle::{CommandError, Submission};
 use super::percent;
 use crate::disk;
 
-/// Space left free for journals and the rest of the system: a full disk must not end the print that is under way.
-const RESERVED_BYTES: u64 = 32 << 20;
 /// A sender that is silent for longer has gone away without closing; its half file is removed.
 const LONGEST_SILENCE: Duration = Duration::from_secs(30);
 /// [`drain`]: a local sender that still sends is never still for so long.
@@ -31,7 +29,7 @@ pub(super) async fn receive(incoming: &Path, headers: &HeaderMap, body: &mut Bod
         })?;
     let recipe_text = text(headers, RECIPE_HEADER, LARGEST_RECIPE_BYTES)?;
     let recipe_name = text(headers, RECIPE_NAME_HEADER, LONGEST_NAME_BYTES)?;
-    let space = free_bytes(incoming)?.saturating_sub(RESERVED_BYTES);
+    let space = free_bytes(incoming)?.saturating_sub(disk::RESERVE_BYTES);
     let announced = headers.get(header::CONTENT_LENGTH).and_then(|length| length.to_str().ok()?.parse::<u64>().ok());
     if announced.is_some_and(|length| length > space) {
         return Err(no_space(incoming, announced, space));

@@ -25,8 +25,6 @@ use crate::disk;
 pub const MOST_RECORDS: usize = 100;
 /// Finished jobs whose part files are kept, each up to gigabytes.
 pub const MOST_PARTS: usize = 10;
-/// Free space a spool must keep beyond what is being written: journals and the rest of the system live there too.
-const RESERVE_BYTES: u64 = 16 << 20;
 
 const PART: &str = "part.layerd";
 const RECIPE: &str = "recipe.toml";
@@ -132,7 +130,7 @@ impl Spool {
     /// [`SpoolError::NoSpace`] says how much is there and how much is needed.
     pub fn check_space(&self, bytes: u64) -> Result<(), SpoolError> {
         let free_bytes = disk::free_bytes(&self.root).map_err(io("ask the free space of", &self.root))?;
-        let need_bytes = bytes.saturating_add(RESERVE_BYTES);
+        let need_bytes = bytes.saturating_add(disk::RESERVE_BYTES);
         if free_bytes >= need_bytes {
             return Ok(());
         }
