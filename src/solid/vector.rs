@@ -78,31 +78,50 @@ pub(super) struct Stretch {
     pub(super) first_d: f32,
 }
 
-/// Adds a strut's field to whole vectors of pixels. With D = hi − lo, S = hi + lo, P = hi·lo, e = S² − P the closed form is
-/// `G(hi) − G(lo) = D (q² − ⅔ q e + (e² − P S²)/5)`: no difference of nearly equal numbers for short struts.
+/// What a pixel sees of a strut.
+#[derive(Clone, Copy)]
+pub(super) struct Point {
+    /// `1 − h²`, h the distance from the strut's axis in units of R; 0 or less where nothing is within reach.
+    pub(super) q: f32,
+    /// Start of the strut measured from the pixel's foot on its axis.
+    pub(super) lo: f32,
+    /// End of the strut measured from there.
+    pub(super) hi: f32,
+}
+
+/// A strut's field at a pixel; `weight` at the strut's start and its change a unit of length. With D = hi − lo, S = hi + lo,
+/// P = hi·lo, e = S² − P the closed form is `G(hi) − G(lo) = D (q² − ⅔ q e + (e² − P S²)/5)`: no difference of nearly equal
+/// numbers for short struts.
+#[inline(always)]
+pub(super) fn strut_field<const TAPERED: bool>(point: Point, weight: [f32; 2]) -> f32 {
+    let q = greater(point.q, 0.0);
+    let s = q.sqrt();
+    let lo = lesser(greater(point.lo, -s), s);
+    let hi = lesser(greater(point.hi, -s), s);
+    let (difference, sum, product) = (hi - lo, hi + lo, hi * lo);
+    let square = sum * sum;
+    let e = square - product;
+    let mean = q * q - q * e * (2.0 / 3.0) + (e * e - product * square) * 0.2;
+    if TAPERED {
+        let (first, last) = (q - lo * lo, q - hi * hi);
+        let cubes = first * first + first * last + last * last;
+        let local = weight[0] - weight[1] * point.lo;
+        difference * (local * mean + weight[1] * sum * cubes * (1.0 / 6.0))
+    } else {
+        weight[0] * (difference * mean)
+    }
+}
+
+/// Adds a strut's field to whole vectors of pixels.
 #[inline(always)]
 pub(super) fn add_strut<const TAPERED: bool>(row: &mut [f32], stretch: Stretch) {
     let Stretch { q_base, slope, curve, lo_base, hi_base, axial, weight, mut first_d } = stretch;
     for pixels in row.as_chunks_mut::<LANES>().0 {
         for (lane, field) in pixels.iter_mut().enumerate() {
             let d = first_d + LANE[lane];
-            let q = greater(q_base - d * (slope + curve * d), 0.0);
-            let s = q.sqrt();
             let moved = axial * d;
-            let lo = lesser(greater(lo_base - moved, -s), s);
-            let hi = lesser(greater(hi_base - moved, -s), s);
-            let (difference, sum, product) = (hi - lo, hi + lo, hi * lo);
-            let square = sum * sum;
-            let e = square - product;
-            let mean = q * q - q * e * (2.0 / 3.0) + (e * e - product * square) * 0.2;
-            if TAPERED {
-                let (first, last) = (q - lo * lo, q - hi * hi);
-                let cubes = first * first + first * last + last * last;
-                let local = weight[0] + weight[1] * (moved - lo_base);
-                *field += difference * (local * mean + weight[1] * sum * cubes * (1.0 / 6.0));
-            } else {
-                *field += weight[0] * (difference * mean);
-            }
+            let point = Point { q: q_base - d * (slope + curve * d), lo: lo_base - moved, hi: hi_base - moved };
+            *field += strut_field::<TAPERED>(point, weight);
         }
         first_d += LANES as f32;
     }
@@ -207,16 +226,17 @@ fn half_plane_coverage(value: f32, major: f32, minor: f32) -> f32 {
     if value >= 0.0 { 1.0 - lesser_part } else { lesser_part }
 }
 
-const LANE: [f32; LANES] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
+/// Numbers of the lanes.
+pub(super) const LANE: [f32; LANES] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
 
 /// `max` as one instruction; no operand is ever NaN.
 #[inline(always)]
-fn greater(a: f32, b: f32) -> f32 {
+pub(super) fn greater(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
 /// `min` as one instruction; no operand is ever NaN.
 #[inline(always)]
-fn lesser(a: f32, b: f32) -> f32 {
+pub(super) fn lesser(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
