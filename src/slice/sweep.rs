@@ -22,10 +22,10 @@ pub(super) struct Sweep {
     /// What the source promised at most.
     most_active: usize,
     active: ActiveSet,
-    /// Chunks being read, one a thread.
+    /// Chunks read at once, one a thread; those from `slot` on, and there from `next_strut` on, are still to join.
     slots: Vec<Slot>,
-    /// The last chunk read, from `next_strut` on still to join.
-    chunk: Vec<Strut>,
+    filled: usize,
+    slot: usize,
     next_strut: usize,
     next_chunk: usize,
     last_z: i32,
@@ -37,6 +37,7 @@ type Ends = fn(radii: [u32; 2], caps: [solid::Cap; 2], is_ball: bool, quantum: f
 /// A chunk read.
 #[derive(Default)]
 struct Slot {
+    chunk: usize,
     struts: Vec<Strut>,
     problem: Option<anyhow::Error>,
 }
@@ -80,7 +81,8 @@ impl Sweep {
             most_active: usize::try_from(source.peak_active()).unwrap_or(usize::MAX),
             active: ActiveSet::new(plan.raster.height_px as usize, least_rows),
             slots: (0..threads).map(|_| Slot::default()).collect(),
-            chunk: Vec::new(),
+            filled: 0,
+            slot: 0,
             next_strut: 0,
             next_chunk: 0,
             last_z: i32::MIN,
@@ -91,7 +93,7 @@ impl Sweep {
 
     /// Bytes a sweep takes at most: the active set, the chunks being read and the source's own.
     pub(super) fn memory_bytes(source: &dyn StrutSource, plan: &SlicePlan, least_rows: usize, threads: usize) -> u64 {
-        let chunks = ((threads + 1) * CHUNK_STRUTS * size_of::<Strut>()) as u64;
+        let chunks = (threads * CHUNK_STRUTS * size_of::<Strut>()) as u64;
         let active = ActiveSet::memory_bytes(source.peak_active(), plan.raster.height_px as usize, least_rows);
         active.saturating_add(chunks).saturating_add(source.memory_bytes(threads))
     }
@@ -104,17 +106,21 @@ impl Sweep {
         workers.run(self.active.buckets_mut(), &mut self.slots, |_, bucket| bucket.retire(lowest_top));
         self.active.count();
         loop {
-            while let Some(&strut) = self.chunk.get(self.next_strut) {
-                if f64::from(strut.a[2]) - self.reach > z {
-                    return Ok(());
+            while self.slot < self.filled {
+                while let Some(&strut) = self.slots[self.slot].struts.get(self.next_strut) {
+                    if f64::from(strut.a[2]) - self.reach > z {
+                        return Ok(());
+                    }
+                    self.check(&strut)?;
+                    self.next_strut += 1;
+                    if strut.b[2] >= lowest_top {
+                        self.join(&strut)?;
+                    }
                 }
-                self.check(&strut)?;
-                self.next_strut += 1;
-                if strut.b[2] >= lowest_top {
-                    self.join(&strut)?;
-                }
+                self.slot += 1;
+                self.next_strut = 0;
             }
-            if !self.read_next_chunk(z)? {
+            if !self.read_chunks(z, workers)? {
                 return Ok(());
             }
         }
@@ -148,22 +154,28 @@ impl Sweep {
         Ok(())
     }
 
-    /// Reads the next chunk that can matter at height `z` or above, in quanta; `false` where none begins within reach.
-    fn read_next_chunk(&mut self, z: f64) -> Result<bool, SliceError> {
-        while self.next_chunk < self.source.chunk_count() {
+    /// Reads the next chunks that can matter at height `z` or above, in quanta, as many at once as there are threads;
+    /// `false` where none begins within reach.
+    fn read_chunks(&mut self, z: f64, workers: &Workers) -> Result<bool, SliceError> {
+        (self.slot, self.filled) = (0, 0);
+        while self.filled < self.slots.len() && self.next_chunk < self.source.chunk_count() {
             let span = self.source.chunk_span(self.next_chunk);
             if f64::from(span.lowest_z) - self.reach > z {
-                return Ok(false);
+                break;
             }
-            let chunk = self.next_chunk;
-            self.next_chunk += 1;
             if f64::from(span.highest_z) + self.reach >= z {
-                self.source.read_chunk(chunk, &mut self.chunk).map_err(SliceError::Source)?;
-                self.next_strut = 0;
-                return Ok(true);
+                self.slots[self.filled].chunk = self.next_chunk;
+                self.filled += 1;
             }
+            self.next_chunk += 1;
         }
-        Ok(false)
+        let mut idle = vec![(); self.slots.len()];
+        let source = &self.source;
+        workers.run(self.slots[..self.filled].iter_mut(), &mut idle, |(), slot| {
+            slot.problem = source.read_chunk(slot.chunk, &mut slot.struts).err();
+        });
+        let problem = self.slots[..self.filled].iter_mut().find_map(|slot| slot.problem.take());
+        problem.map_or(Ok(self.filled > 0), |problem| Err(SliceError::Source(problem)))
     }
 
     fn check(&mut self, strut: &Strut) -> Result<(), SliceError> {
@@ -174,7 +186,7 @@ impl Sweep {
             let what = if in_order { "a radius outside the header's range" } else { "a strut out of order" };
             return Err(SliceError::Source(anyhow::anyhow!(
                 "chunk {} of the build file has {what}; the file is damaged: pack the part again",
-                self.next_chunk.saturating_sub(1)
+                self.slots[self.slot].chunk
             )));
         }
         self.last_z = strut.a[2];
