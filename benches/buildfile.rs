@@ -4,7 +4,9 @@ use std::path::Path;
 
 use divan::Bencher;
 use divan::counter::ItemsCount;
-use layerd::buildfile::{BlendChoice, BuildFile, GenerateOptions, Kind, PackOptions, Placement, generate, pack};
+use layerd::buildfile::{
+    BlendChoice, BuildFile, GenerateOptions, Height, Kind, PackOptions, Placement, generate, pack,
+};
 
 const STRUTS: u64 = 1_000_000;
 
@@ -14,7 +16,14 @@ fn main() {
 
 fn lattice(directory: &Path) -> BuildFile {
     let path = directory.join("part.layerd");
-    let options = GenerateOptions { kind: Kind::Random, struts: STRUTS, box_mm: [100.0; 3], radius_mm: None, seed: 1 };
+    let options = GenerateOptions {
+        kind: Kind::Random,
+        struts: STRUTS,
+        footprint_mm: [100.0; 2],
+        height: Height::Mm(100.0),
+        radius_mm: None,
+        seed: 1,
+    };
     generate(&path, &options, &mut |_, _| {}).expect("can be generated");
     BuildFile::open(&path).expect("is whole")
 }

@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use layerd::buildfile::{
-    Blend, BuildFile, BuildFileError, Cap, Caps, GenerateOptions, Kind, Placement, Strut, Writer, WriterSettings,
-    generate,
+    Blend, BuildFile, BuildFileError, Cap, Caps, GenerateOptions, Height, Kind, Placement, Strut, Writer,
+    WriterSettings, generate,
 };
 use proptest::prelude::*;
 
@@ -109,7 +109,14 @@ proptest! {
 }
 
 fn lattice(path: &Path, struts: u64) {
-    let options = GenerateOptions { kind: Kind::Random, struts, box_mm: [20.0; 3], radius_mm: None, seed: 1 };
+    let options = GenerateOptions {
+        kind: Kind::Random,
+        struts,
+        footprint_mm: [20.0; 2],
+        height: Height::Mm(20.0),
+        radius_mm: None,
+        seed: 1,
+    };
     generate(path, &options, &mut |_, _| {}).expect("can be generated");
 }
 

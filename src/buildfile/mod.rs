@@ -19,7 +19,7 @@ mod sort;
 mod writer;
 
 pub use chunk::CHUNK_STRUTS;
-pub use generate::{GenerateOptions, Kind, generate};
+pub use generate::{GenerateOptions, Height, Kind, generate};
 pub use index::ChunkEntry;
 pub use model::{Blend, Bounds, Cap, Caps, Header, Placement, Strut};
 pub use pack::{BlendChoice, PackError, PackOptions, PackProgress, PackReport, pack};

@@ -61,7 +61,7 @@ pub(super) fn run(args: &DemoArgs) -> anyhow::Result<()> {
     write_config(&directory, short.path())?;
     let part = directory.join("demo.layerd");
     eprintln!("generating a lattice");
-    let generate = ["generate", "bcc", "--struts", "4000", "--box", "24,16,5", "--radius", "0.2", "-o"].map(OsStr::new);
+    let generate = ["generate", "bcc", "--struts", "3600", "--box", "24,16,5", "--radius", "0.2", "-o"].map(OsStr::new);
     run_self(&[&generate[..], &[part.as_os_str()]].concat())?;
 
     let began = Instant::now();

@@ -5,24 +5,31 @@ use std::path::PathBuf;
 use super::info::Summary;
 use super::pack::{BAR, numbers};
 use super::progress_bar;
-use crate::buildfile::{self, BuildFile, GenerateOptions, Kind};
+use crate::buildfile::{self, BuildFile, GenerateOptions, Height, Kind};
 
 /// Generate a lattice for demos and benchmarks.
 #[derive(Debug, clap::Args)]
 pub struct GenerateArgs {
-    /// bcc: body-centred cubic; octet: octet truss; random: jittered nodes, 14 struts at each.
+    /// bcc: body-centred cubic; octet: octet truss; random: edges of an irregular tetrahedral mesh, 14 struts at each inner
+    /// node, radii varying by a factor of three.
     #[arg(value_enum, value_name = "KIND")]
     kind: KindArg,
-    /// About how many struts; whole cells are made, and the true number is printed.
+    /// Exactly how many struts; where whole cells have more, some are left out here and there.
     #[arg(long, value_name = "N")]
     struts: u64,
-    /// Edges of the box, millimetres.
+    /// Edges of the box that the nodes fill, millimetres.
     #[arg(long = "box", value_name = "X,Y,Z", value_parser = numbers::<3>, default_value = "20,20,10")]
     box_mm: [f64; 3],
-    /// Strut radius, millimetres [default: a tenth of the least cell edge].
+    /// Edges of the box along x and y, millimetres; its height follows from --active.
+    #[arg(long, value_name = "X,Y", value_parser = numbers::<2>, requires = "active", conflicts_with = "box_mm")]
+    footprint: Option<[f64; 2]>,
+    /// Struts within reach of the plane where most are: the box gets the height that leaves this many, within 5 %.
+    #[arg(long, value_name = "A", requires = "footprint")]
+    active: Option<u64>,
+    /// Strut radius, millimetres; of `random` the mean [default: a tenth of a cell's least edge].
     #[arg(long, value_name = "R")]
     radius: Option<f64>,
-    /// Seed of `random`.
+    /// Seed of all that is left to chance.
     #[arg(long, value_name = "S", default_value_t = 0)]
     seed: u64,
     /// The build file to write.
@@ -42,13 +49,17 @@ enum KindArg {
 /// # Errors
 /// Names the option that is out of range, or what the file system refused.
 pub fn run(args: GenerateArgs) -> anyhow::Result<()> {
-    let GenerateArgs { kind, struts, box_mm, radius, seed, output } = args;
+    let GenerateArgs { kind, struts, box_mm, footprint, active, radius, seed, output } = args;
     let kind = match kind {
         KindArg::Bcc => Kind::Bcc,
         KindArg::Octet => Kind::Octet,
         KindArg::Random => Kind::Random,
     };
-    let options = GenerateOptions { kind, struts, box_mm, radius_mm: radius, seed };
+    let (footprint_mm, height) = match footprint.zip(active) {
+        Some((footprint_mm, active)) => (footprint_mm, Height::Active(active)),
+        None => ([box_mm[0], box_mm[1]], Height::Mm(box_mm[2])),
+    };
+    let options = GenerateOptions { kind, struts, footprint_mm, height, radius_mm: radius, seed };
     let bar = progress_bar(BAR);
     bar.set_message("writing");
     let result = buildfile::generate(&output, &options, &mut |done, total| {
