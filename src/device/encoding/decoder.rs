@@ -23,7 +23,7 @@ pub enum DecodeError {
     BadPadding,
 }
 
-/// Turns the bytes of one layer, given in pieces, into a picture. It allocates the picture once, and no more.
+/// Turns the bytes of one layer, given in pieces, into a picture. What it keeps besides that does not grow with the bytes.
 #[derive(Debug)]
 pub struct Decoder {
     picture: Bitmap,
@@ -38,7 +38,7 @@ enum Code {
     /// Bytes of the picture filled so far.
     Raw(usize),
     Group4(BitReader, group4::RowDecoder),
-    RunGrey(RangeDecoder, run_grey::RowDecoder),
+    RunGrey(RangeDecoder, Box<run_grey::RowDecoder>),
 }
 
 impl Code {
@@ -94,7 +94,7 @@ impl Decoder {
         let code = match encoding {
             Encoding::RawBit | Encoding::RawGrey => Code::Raw(0),
             Encoding::Group4 => Code::Group4(BitReader::default(), group4::RowDecoder::new(width_px)),
-            Encoding::RunGrey => Code::RunGrey(RangeDecoder::new(), run_grey::RowDecoder::new()),
+            Encoding::RunGrey => Code::RunGrey(RangeDecoder::new(), Box::default()),
         };
         Self { picture: Bitmap::new(width_px, height_px, depth_of(encoding)), rows_done: 0, code, failed: None }
     }

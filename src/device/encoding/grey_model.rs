@@ -46,7 +46,7 @@ const SIZE_CONTEXTS: usize = 3 * 3;
 const SIZES: usize = 8;
 /// Guesses told apart for a difference's sign: near 0 it is mostly positive, near 255 negative.
 const SIGN_CONTEXTS: usize = 8;
-/// A zone's length in bits, less one: rows have at most 65535 pixels, twice what a machine may have.
+/// Bits of a zone's length, less one: a zone has at most 65535 pixels.
 const ZONE_SIZES: usize = 16;
 /// Grey pixels are 1 to 254.
 const GREYS: i32 = 254;
@@ -77,8 +77,11 @@ pub(super) struct Model {
     second_bits: [Probability; SIZES],
 }
 
-impl Model {
-    pub(super) fn new() -> Self {
+/// What `docs/encodings.md` tells firmware writers to set aside.
+const _: () = assert!(size_of::<Model>() == 1104);
+
+impl Default for Model {
+    fn default() -> Self {
         Self {
             zones: [[Probability::EVEN; 2]; ZONE_SIZES],
             kinds: [[Probability::EVEN; 2]; CONTEXTS],
@@ -88,7 +91,9 @@ impl Model {
             second_bits: [Probability::EVEN; SIZES],
         }
     }
+}
 
+impl Model {
     /// Writes how many of a zone's `zone` pixels (at least 1) have its colour before another comes.
     pub(super) fn put_run(&mut self, run: usize, zone: usize, colour: u8, coder: &mut RangeEncoder<'_>) {
         coder.put(run < zone, self.zone(zone, colour));
@@ -106,6 +111,7 @@ impl Model {
     }
 
     fn zone(&mut self, zone: usize, colour: u8) -> &mut Probability {
+        // Only a picture without columns has an empty zone.
         let size = (zone.max(1).ilog2() as usize).min(ZONE_SIZES - 1);
         &mut self.zones[size][usize::from(colour & 1)]
     }
@@ -169,7 +175,7 @@ impl Model {
 
     /// The grey that continues the row above's slope, corrected by what such guesses lacked; 1 to 254.
     ///
-    /// A correction stays within ±8,400: it only grows while the guess is below 254, so while a sixteenth of it is below 509.
+    /// A correction stays within ±8,500: it only grows while the guess is below 254, so while a sixteenth of it is below 509.
     fn guess(&self, near: Near, context: usize) -> i32 {
         let plane = i32::from(near.left) + i32::from(near.up) - i32::from(near.corner);
         (plane + i32::from(self.corrections[context] >> CORRECTION_SHIFT)).clamp(1, GREYS)

@@ -14,7 +14,7 @@ use crate::slice::Bitmap;
 /// Appends a grey picture to `bytes`, which must be empty.
 pub(super) fn encode(bitmap: &Bitmap, bytes: &mut Vec<u8>) {
     let mut coder = RangeEncoder::new(bytes);
-    let mut model = Model::new();
+    let mut model = Model::default();
     let mut above: &[u8] = &[];
     for row in bitmap.data().chunks_exact(bitmap.stride_bytes().max(1)) {
         encode_row(row, above, &mut model, &mut coder);
@@ -65,18 +65,25 @@ impl Zones {
     }
 }
 
-/// The first place at or right of `x` that is not `value`, else the row's length. Goes by words, then by pixels.
+/// The first place at or right of `x` that is not `value`, else the row's length. Goes by blocks, then by words, then by pixels.
 fn find_other(row: &[u8], x: usize, value: u8) -> usize {
-    let pattern = u64::from_ne_bytes([value; 8]);
     let rest = &row[x.min(row.len())..];
-    let (words, _) = rest.as_chunks::<8>();
-    let same = words.iter().position(|word| u64::from_ne_bytes(*word) != pattern).unwrap_or(words.len()) * 8;
-    let found = rest[same..].iter().position(|&pixel| pixel != value);
-    row.len() - rest.len() + same + found.unwrap_or(rest.len() - same)
+    let (blocks, _) = rest.as_chunks::<64>();
+    let is_same = |block: &&[u8; 64]| block.iter().fold(0, |differs, pixel| differs | (pixel ^ value)) == 0;
+    let skipped = 64 * blocks.iter().take_while(is_same).count();
+    let (words, tail) = rest[skipped..].as_chunks::<8>();
+    let start = row.len() - rest.len() + skipped;
+    for (index, word) in words.iter().enumerate() {
+        let differs = u64::from_le_bytes(*word) ^ u64::from_le_bytes([value; 8]);
+        if differs != 0 {
+            return start + 8 * index + differs.trailing_zeros() as usize / 8;
+        }
+    }
+    start + 8 * words.len() + tail.iter().take_while(|pixel| **pixel == value).count()
 }
 
 /// Decodes row after row.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct RowDecoder {
     model: Model,
     zones: Zones,
@@ -88,10 +95,6 @@ pub(super) struct RowDecoder {
 impl RowDecoder {
     /// The most bytes a step takes: a grey pixel has six learned bits of at most 11.1 each and five even ones.
     pub(super) const STEP_BYTES: u32 = 12;
-
-    pub(super) fn new() -> Self {
-        Self { model: Model::new(), zones: Zones::default(), x: 0, run_broken: false }
-    }
 
     /// Takes one run or one pixel; true where it completed `row`. `above` is empty for the first row.
     pub(super) fn step(&mut self, coder: &mut RangeDecoder, above: &[u8], row: &mut [u8]) -> Result<bool, DecodeError> {
