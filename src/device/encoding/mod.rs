@@ -87,8 +87,7 @@ pub fn encode_shortest(bitmap: &Bitmap, choice: Choice, bytes: &mut Vec<u8>) -> 
 /// more for a row that begins lit: less than seven times the raw picture, and the 24 bits of its end.
 ///
 /// RunGrey at its worst breaks a run with every second pixel. A learned bit costs at most 1.03 bits on average, whatever the
-/// pixels are (the highest mean over all cycles of a [`Probability`](range::Probability)); 9 of them and 21 even bits make two
-/// pixels: less than twice the raw picture, and the last 4 bytes.
+/// pixels are; 9 of them and 21 even bits make two pixels: less than twice the raw picture, and the last 4 bytes.
 pub fn largest_encoded_bytes(depth: Depth, raw_bytes: u64) -> u64 {
     match depth {
         Depth::Bit => 7 * raw_bytes + 4,

@@ -4,7 +4,7 @@
 //! row above it. Where the pixels known around the next one all have one solid colour, a *zone* begins: it reaches as far as
 //! the row above stays solid, and one bit, nearly certain, says that this row does too. Elsewhere pixels are written one by
 //! one: whether dark, lit or grey, and a grey as its difference from a guess. A decoder needs the current and the
-//! previous row and the [`Model`], nothing else.
+//! previous row and the `Model`, nothing else.
 
 use super::decoder::DecodeError;
 use super::grey_model::{Model, Near};
