@@ -68,9 +68,8 @@ impl<S: Shape> Drawing<S> {
         workers.run(bands, &mut self.strips, |strip, (band, picture)| {
             let (first, count) = (band * rows_per_band, picture.len() / stride);
             strip.begin(first, count);
-            for block in active.blocks(first as i64 - halo..(first + count) as i64 + halo) {
-                S::draw(path, block, plane, strip);
-            }
+            let blocks = active.blocks(first as i64 - halo..(first + count) as i64 + halo);
+            S::draw(path, blocks, plane, strip);
             for (row, out) in picture.chunks_exact_mut(stride).enumerate() {
                 finish_row::<S>(path, strip, row, depth, plane.grid.width, out);
             }

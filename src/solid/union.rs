@@ -43,18 +43,17 @@ impl Shape for Union {
         [0, 1].map(|end| radii[end] | (caps[end] as u32) << CAP_SHIFT)
     }
 
-    fn draw(_: Path, block: &Block, plane: &Plane, strip: &mut Strip<u64>) {
+    fn draw<'a>(_: Path, blocks: impl Iterator<Item = &'a Block>, plane: &Plane, strip: &mut Strip<u64>) {
         let Plane { grid, z, quantum } = plane;
-        for at in 0..block.len() {
-            let shape = UnionStrut::new(block.get(at), *quantum);
-            let Some(range) = shape.row_range(grid, *z) else { continue };
-            for row in strip.rows_within(range) {
-                for sub_row in 0..grid.samples {
-                    let offset = sub_offset(sub_row, grid.samples);
-                    let y = grid.y0 + (strip.grid_row(row) + offset) * grid.dy;
-                    for interval in shape.cut(y - shape.a[1], z - shape.a[2]) {
-                        shape.fill(interval, grid, sub_row, strip, row);
-                    }
+        for block in blocks {
+            strip.count(block.len(), 0);
+            for at in 0..block.len() {
+                let shape = UnionStrut::new(block.get(at), *quantum);
+                let Some(range) = shape.row_range(grid, *z) else { continue };
+                let rows = strip.rows_within(range);
+                strip.count(0, usize::from(!rows.is_empty()));
+                for row in rows {
+                    shape.draw_row(grid, *z, strip, row);
                 }
             }
         }
@@ -90,6 +89,15 @@ impl UnionStrut {
         let radius = record.ends.map(|end| f64::from(end & ((1 << CAP_SHIFT) - 1)) * quantum);
         let caps = record.ends.map(|end| CAPS[(end >> CAP_SHIFT) as usize % CAPS.len()]);
         Self { a: point(record.a).to_array(), u: u.to_array(), length, radius, caps }
+    }
+
+    fn draw_row(&self, grid: &Grid, z: f64, strip: &mut Strip<u64>, row: usize) {
+        for sub_row in 0..grid.samples {
+            let y = grid.y0 + (strip.grid_row(row) + sub_offset(sub_row, grid.samples)) * grid.dy;
+            for interval in self.cut(y - self.a[1], z - self.a[2]) {
+                self.fill(interval, grid, sub_row, strip, row);
+            }
+        }
     }
 
     fn row_range(&self, grid: &Grid, z: f64) -> Option<[i32; 2]> {

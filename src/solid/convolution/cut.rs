@@ -44,7 +44,7 @@ impl Footprints {
         let quantum = plane.quantum;
         let (dx, dy) = (grid.dx, grid.dy);
         let (dx_f32, dy_f32) = (dx as f32, dy as f32);
-        let at = chosen.map(|at| usize::from(at) % Block::LEN);
+        let at = chosen;
         let [a_x, a_y, a_z] = [gather(&block.a[0], at), gather(&block.a[1], at), gather(&block.a[2], at)];
         let [b_x, b_y, b_z] = [gather(&block.b[0], at), gather(&block.b[1], at), gather(&block.b[2], at)];
         let [weight_a, weight_b] = [gather(&block.ends[0], at), gather(&block.ends[1], at)];
@@ -121,9 +121,14 @@ impl Footprints {
     }
 }
 
+/// Not `array::map`, which is not inlined and so not compiled for the path.
 #[inline(always)]
-fn gather<T: Copy>(column: &[T; Block::LEN], at: [usize; LANES]) -> [T; LANES] {
-    at.map(|at| column[at])
+fn gather<T: Copy + Default>(column: &[T; Block::LEN], at: &[u8; LANES]) -> [T; LANES] {
+    let mut values = [T::default(); LANES];
+    for lane in 0..LANES {
+        values[lane] = column[usize::from(at[lane]) % Block::LEN];
+    }
+    values
 }
 
 /// From here on an `f32` holds integers only; in the middle of the next octave, so that sums of both signs stay there.

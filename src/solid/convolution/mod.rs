@@ -39,8 +39,8 @@ impl Shape for Convolution {
         radii.map(|radius| (weight(f64::from(radius) * quantum) as f32).to_bits())
     }
 
-    fn draw(path: Path, block: &Block, plane: &Plane, strip: &mut Strip<f32>) {
-        path.run(Draw { block, plane, strip });
+    fn draw<'a>(path: Path, blocks: impl Iterator<Item = &'a Block>, plane: &Plane, strip: &mut Strip<f32>) {
+        path.run(Draw { blocks, plane, strip });
     }
 
     fn pack_bits(path: Path, strip: &Strip<f32>, row: usize, first_byte: usize, out: &mut [u8]) {
@@ -52,29 +52,31 @@ impl Shape for Convolution {
     }
 }
 
-struct Draw<'a> {
-    block: &'a Block,
+struct Draw<'a, Blocks> {
+    blocks: Blocks,
     plane: &'a Plane,
     strip: &'a mut Strip<f32>,
 }
 
-impl Work for Draw<'_> {
+impl<'a, Blocks: Iterator<Item = &'a Block>> Work for Draw<'_, Blocks> {
     #[inline(always)]
     fn run(self) {
-        let Self { block, plane, strip } = self;
+        let Self { blocks, plane, strip } = self;
         let window = Window::of(strip);
         let (mut reach, mut chosen) = (Reach::empty(), [0; Block::LEN + cut::LANES]);
-        let count = reach.look(block, plane, &window, &mut chosen);
-        strip.count(block.len(), count);
-        for first in (0..count).step_by(cut::LANES) {
-            let Some(chosen) = chosen[first..].first_chunk::<{ cut::LANES }>() else { return };
-            let footprints = Footprints::new(block, chosen, &reach, plane, &window);
-            for (lane, at) in chosen[..cut::LANES.min(count - first)].iter().enumerate() {
-                let at = usize::from(*at) % Block::LEN;
-                if reach.compact[at] == 0.0 {
-                    ConvolutionStrut::new(block.get(at), plane).draw(plane, strip);
-                } else {
-                    footprint::draw(&footprints, lane, strip);
+        for block in blocks {
+            let count = reach.look(block, plane, &window, &mut chosen);
+            strip.count(block.len(), count);
+            for first in (0..count).step_by(cut::LANES) {
+                let Some(chosen) = chosen[first..].first_chunk::<{ cut::LANES }>() else { return };
+                let footprints = Footprints::new(block, chosen, &reach, plane, &window);
+                for (lane, at) in chosen[..cut::LANES.min(count - first)].iter().enumerate() {
+                    let at = usize::from(*at) % Block::LEN;
+                    if reach.compact[at] == 0.0 {
+                        ConvolutionStrut::new(block.get(at), plane).draw(plane, strip);
+                    } else {
+                        footprint::draw(&footprints, lane, strip);
+                    }
                 }
             }
         }
