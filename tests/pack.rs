@@ -1,6 +1,7 @@
 //! Packing: what sources mean, and how bad ones are refused.
 
 use std::io::Write;
+use std::num::NonZero;
 use std::path::{Path, PathBuf};
 
 use layerd::buildfile::{
@@ -21,7 +22,9 @@ impl Bench {
             rotate_deg: [0.0; 3],
             scale: 1.0,
             placement: Placement::Centred,
+            quantum_um: 1.0,
             memory_bytes: 64 << 20,
+            threads: NonZero::<usize>::MIN.saturating_add(1),
         };
         Self { directory: tempfile::tempdir().expect("temporary directory"), options }
     }

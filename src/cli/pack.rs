@@ -38,6 +38,9 @@ pub struct PackArgs {
     /// Middle of the part on the plate, millimetres from its corner [default: the plate's middle].
     #[arg(long, value_name = "X,Y", value_parser = numbers::<2>, allow_hyphen_values = true)]
     at: Option<[f64; 2]>,
+    /// Length of one quantum, micrometres, 0.001 to 1000: coordinates and radii are rounded to whole ones.
+    #[arg(long, value_name = "UM", default_value_t = 1.0)]
+    quantum: f64,
     /// Memory for the out-of-core sort.
     #[arg(long, value_name = "SIZE", value_parser = memory, default_value = "256MiB")]
     memory: u64,
@@ -54,7 +57,7 @@ enum BlendArg {
 /// # Errors
 /// Names the file, the place in it, what was found and the remedy.
 pub fn run(args: PackArgs) -> anyhow::Result<()> {
-    let PackArgs { inputs, output, lattice_only, blend, support, rotate, scale, at, memory } = args;
+    let PackArgs { inputs, output, lattice_only, blend, support, rotate, scale, at, quantum, memory } = args;
     let blend = match (blend, support) {
         (BlendArg::Convolution, support_mm) => BlendChoice::Convolution { support_mm },
         (BlendArg::Union, None) => BlendChoice::Union,
@@ -66,7 +69,9 @@ pub fn run(args: PackArgs) -> anyhow::Result<()> {
         rotate_deg: rotate,
         scale,
         placement: at.map_or(Placement::Centred, |[x_mm, y_mm]| Placement::At { x_mm, y_mm }),
+        quantum_um: quantum,
         memory_bytes: memory,
+        threads: std::thread::available_parallelism()?,
     };
     let bar = progress_bar(BAR);
     let report = buildfile::pack(&inputs, &output, &options, &mut |progress| show(&bar, progress));
@@ -84,7 +89,9 @@ pub(super) const BAR: &str = "{msg:>8} [{wide_bar}] {percent:>3}% {eta}";
 fn show(bar: &ProgressBar, progress: PackProgress) {
     let (name, done, total) = match progress {
         PackProgress::Reading { done, total } => ("reading", done, total),
+        PackProgress::Joining { done, total } => ("joining", done, total),
         PackProgress::Writing { done, total } => ("writing", done, total),
+        PackProgress::Space { .. } => return,
     };
     bar.set_message(name);
     bar.set_length(total);
