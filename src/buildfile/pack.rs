@@ -200,19 +200,21 @@ fn write(
     report: &mut dyn FnMut(u64),
     sort_error: &dyn Fn(std::io::Error) -> PackError,
 ) -> Result<Header, PackError> {
-    let (mut last, mut duplicates) = (None, 0u64);
-    for (number, strut) in sorted.enumerate() {
+    let (mut last, mut duplicates, mut total) = (None, 0u64, 0);
+    for strut in sorted {
         let strut = strut.map_err(sort_error)?;
+        if total % (1 << 16) == 0 {
+            report(total);
+        }
+        total += 1;
         if last == Some(strut) {
             duplicates += 1;
         } else {
             writer.push(strut)?;
         }
         last = Some(strut);
-        if number.is_multiple_of(1 << 16) {
-            report(number as u64);
-        }
     }
+    report(total);
     if duplicates > 0 {
         notes.push(format!(
             "{duplicates} exact duplicates of struts were merged: counted twice they would print thicker"

@@ -181,8 +181,8 @@ pub(super) fn check_free_space(directory: &Path, bytes: u64) -> io::Result<()> {
     if free >= bytes {
         return Ok(());
     }
-    let text =
-        format!("{} MiB more are needed, but {} MiB are free; make room or write elsewhere", bytes >> 20, free >> 20);
+    let [needed, free] = [bytes, free].map(|bytes| bytes as f64 / f64::from(1 << 20));
+    let text = format!("{needed:.1} MiB more are needed, but {free:.1} MiB are free; make room or write elsewhere");
     Err(io::Error::new(io::ErrorKind::StorageFull, text))
 }
 

@@ -1,8 +1,9 @@
 //! `layerctl pack`: 3MF and edge text become a build file.
 
-use std::path::PathBuf;
+use std::fmt;
+use std::path::{Path, PathBuf};
 
-use indicatif::ProgressBar;
+use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 
 use super::progress_bar;
 use crate::buildfile::{self, BlendChoice, BuildFile, PackOptions, PackProgress, Placement};
@@ -73,9 +74,9 @@ pub fn run(args: PackArgs) -> anyhow::Result<()> {
         memory_bytes: memory,
         threads: std::thread::available_parallelism()?,
     };
-    let bar = progress_bar(BAR);
-    let report = buildfile::pack(&inputs, &output, &options, &mut |progress| show(&bar, progress));
-    bar.finish_and_clear();
+    let mut display = Display { bar: progress_bar(BAR), phase: "", output: &output };
+    let report = buildfile::pack(&inputs, &output, &options, &mut |progress| display.show(progress));
+    display.bar.finish_and_clear();
     let report = report?;
     for note in &report.notes {
         eprintln!("note: {note}");
@@ -86,16 +87,55 @@ pub fn run(args: PackArgs) -> anyhow::Result<()> {
 /// What [`super::progress_bar`] shows while a build file is made.
 pub(super) const BAR: &str = "{msg:>8} [{wide_bar}] {percent:>3}% {eta}";
 
-fn show(bar: &ProgressBar, progress: PackProgress) {
-    let (name, done, total) = match progress {
-        PackProgress::Reading { done, total } => ("reading", done, total),
-        PackProgress::Joining { done, total } => ("joining", done, total),
-        PackProgress::Writing { done, total } => ("writing", done, total),
-        PackProgress::Space { .. } => return,
-    };
-    bar.set_message(name);
-    bar.set_length(total);
-    bar.set_position(done);
+/// Progress of all phases on one bar.
+struct Display<'a> {
+    bar: ProgressBar,
+    phase: &'static str,
+    output: &'a Path,
+}
+
+impl Display<'_> {
+    fn show(&mut self, progress: PackProgress) {
+        match progress {
+            PackProgress::Space { temporary_bytes, output_bytes, free_bytes } => self.bar.suspend(|| {
+                eprintln!(
+                    "note: needs up to {} of temporary space beside {}, which itself takes about {} or less; {} are free",
+                    size_text(temporary_bytes),
+                    self.output.display(),
+                    size_text(output_bytes),
+                    size_text(free_bytes)
+                );
+            }),
+            PackProgress::Reading { done, total } => self.step("reading", "{binary_bytes_per_sec}", done, total),
+            PackProgress::Joining { done, total } => self.step("joining", "{binary_bytes_per_sec}", done, total),
+            PackProgress::Writing { done, total } => self.step("writing", "{struts_per_sec}", done, total),
+        }
+    }
+
+    /// Moves the bar; each phase has its own, so that rate and remaining time are those of the phase.
+    fn step(&mut self, phase: &'static str, rate: &str, done: u64, total: u64) {
+        if self.phase != phase {
+            self.phase = phase;
+            let struts = |state: &ProgressState, out: &mut dyn fmt::Write| {
+                // A bar that cannot be drawn is no error.
+                let _ = write!(out, "{:.2} M struts/s", state.per_sec() / 1e6);
+            };
+            let template = format!("{{msg:>8}} [{{wide_bar}}] {{percent:>3}}% {rate} {{eta}}");
+            if let Ok(style) = ProgressStyle::with_template(&template) {
+                self.bar.set_style(style.with_key("struts_per_sec", struts));
+            }
+            self.bar.reset();
+            self.bar.set_message(phase);
+            self.bar.set_length(total);
+        }
+        self.bar.set_position(done);
+    }
+}
+
+/// `3.02 GiB`, or `17.5 MiB` below that.
+fn size_text(bytes: u64) -> String {
+    let mib = super::mib(bytes);
+    if mib < 1024.0 { format!("{mib:.1} MiB") } else { format!("{:.2} GiB", mib / 1024.0) }
 }
 
 /// `N` finite numbers with commas between them.

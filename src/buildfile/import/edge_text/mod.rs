@@ -37,9 +37,11 @@ pub(super) fn import(
     if let Some(support_mm) = header.convolution_radius.filter(|radius| *radius > 0.0) {
         collector.stated_support(path.display().to_string(), support_mm);
     }
-    // The first line may lie: a file holds no more struts than fit its length.
-    let total = std::fs::metadata(path).map_or(0, |metadata| metadata.len());
-    collector.expect(header.count.min(total / SHORTEST_LINE_BYTES), progress)?;
+    // The first line may lie: a file holds no more struts than fit its length. What is no regular file has none.
+    let metadata = std::fs::metadata(path).map_err(|source| PackError::Read { path: path.into(), source })?;
+    let total = metadata.len();
+    let most = if metadata.is_file() { total / SHORTEST_LINE_BYTES } else { u64::MAX };
+    collector.expect(header.count.min(most), progress)?;
 
     let job = Job { path, header, failed: AtomicBool::new(false), seen: AtomicU64::new(0) };
     let mut report = |done| progress(PackProgress::Reading { done, total });
