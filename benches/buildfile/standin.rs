@@ -51,7 +51,7 @@ pub(crate) fn write(path: &Path, struts: u64) -> io::Result<()> {
 fn node(place: [i64; 3]) -> [u64; 3] {
     let hash = mix(place.iter().fold(0, |hash, &at| mix(hash ^ at as u64)));
     [0, 1, 2].map(|axis| {
-        let jitter = (hash >> (20 * axis) & 0xf_ffff) as i64 * (STEP / 2) >> 20;
+        let jitter = ((hash >> (20 * axis) & 0xf_ffff) as i64 * (STEP / 2)) >> 20;
         // A neighbour may stand one step below the first.
         ((place[axis] + 1) * STEP + jitter) as u64
     })

@@ -114,7 +114,7 @@ impl Rules {
             let problem = format!(
                 "a radius of {radius_mm} mm, scaled by {}; allowed is {} to {} mm at a quantum of {} µm (--quantum)",
                 self.scale,
-                self.quantum_um / 1000.0,
+                self.quantum_um / 2000.0,
                 (f64::from(RADIUS_LIMIT) * self.quantum_um / 1000.0).floor(),
                 self.quantum_um
             );

@@ -186,7 +186,7 @@ impl BuildFile {
         let struts = largest(|entry| entry.strut_count);
         largest(|entry| entry.packed_bytes)
             + largest(|entry| entry.unpacked_bytes)
-            + chunk::Scratch::bytes(struts as usize)
+            + chunk::Scratch::bytes(struts)
             + (160 << 10)
     }
 }

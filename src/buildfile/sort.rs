@@ -126,7 +126,7 @@ pub(super) fn finish(mut team: Vec<Sorter>, progress: &mut dyn FnMut(u64, u64)) 
         let next = Spill::new(&spill.directory);
         for group in runs.chunks(fan_in) {
             next.append(&mut Merge::of_file(Arc::clone(&file), group, buffer_bytes)?, &mut |done| {
-                progress(before + done, total)
+                progress(before + done, total);
             })?;
         }
         before += bytes;

@@ -115,7 +115,8 @@ impl Job<'_> {
                 })
                 .collect();
             drop(receiver);
-            let read = self.feed(first, blocks, sender, &mut |bytes| digest.update(bytes), report);
+            let read = self.feed(first, blocks, &sender, &mut |bytes| digest.update(bytes), report);
+            drop(sender);
             let parsed = threads
                 .into_iter()
                 .map(|thread| thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)));
@@ -129,7 +130,7 @@ impl Job<'_> {
         &self,
         first: Block,
         blocks: &mut Blocks<'_>,
-        sender: Sender<Block>,
+        sender: &Sender<Block>,
         digest: &mut dyn FnMut(&[u8]),
         report: &mut dyn FnMut(u64),
     ) -> Result<(), LineError> {
