@@ -13,6 +13,9 @@ use super::packer::Packer;
 /// Chunks on their way through each thread: one under way, one waiting, so that no thread waits for the writer.
 const CHUNKS_PER_THREAD: usize = 2;
 
+/// Most threads: the one that merges and hands out chunks takes about as long for a chunk as compressing it does.
+const MOST_THREADS: usize = 4;
+
 /// A compressed chunk.
 pub(super) struct Encoded {
     /// What the index says of it; the offset is still 0.
@@ -36,10 +39,12 @@ struct Ends {
 }
 
 impl Encoders {
+    /// Starts `count` threads, or as many as have a use.
+    ///
     /// # Errors
     /// Where a thread cannot be started.
     pub(super) fn new(count: NonZero<usize>) -> io::Result<Self> {
-        let threads = (0..count.get()).map(|_| start()).collect::<io::Result<_>>()?;
+        let threads = (0..count.get().min(MOST_THREADS)).map(|_| start()).collect::<io::Result<_>>()?;
         Ok(Self { threads, sent: 0, received: 0 })
     }
 

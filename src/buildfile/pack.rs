@@ -31,7 +31,7 @@ pub struct PackOptions {
     pub quantum_um: f64,
     /// Bytes the out-of-core sort may take.
     pub memory_bytes: u64,
-    /// Threads that parse and sort, and as many that compress. The file does not depend on their number.
+    /// Threads that parse and sort, and as many, up to 4, that compress. The file does not depend on their number.
     pub threads: NonZero<usize>,
 }
 

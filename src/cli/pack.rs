@@ -1,6 +1,7 @@
 //! `layerctl pack`: 3MF and edge text become a build file.
 
 use std::fmt;
+use std::num::NonZero;
 use std::path::{Path, PathBuf};
 
 use indicatif::{ProgressBar, ProgressState, ProgressStyle};
@@ -11,6 +12,9 @@ use crate::config::byte_size;
 
 /// Least memory of the sort; below it merging takes too many passes.
 const MEMORY_LEAST_BYTES: u64 = 1 << 20;
+
+/// Most threads that parse and sort: one thread reads the source and takes its digest, and feeds no more.
+const MOST_THREADS: NonZero<usize> = NonZero::<usize>::MIN.saturating_add(7);
 
 /// Pack 3MF lattices and edge text into a build file.
 #[derive(Debug, clap::Args)]
@@ -72,7 +76,7 @@ pub fn run(args: PackArgs) -> anyhow::Result<()> {
         placement: at.map_or(Placement::Centred, |[x_mm, y_mm]| Placement::At { x_mm, y_mm }),
         quantum_um: quantum,
         memory_bytes: memory,
-        threads: std::thread::available_parallelism()?,
+        threads: std::thread::available_parallelism().map_or(NonZero::<usize>::MIN, |cores| cores.min(MOST_THREADS)),
     };
     let mut display = Display { bar: progress_bar(BAR), phase: "", output: &output };
     let report = buildfile::pack(&inputs, &output, &options, &mut |progress| display.show(progress));

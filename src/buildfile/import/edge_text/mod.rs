@@ -47,15 +47,16 @@ pub(super) fn import(
     let mut report = |done| progress(PackProgress::Reading { done, total });
     let failure = job.run(block, &mut blocks, collector, &mut report).err();
     let seen = job.seen.load(Ordering::Relaxed);
-    if (failure.is_some() || seen > job.header.count)
-        && let Some(surplus) = job.surplus(failure.as_ref().map_or(u64::MAX, |failure| failure.line))
-    {
-        return Err(surplus.error);
-    }
-    if let Some(LineError { error, .. }) = failure {
-        return Err(error);
-    }
     let count = job.header.count;
+    // A surplus strut is an error of its line, too, and may be the first.
+    let last = match &failure {
+        Some(LineError { line, error: PackError::Input { .. } }) => Some(*line),
+        Some(_) => None,
+        None => (seen > count).then_some(u64::MAX),
+    };
+    if let Some(failure) = last.and_then(|last| job.surplus(last)).or(failure) {
+        return Err(failure.error);
+    }
     if seen != count {
         let problem = format!("the first line announces {count} struts, but {seen} follow; is the file cut short?");
         return Err(PackError::input(path.display().to_string(), problem));
