@@ -209,24 +209,21 @@ fn join(
     if last >= nodes.len() as u64 {
         return Err(format!("a strut begins at node {last} of {}", nodes.len()));
     }
-    let (mut least, mut most, mut top) = ([i32::MAX; 3], [i32::MIN; 3], i64::MIN);
+    let (mut least, mut most, mut top) = ([i32::MAX; 2], [i32::MIN; 2], i64::MIN);
     let mut node = 0;
-    out.extend(step.iter().zip(dz).zip(dy).zip(dx).zip(radius).map(|((((step, dz), dy), dx), radius)| {
+    out.reserve(step.len());
+    // A loop, as sums that a closure keeps stay in memory.
+    for ((((step, dz), dy), dx), radius) in step.iter().zip(dz).zip(dy).zip(dx).zip(radius) {
         node += *step as usize;
         let a = nodes[node];
-        let b = [
-            a[0].wrapping_add(columns::unzigzag(*dx)),
-            a[1].wrapping_add(columns::unzigzag(*dy)),
-            a[2].wrapping_add_unsigned(*dz),
-        ];
-        for axis in 0..2 {
-            least[axis] = least[axis].min(b[axis]);
-            most[axis] = most[axis].max(b[axis]);
-        }
+        let [x, y] = [a[0].wrapping_add(columns::unzigzag(*dx)), a[1].wrapping_add(columns::unzigzag(*dy))];
+        least = [least[0].min(x), least[1].min(y)];
+        most = [most[0].max(x), most[1].max(y)];
         top = top.max(i64::from(a[2]) + i64::from(*dz));
+        let b = [x, y, a[2].wrapping_add_unsigned(*dz)];
         let radius = radius.wrapping_add(radius_min);
-        Strut { a, b, radius_a: radius, radius_b: radius, caps: Caps::default() }
-    }));
+        out.push(Strut { a, b, radius_a: radius, radius_b: radius, caps: Caps::default() });
+    }
     for axis in 0..2 {
         check_reach(axis, least[axis].into(), most[axis].into(), bounds)?;
     }
