@@ -84,9 +84,10 @@ impl ActiveSet {
 
     /// The blocks that may hold struts reaching these rows, in an order that depends on the rows alone.
     pub(super) fn blocks(&self, rows: Range<i64>) -> impl Iterator<Item = &Block> {
-        let buckets = self.levels.iter().flat_map(move |level| {
-            level.bucket(rows.start - level.rows + 1)..level.bucket(rows.end - 1) + 1
-        });
+        let buckets = self
+            .levels
+            .iter()
+            .flat_map(move |level| level.bucket(rows.start - level.rows + 1)..level.bucket(rows.end - 1) + 1);
         buckets.flat_map(|bucket| self.buckets[bucket].blocks.iter().map(|block| &**block))
     }
 }

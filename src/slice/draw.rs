@@ -22,12 +22,7 @@ pub(super) struct Drawing<S: Shape> {
 }
 
 impl<S: Shape> Drawing<S> {
-    pub(super) fn new(
-        plan: &SlicePlan,
-        path: Path,
-        threads: usize,
-        budget: &MemoryBudget,
-    ) -> Result<Self, SliceError> {
+    pub(super) fn new(plan: &SlicePlan, path: Path, threads: usize, budget: &MemoryBudget) -> Result<Self, SliceError> {
         let charge = budget.charge("the strips of the rasteriser", Self::memory_bytes(plan, threads))?;
         let (width, halo) = (plan.raster.width_px as usize, halo::<S>(plan.depth));
         let rows_per_band = Self::rows_per_band(plan);

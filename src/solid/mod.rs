@@ -81,12 +81,7 @@ pub trait Shape: Send + Sync + Sized {
     fn ends(radii: [u32; 2], caps: [Cap; 2], is_ball: bool, quantum: f64) -> [u32; 2];
 
     /// Draws the records of blocks, in their order, on the rows of `strip`.
-    fn draw<'a>(
-        path: Path,
-        blocks: impl Iterator<Item = &'a Block>,
-        plane: &Plane,
-        strip: &mut Strip<Self::Cell>,
-    );
+    fn draw<'a>(path: Path, blocks: impl Iterator<Item = &'a Block>, plane: &Plane, strip: &mut Strip<Self::Cell>);
 
     /// Packs one row's pixels, lit or not at their centres, the first pixel of a byte in its highest bit, beginning with
     /// pixel `8 × first_byte`; `row` counts from the band's first.

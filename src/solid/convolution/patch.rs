@@ -10,11 +10,7 @@ pub(super) const MOST_VECTORS: usize = 2;
 
 /// Adds the field of one lane's strut on `VECTORS` vectors of every row.
 #[inline(always)]
-pub(super) fn draw<const VECTORS: usize, const TAPERED: bool>(
-    cut: &Footprints,
-    lane: usize,
-    strip: &mut Strip<f32>,
-) {
+pub(super) fn draw<const VECTORS: usize, const TAPERED: bool>(cut: &Footprints, lane: usize, strip: &mut Strip<f32>) {
     let (first_row, row_count) = (cut.first_row[lane] as usize, cut.row_count[lane] as usize);
     // A patch that would stick out on the right begins earlier.
     let wanted = cut.first_column[lane] as usize;

@@ -15,7 +15,7 @@ const MARGIN_PX: f32 = 0.02;
 /// Beyond this length, in R, `f32` is too coarse to tell where the plane meets a strut.
 const LONGEST: f32 = 64.0;
 
-/// Where a strut runs this much flatter than it is long, the ellipse that a plane cuts from it bounds nothing.
+/// Of a strut that rises less than this part of its length, and of a ball, the ellipse that a plane cuts from it bounds nothing.
 const FLAT: f32 = 32.0;
 
 /// Footprints up to this wide and high, in R, are drawn from one base cell in `f32`: no term of the quadratic exceeds about
@@ -125,7 +125,7 @@ impl Reach {
             let (x_from, x_to) = (x + run_x * from, x + run_x * to);
             let (y_from, y_to) = (y + run_y * from, y + run_y * to);
             // ... and no more than the ellipse that the plane cuts from the endless strut.
-            let bounds_nothing = is_long | (z2 * (FLAT * FLAT) < length2);
+            let bounds_nothing = is_long | (z2 * (FLAT * FLAT) <= length2);
             let middle = dz * rise;
             let (half_x, half_y) = ((x2 + z2).sqrt() * rise * reach_x, (y2 + z2).sqrt() * rise * reach_y);
             let (half_x, half_y) =
