@@ -62,13 +62,15 @@ fn check(lattice: &Lattice) -> Result<(), TestCaseError> {
     let raster = Raster {
         pixel_um: [pitch_um, pitch_um * 1.1],
         build_height_um: 1e9,
-        ..raster(Mirror { x: lattice.struts.len() % 2 == 0, y: lattice.struts.len() % 3 == 0 })
+        ..raster(Mirror { x: lattice.struts.len().is_multiple_of(2), y: lattice.struts.len().is_multiple_of(3) })
     };
     let blend = Blend::Convolution { support_um: f64::from(SUPPORT) };
     let part = Part::on(raster, &lattice.struts, blend, Depth::Bit, 833.0);
     let beams: Vec<_> = lattice.struts.iter().map(beam).collect();
     let layers = part.layers(2, 0);
-    prop_assert_eq!(&part.layers_on(Path::BASELINE, 1, 0), &layers);
+    for path in Path::available() {
+        prop_assert_eq!(&part.layers_on(path, 1, 0), &layers);
+    }
     for (layer, bitmap) in layers.iter().enumerate() {
         for (x, y) in (0..HEIGHT).flat_map(|y| (0..WIDTH).map(move |x| (x, y))) {
             let p = part.point(x, y, layer);

@@ -111,7 +111,9 @@ proptest! {
         let part = Part::new(&struts, blend, depth, Mirror::default(), 40.0);
         let whole = part.layers(1, 0);
         prop_assert_eq!(&part.layers(3, 0), &whole);
-        prop_assert_eq!(&part.layers_on(Path::BASELINE, 1, 0), &whole);
+        for path in Path::available() {
+            prop_assert_eq!(&part.layers_on(path, 1, 0), &whole);
+        }
         let start = start.min(whole.len() as u32 - 1);
         prop_assert_eq!(&part.layers(2, start)[..], &whole[start as usize..]);
     }

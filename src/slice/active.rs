@@ -31,6 +31,10 @@ struct Level {
 /// Blocks of struts, all full but the last.
 #[derive(Debug, Default)]
 pub(super) struct Bucket {
+    #[allow(
+        clippy::vec_box,
+        reason = "a growing list would hold each block twice for a moment, and twice the room after"
+    )]
     blocks: Vec<Box<Block>>,
     dead: usize,
 }

@@ -16,19 +16,31 @@ enum Set {
     Baseline,
     #[cfg(target_arch = "x86_64")]
     Avx2,
+    /// Vectors stay as long as AVX2's; more registers and masks are what is gained.
+    #[cfg(target_arch = "x86_64")]
+    Avx512,
 }
 
 impl Path {
-    /// The compiler's baseline for the target.
-    pub const BASELINE: Self = Self(Set::Baseline);
+    /// The paths this processor can take, the best last.
+    pub fn available() -> Vec<Self> {
+        let mut paths = vec![Self(Set::Baseline)];
+        #[cfg(target_arch = "x86_64")]
+        {
+            use std::is_x86_feature_detected as has;
+            if has!("avx2") {
+                paths.push(Self(Set::Avx2));
+            }
+            if has!("avx2") && has!("avx512f") && has!("avx512vl") && has!("avx512bw") && has!("avx512dq") {
+                paths.push(Self(Set::Avx512));
+            }
+        }
+        paths
+    }
 
     /// The best path of this processor.
     pub fn detect() -> Self {
-        #[cfg(target_arch = "x86_64")]
-        if std::is_x86_feature_detected!("avx2") {
-            return Self(Set::Avx2);
-        }
-        Self::BASELINE
+        Self::available().pop().unwrap_or(Self(Set::Baseline))
     }
 
     /// Runs `work` compiled for this path; `work` must be `#[inline(always)]` to profit.
@@ -38,8 +50,13 @@ impl Path {
             Set::Baseline => work.run(),
             #[cfg(target_arch = "x86_64")]
             #[allow(unsafe_code, reason = "calls code compiled for AVX2; see the proof")]
-            // SAFETY: `Set::Avx2` is private to this module and made only by `detect`, after the processor said it has AVX2.
+            // SAFETY: `Set::Avx2` is private to this module and made only by `available`, after the processor said it has AVX2.
             Set::Avx2 => unsafe { run_avx2(work) },
+            #[cfg(target_arch = "x86_64")]
+            #[allow(unsafe_code, reason = "calls code compiled for AVX-512; see the proof")]
+            // SAFETY: `Set::Avx512` is private to this module and made only by `available`, after the processor said it has all
+            // the features that `run_avx512` enables.
+            Set::Avx512 => unsafe { run_avx512(work) },
         }
     }
 }
@@ -53,6 +70,12 @@ pub(super) trait Work {
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
 fn run_avx2(work: impl Work) {
+    work.run();
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,avx512f,avx512vl,avx512bw,avx512dq")]
+fn run_avx512(work: impl Work) {
     work.run();
 }
 

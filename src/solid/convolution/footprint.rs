@@ -102,8 +102,8 @@ fn rows(cut: &Footprints, lane: usize, skipped: usize) -> Rows {
     let first_j = cut.first_j[lane] + skipped as i32 as f32;
     let (first_column, first_i) = (cut.first_column[lane], cut.first_i[lane]);
     let last_i = first_i + (cut.last_column[lane] - first_column) as f32;
-    for row in 0..ROWS {
-        let j = first_j + LANE[row];
+    for (row, place) in LANE.iter().enumerate() {
+        let j = first_j + place;
         let q = cut.q_base[lane] - j * (cut.slope_y[lane] + cut.curve_y[lane] * j);
         let slope = cut.slope_x[lane] + cut.curve_xy[lane] * j;
         let moved = cut.axial_y[lane] * j;
