@@ -81,21 +81,20 @@ fn halo<S: Shape>(depth: Depth) -> usize {
 
 /// From a strip's row to the picture's bytes.
 fn finish_row<S: Shape>(path: Path, strip: &Strip<S::Cell>, row: usize, depth: Depth, width: usize, out: &mut [u8]) {
-    let pixels = strip.used_pixels(width);
-    match depth {
-        Depth::Bit => {
-            let bytes = pixels.start / 8..pixels.end.div_ceil(8);
-            out[..bytes.start].fill(0);
-            out[bytes.end..].fill(0);
-            S::pack_bits(path, strip, row, bytes.start, &mut out[bytes.clone()]);
-            if bytes.end == out.len() && !width.is_multiple_of(8) {
-                out[bytes.end - 1] &= 0xff << (8 - width % 8);
+    out.fill(0);
+    for pixels in strip.used_pixels(width) {
+        match depth {
+            Depth::Bit => {
+                let bytes = pixels.start / 8..pixels.end.div_ceil(8);
+                S::pack_bits(path, strip, row, bytes.start, &mut out[bytes]);
             }
+            Depth::Grey => S::coverage(path, strip, row, pixels.start, &mut out[pixels]),
         }
-        Depth::Grey => {
-            out[..pixels.start].fill(0);
-            out[pixels.end..].fill(0);
-            S::coverage(path, strip, row, pixels.start, &mut out[pixels]);
-        }
+    }
+    if depth == Depth::Bit
+        && !width.is_multiple_of(8)
+        && let Some(last) = out.last_mut()
+    {
+        *last &= 0xff << (8 - width % 8);
     }
 }

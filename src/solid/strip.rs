@@ -1,5 +1,7 @@
 //! The pixels of a plane, and a few rows of them to draw on.
 
+use std::ops::Range;
+
 /// Where pixel centres lie: column i at `x0 + i·dx`, row j at `y0 + j·dy`. Pitches are negative where mirrored.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Grid {
@@ -28,6 +30,9 @@ pub struct Plane {
     pub quantum: f64,
 }
 
+/// Columns that are noted as touched together: eight bytes of a picture of bits.
+const BLOCK: usize = 64;
+
 /// Spare cells at the end of each row: a kernel may write a whole vector that begins at the last pixel.
 const SPARE: usize = super::vector::LANES;
 
@@ -52,8 +57,8 @@ pub struct Strip<Cell> {
     halo: usize,
     first_row: i32,
     rows: usize,
-    /// Columns that may hold anything but the default, in cells.
-    used: std::ops::Range<usize>,
+    /// In which blocks of [`BLOCK`] columns any row may hold anything but the default, a bit each.
+    touched: Vec<u64>,
     /// Since the strip was made.
     effort: Effort,
 }
@@ -63,7 +68,8 @@ impl<Cell: Copy + Default> Strip<Cell> {
     pub fn new(width: usize, rows: usize, halo: usize) -> Self {
         let stride = Self::stride(width, halo);
         let cells = vec![Cell::default(); stride * (rows + 2 * halo)];
-        Self { cells, stride, halo, first_row: 0, rows: 0, used: 0..0, effort: Effort::default() }
+        let touched = vec![0; stride.div_ceil(BLOCK * WORD)];
+        Self { cells, stride, halo, first_row: 0, rows: 0, touched, effort: Effort::default() }
     }
 
     /// Bytes a strip takes.
@@ -77,17 +83,19 @@ impl<Cell: Copy + Default> Strip<Cell> {
 
     /// Clears the strip and lets it stand for rows `first_row .. first_row + rows` of the grid, halo rows besides.
     pub fn begin(&mut self, first_row: usize, rows: usize) {
-        for row in self.cells.chunks_exact_mut(self.stride) {
-            row[self.used.clone()].fill(Cell::default());
+        for range in runs(&self.touched, self.stride) {
+            for row in self.cells.chunks_exact_mut(self.stride) {
+                row[range.clone()].fill(Cell::default());
+            }
         }
-        self.used = 0..0;
+        self.touched.fill(0);
         self.rows = rows + 2 * self.halo;
         debug_assert!(self.rows * self.stride <= self.cells.len());
         self.first_row = i32::try_from(first_row).unwrap_or(i32::MAX) - self.halo as i32;
     }
 
     /// The part of a row range that lies in this strip, counted from its first row (halo rows included).
-    pub(super) fn rows_within(&self, [first, last]: [i32; 2]) -> std::ops::Range<usize> {
+    pub(super) fn rows_within(&self, [first, last]: [i32; 2]) -> Range<usize> {
         let first = (first.saturating_sub(self.first_row)).max(0) as usize;
         let end = (last.saturating_sub(self.first_row).saturating_add(1)).max(0) as usize;
         first..end.min(self.rows)
@@ -124,10 +132,15 @@ impl<Cell: Copy + Default> Strip<Cell> {
         self.cells[first * self.stride..(first + count) * self.stride].chunks_exact_mut(self.stride)
     }
 
-    /// Notes that cells from `first` to before `end` of some row were written.
-    pub(super) fn touch(&mut self, first: usize, end: usize) {
-        let end = end.min(self.stride);
-        self.used = if self.used.is_empty() { first..end } else { self.used.start.min(first)..self.used.end.max(end) };
+    /// Notes that cells of some rows were written; the range is not empty.
+    #[inline(always)]
+    pub(super) fn touch(&mut self, cells: Range<usize>) {
+        let (first, last) = (cells.start / BLOCK, (cells.end.min(self.stride) - 1) / BLOCK);
+        for word in first / WORD..=last / WORD {
+            let from = if word == first / WORD { first % WORD } else { 0 };
+            let to = if word == last / WORD { last % WORD } else { WORD - 1 };
+            self.touched[word] |= u64::MAX << from & u64::MAX >> (WORD - 1 - to);
+        }
     }
 
     /// Counts struts cut with the plane, and those of them that were drawn.
@@ -148,13 +161,12 @@ impl<Cell: Copy + Default> Strip<Cell> {
         self.effort
     }
 
-    /// Pixels of the picture that may differ from the default.
-    pub fn used_pixels(&self, width: usize) -> std::ops::Range<usize> {
-        if self.used.is_empty() {
-            return 0..0;
-        }
+    /// Ranges of pixels, ascending, outside of which every row has the default.
+    pub fn used_pixels(&self, width: usize) -> impl Iterator<Item = Range<usize>> {
         // Cell c is pixel c − halo; a pixel's coverage hangs on cells up to the halo away.
-        self.used.start.saturating_sub(2 * self.halo).min(width)..self.used.end.min(width)
+        let before = 2 * self.halo;
+        let pixels = runs(&self.touched, self.stride);
+        pixels.map(move |cells| cells.start.saturating_sub(before).min(width)..cells.end.min(width))
     }
 
     /// The cells of a row from a pixel on, spare ones included; `row` counts from the band's first.
@@ -167,4 +179,20 @@ impl<Cell: Copy + Default> Strip<Cell> {
     pub(super) fn around(&self, row: usize, first: usize) -> [&[Cell]; 3] {
         [0, 1, 2].map(|line| &self.cells[(row + line) * self.stride + first..(row + line + 1) * self.stride])
     }
+}
+
+/// Bits of a word of `touched`.
+const WORD: usize = u64::BITS as usize;
+
+/// The cells of a row of `stride` cells whose blocks are touched, in as few ranges as there are.
+fn runs(touched: &[u64], stride: usize) -> impl Iterator<Item = Range<usize>> {
+    let is_touched = |block: usize| touched[block / WORD] >> (block % WORD) & 1 != 0;
+    let blocks = stride.div_ceil(BLOCK);
+    let mut next = 0;
+    std::iter::from_fn(move || {
+        let first = (next..blocks).find(|block| is_touched(*block))?;
+        let end = (first..blocks).find(|block| !is_touched(*block)).unwrap_or(blocks);
+        next = end;
+        Some(first * BLOCK..(end * BLOCK).min(stride))
+    })
 }

@@ -204,7 +204,7 @@ impl UnionStrut {
             }
             *cell |= bits << shift;
         }
-        strip.touch(first_pixel, last_pixel + 1);
+        strip.touch(first_pixel..last_pixel + 1);
     }
 }
 

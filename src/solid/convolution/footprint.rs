@@ -60,7 +60,8 @@ fn draw_rows<const TAPERED: bool>(cut: &Footprints, lane: usize, strip: &mut Str
         }
     }
     strip.count_rows(row_count, evaluated * LANES);
-    strip.touch(cut.first_column[lane] as usize, cut.last_column[lane] as usize + LANES);
+    let columns = cut.first_column[lane] as usize..cut.last_column[lane] as usize + LANES;
+    strip.touch(columns);
 }
 
 /// Some successive rows.

@@ -232,7 +232,7 @@ impl<'a> Line<'a> {
             (_, false, true) => vector::add_strut::<true>(cells, stretch),
             (_, false, false) => vector::add_strut::<false>(cells, stretch),
         }
-        strip.touch(first, padded);
+        strip.touch(first..padded);
         strip.count_rows(1, padded - first);
     }
 }

@@ -47,5 +47,5 @@ pub(super) fn draw<const VECTORS: usize, const TAPERED: bool>(cut: &Footprints, 
         j += 1.0;
     }
     strip.count_rows(row_count, row_count * VECTORS * LANES);
-    strip.touch(first, first + VECTORS * LANES);
+    strip.touch(first..first + VECTORS * LANES);
 }
