@@ -1,58 +1,172 @@
-//! Encoding and decoding of layers, in pixels a second. `cargo bench --bench encoding`
+//! Bytes of layers on the line against PNG, and speed of encoding and decoding. `cargo bench --bench encoding`
+//!
+//! Packs `spot_lattice.txt` with `layerctl`, turned to lie on 3840 × 2160 pixels of 20 µm, and encodes and decodes every layer
+//! of 20 µm on one thread. Every hundredth is written as PNG too, of the same depth: zlib level 9 and, for each picture, the
+//! shortest of the five filters and of libpng's way to choose one for each row. Speeds are means over the print, of processor
+//! time, so that other work on the machine counts little.
+//! Looks for the file in `$LAYERD_DATA`, default `../shared/data`; without it there is nothing to measure.
 
-use divan::counter::ItemsCount;
-use divan::{Bencher, black_box};
-use layerd::device::encoding::{Decoder, depth_of, encode};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::Duration;
+
+use flate2::Compression;
+use flate2::write::ZlibEncoder;
+use layerd::buildfile::BuildFile;
+use layerd::device::encoding::{Decoder, encode};
 use layerd::link::message::Encoding;
-use layerd::slice::{Bitmap, Depth};
+use layerd::slice::{Bitmap, Depth, Mirror, Raster, SlicePlan, Slicer};
+use layerd::stream::MemoryBudget;
+use rustix::time::{ClockId, clock_gettime};
 
-const WIDTH_PX: u32 = 3840;
-const HEIGHT_PX: u32 = 2160;
+const RASTER: Raster = Raster {
+    width_px: 3840,
+    height_px: 2160,
+    pixel_um: [20.0; 2],
+    build_height_um: 100_000.0,
+    mirror: Mirror { x: false, y: false },
+};
+const LAYER_HEIGHT_UM: f64 = 20.0;
+/// A PNG at level 9 takes seconds, a hundred times as long as all else of a layer.
+const LAYERS_PER_PNG: u32 = 100;
+/// As they come from the line.
+const PIECE_BYTES: usize = 1000;
 
 fn main() {
-    divan::main();
-}
-
-/// Discs of many sizes on a grid, about a tenth lit, edges a pixel wide: a cut through a dense lattice.
-fn layer(depth: Depth) -> Bitmap {
-    let mut bitmap = Bitmap::new(WIDTH_PX, HEIGHT_PX, depth);
-    let stride = bitmap.stride_bytes();
-    for y in 0..HEIGHT_PX as usize {
-        for x in 0..WIDTH_PX as usize {
-            let (column, row) = (x / 64, y / 64);
-            let radius = 9.0 + ((column * 7 + row * 13) % 11) as f64 * 0.7;
-            let offset = ((column * 5 + row * 3) % 7) as f64;
-            let (dx, dy) = ((x % 64) as f64 - 29.0 - offset, (y % 64) as f64 - 35.0 + offset);
-            let covered = (radius - dx.hypot(dy) + 0.5).clamp(0.0, 1.0);
-            match depth {
-                Depth::Grey => bitmap.data_mut()[y * stride + x] = (covered * 255.0).round() as u8,
-                Depth::Bit if covered >= 0.5 => bitmap.data_mut()[y * stride + x / 8] |= 0x80 >> (x % 8),
-                Depth::Bit => {}
-            }
-        }
+    let default = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
+    let lattice = std::env::var_os("LAYERD_DATA").map_or(default, PathBuf::from).join("spot_lattice.txt");
+    if !lattice.exists() {
+        println!("skipped: {} is not there", lattice.display());
+        return;
     }
-    bitmap
+    let directory = tempfile::tempdir().expect("a directory");
+    let part = directory.path().join("spot.layerd");
+    let packed = Command::new(env!("CARGO_BIN_EXE_layerctl"))
+        .arg("pack")
+        .arg(&lattice)
+        .args(["--rotate", "0,0,90", "-o"])
+        .arg(&part)
+        .output()
+        .expect("layerctl runs");
+    assert!(packed.status.success(), "{}", String::from_utf8_lossy(&packed.stderr));
+
+    println!("encoding | layers | bytes a layer | of the best PNG (layers) | encode Mpx/s | decode Mpx/s");
+    for (depth, encoding) in [(Depth::Bit, Encoding::Group4), (Depth::Grey, Encoding::RunGrey)] {
+        let sum = measure(&part, depth, encoding);
+        let megapixels = f64::from(sum.layers) * f64::from(RASTER.width_px) * f64::from(RASTER.height_px) / 1e6;
+        println!(
+            "{:<8} | {:>6} | {:>13.0} | {:>16.4} {:>7} | {:>12.0} | {:>12.0}",
+            format!("{encoding:?}"),
+            sum.layers,
+            sum.bytes as f64 / f64::from(sum.layers),
+            sum.bytes_beside_png as f64 / sum.png_bytes as f64,
+            format!("({})", sum.png_layers),
+            megapixels / sum.encoding.as_secs_f64(),
+            megapixels / sum.decoding.as_secs_f64(),
+        );
+    }
 }
 
-#[divan::bench(args = [Encoding::RawBit, Encoding::Group4, Encoding::RawGrey, Encoding::RunGrey])]
-fn encode_layer(bencher: Bencher<'_, '_>, encoding: Encoding) {
-    let bitmap = layer(depth_of(encoding));
-    let mut bytes = Vec::new();
-    bencher.counter(ItemsCount::new(WIDTH_PX * HEIGHT_PX)).bench_local(|| {
-        encode(black_box(&bitmap), encoding, &mut bytes).expect("the depth fits");
-    });
-    eprintln!("  {encoding:?}: {} bytes", bytes.len());
+#[derive(Default)]
+struct Sum {
+    layers: u32,
+    bytes: usize,
+    encoding: Duration,
+    decoding: Duration,
+    /// Layers that were written as PNG too, what they took, and what they take on the line.
+    png_layers: u32,
+    png_bytes: usize,
+    bytes_beside_png: usize,
 }
 
-#[divan::bench(args = [Encoding::RawBit, Encoding::Group4, Encoding::RawGrey, Encoding::RunGrey])]
-fn decode_layer(bencher: Bencher<'_, '_>, encoding: Encoding) {
+fn measure(part: &Path, depth: Depth, encoding: Encoding) -> Sum {
+    let source = BuildFile::open(part).expect("just packed");
+    let plan = SlicePlan::new(source.header(), RASTER, depth, LAYER_HEIGHT_UM).expect("it fits turned");
+    let layers = plan.layer_count;
+    let mut slicer = Slicer::new(source, plan, 1, 0, &MemoryBudget::new(1 << 30)).expect("fits");
+    let mut bitmap = Bitmap::new(RASTER.width_px, RASTER.height_px, depth);
     let mut bytes = Vec::new();
-    encode(&layer(depth_of(encoding)), encoding, &mut bytes).expect("the depth fits");
-    bencher.counter(ItemsCount::new(WIDTH_PX * HEIGHT_PX)).bench_local(|| {
-        let mut decoder = Decoder::new(encoding, WIDTH_PX, HEIGHT_PX);
-        for piece in bytes.chunks(1000) {
+    let mut sum = Sum { layers, ..Sum::default() };
+    for layer in 0..layers {
+        slicer.next_layer(&mut bitmap).expect("a layer");
+        let start = cpu_time();
+        encode(&bitmap, encoding, &mut bytes).expect("the depth fits");
+        sum.encoding += cpu_time() - start;
+        sum.bytes += bytes.len();
+
+        let mut decoder = Decoder::new(encoding, RASTER.width_px, RASTER.height_px);
+        let start = cpu_time();
+        for piece in bytes.chunks(PIECE_BYTES) {
             decoder.push(piece).expect("its own bytes");
         }
-        decoder.finish().expect("a whole picture")
-    });
+        let (read, _) = decoder.finish().expect("a whole picture");
+        sum.decoding += cpu_time() - start;
+        assert!(read == bitmap, "layer {layer} came back changed");
+
+        if layer % LAYERS_PER_PNG == LAYERS_PER_PNG / 2 {
+            sum.png_layers += 1;
+            sum.png_bytes += best_png_bytes(&bitmap);
+            sum.bytes_beside_png += bytes.len();
+        }
+    }
+    sum
+}
+
+/// Processor time of this thread.
+fn cpu_time() -> Duration {
+    let now = clock_gettime(ClockId::ThreadCPUTime);
+    Duration::new(now.tv_sec as u64, now.tv_nsec as u32)
+}
+
+/// Signature, header, the one data chunk's frame, end (PNG specification, third edition, 5).
+const PNG_FRAME_BYTES: usize = 8 + 25 + 12 + 12;
+
+/// The shortest PNG of a picture at its own depth.
+fn best_png_bytes(bitmap: &Bitmap) -> usize {
+    let filters: [&[u8]; 6] = [&[0], &[1], &[2], &[3], &[4], &[0, 1, 2, 3, 4]];
+    let deflated = |filters: &&[u8]| {
+        let mut encoder = ZlibEncoder::new(Vec::new(), Compression::best());
+        encoder.write_all(&filtered(bitmap, filters)).expect("memory takes it");
+        encoder.finish().expect("memory takes it").len()
+    };
+    PNG_FRAME_BYTES + filters.iter().map(deflated).min().expect("six ways")
+}
+
+/// The rows as PNG filters them: each by the one of `filters` with the smallest sum of absolute values, as libpng chooses.
+fn filtered(bitmap: &Bitmap, filters: &[u8]) -> Vec<u8> {
+    let stride = bitmap.stride_bytes();
+    let mut out = Vec::with_capacity((stride + 1) * bitmap.height_px() as usize);
+    let blank = vec![0; stride];
+    let mut above: &[u8] = &blank;
+    for row in bitmap.data().chunks_exact(stride) {
+        let rows = filters.iter().map(|filter| filtered_row(*filter, row, above));
+        let weight = |row: &Vec<u8>| row[1..].iter().map(|byte| u32::from((*byte as i8).unsigned_abs())).sum::<u32>();
+        out.extend(rows.min_by_key(weight).expect("a filter"));
+        above = row;
+    }
+    out
+}
+
+fn filtered_row(filter: u8, row: &[u8], above: &[u8]) -> Vec<u8> {
+    let guess = |x: usize| {
+        let (left, corner) = if x == 0 { (0, 0) } else { (row[x - 1], above[x - 1]) };
+        let up = above[x];
+        match filter {
+            0 => 0,
+            1 => left,
+            2 => up,
+            3 => ((u16::from(left) + u16::from(up)) / 2) as u8,
+            _ => paeth(left, up, corner),
+        }
+    };
+    let rest = (0..row.len()).map(|x| row[x].wrapping_sub(guess(x)));
+    std::iter::once(filter).chain(rest).collect()
+}
+
+/// The neighbour nearest to the plane through the three (A. W. Paeth, 1991).
+fn paeth(left: u8, up: u8, corner: u8) -> u8 {
+    let plane = i16::from(left) + i16::from(up) - i16::from(corner);
+    // The first of equals, as the specification orders them.
+    [left, up, corner].into_iter().min_by_key(|pixel| (plane - i16::from(*pixel)).abs()).unwrap_or(0)
 }

@@ -214,6 +214,8 @@ fn packed_spot(path: &Path) -> anyhow::Result<bool> {
         scale: 1.0,
         placement: Placement::Centred,
         memory_bytes: 256 << 20,
+        quantum_um: 1.0,
+        threads: std::num::NonZero::<usize>::MIN,
     };
     pack(&[input], path, &options, &mut |_| {})?;
     Ok(true)

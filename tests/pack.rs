@@ -1,7 +1,9 @@
 //! Packing: what sources mean, and how bad ones are refused.
 
 use std::io::Write;
+use std::num::NonZero;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use layerd::buildfile::{
     Blend, BlendChoice, BuildFile, Cap, PackError, PackOptions, PackReport, Placement, Strut, pack,
@@ -21,7 +23,9 @@ impl Bench {
             rotate_deg: [0.0; 3],
             scale: 1.0,
             placement: Placement::Centred,
+            quantum_um: 1.0,
             memory_bytes: 64 << 20,
+            threads: NonZero::<usize>::MIN.saturating_add(1),
         };
         Self { directory: tempfile::tempdir().expect("temporary directory"), options }
     }
@@ -167,6 +171,36 @@ fn radius_and_support_follow_the_rule() {
     bench.options.blend = BlendChoice::Convolution { support_mm: Some(0.42) };
     let found = said(bench.text(text));
     assert!(found.contains("in.txt:3") && found.contains("0.42") && found.contains("--support"), "{found}");
+}
+
+#[test]
+fn a_quantum_bounds_the_error_along_each_axis_and_how_far_coordinates_reach() {
+    let mut bench = Bench::new();
+    let text = "2 0.1 0 0\n0.1234567 1.7654321 -0.5 3.3333333 2.0000049 7.7777777 0.2222222\n0.1 1 0 2 2 8 0.2\n";
+    for quantum_um in [0.001, 0.1, 7.0, 250.0] {
+        bench.options.quantum_um = quantum_um;
+        let (report, struts) = bench.text(text).expect("is fine");
+        assert_eq!(report.header.quantum_um, quantum_um);
+        let strut = struts[0];
+        let found = strut.a.into_iter().chain(strut.b).map(f64::from).chain([f64::from(strut.radius_a)]);
+        let stated = [0.123_456_7, 1.765_432_1, -0.5, 3.333_333_3, 2.000_004_9, 7.777_777_7, 0.222_222_2];
+        for (found, stated) in found.zip(stated) {
+            let error_um = (found * quantum_um - stated * 1000.0).abs();
+            assert!(error_um <= quantum_um / 2.0 * (1.0 + 1e-9), "{error_um} µm at a quantum of {quantum_um} µm");
+        }
+        let output = Command::new(env!("CARGO_BIN_EXE_layerctl")).arg("info").arg(bench.path("out.layerd")).output();
+        let told = String::from_utf8(output.expect("layerctl runs").stdout).expect("is text");
+        let expected = format!("{quantum_um} µm: coordinates are off their source by at most {} µm", quantum_um / 2.0);
+        assert!(told.contains(&expected), "{told}");
+    }
+    bench.options.quantum_um = 0.001;
+    let found = said(bench.text("1 0.1 0 0\n0 0 0 2000 1 1\n"));
+    assert!(found.contains("in.txt:2") && found.contains("0.001 µm") && found.contains("--quantum"), "{found}");
+    bench.options.quantum_um = 250.0;
+    let found = said(bench.text("1 0.1 0 0\n0 0 0 2000 1 1\n"));
+    assert!(found.contains("a radius of 0.1 mm") && found.contains("--quantum"), "{found}");
+    bench.options.quantum_um = 0.0;
+    assert!(said(bench.text(text)).contains("--quantum 0: allowed is 0.001 to 1000 µm"));
 }
 
 #[test]

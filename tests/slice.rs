@@ -1,114 +1,14 @@
 //! Layers from memory: every pixel against the plain mathematics, and all that must not change a layer.
 
-use layerd::buildfile::{Blend, Bounds, Cap, Caps, Header, Placement, Strut};
-use layerd::slice::{Bitmap, Depth, MemoryStruts, Mirror, PlanError, Raster, SliceError, SlicePlan, Slicer};
+mod slice_part;
+
+use layerd::buildfile::{Blend, Cap, Caps, Placement, Strut};
+use layerd::slice::{Bitmap, Depth, MemoryStruts, Mirror, PlanError, SliceError, SlicePlan, Slicer};
 use layerd::solid::reference::beam_field;
-use layerd::solid::{self, Beam, Path};
+use layerd::solid::{Beam, Path};
 use layerd::stream::MemoryBudget;
 use proptest::prelude::*;
-
-const WIDTH: u32 = 100;
-const HEIGHT: u32 = 70;
-const PIXEL_UM: [f64; 2] = [20.0, 24.0];
-
-fn raster(mirror: Mirror) -> Raster {
-    Raster { width_px: WIDTH, height_px: HEIGHT, pixel_um: PIXEL_UM, build_height_um: 50_000.0, mirror }
-}
-
-fn strut(a: [i32; 3], b: [i32; 3], radius_a: u32, radius_b: u32) -> Strut {
-    let caps = Caps::default();
-    if a[2] <= b[2] {
-        Strut { a, b, radius_a, radius_b, caps }
-    } else {
-        Strut { a: b, b: a, radius_a: radius_b, radius_b: radius_a, caps }
-    }
-}
-
-fn header(struts: &[Strut], blend: Blend) -> Header {
-    let mut bounds = Bounds { min: [i32::MAX; 3], max: [i32::MIN; 3] };
-    let mut radius_range = [u32::MAX, 0];
-    for strut in struts {
-        for (node, radius) in [(strut.a, strut.radius_a), (strut.b, strut.radius_b)] {
-            radius_range = [radius_range[0].min(radius), radius_range[1].max(radius)];
-            for (axis, at) in node.into_iter().enumerate() {
-                bounds.min[axis] = bounds.min[axis].min(at - radius as i32);
-                bounds.max[axis] = bounds.max[axis].max(at + radius as i32);
-            }
-        }
-    }
-    Header {
-        quantum_um: 1.0,
-        blend,
-        bounds,
-        radius_range,
-        strut_count: struts.len() as u64,
-        ball_count: 0,
-        node_count: 0,
-        placement: Placement::Centred,
-        source_digest: [0; 32],
-        source_name: String::new(),
-    }
-}
-
-/// A part ready to be sliced.
-struct Part {
-    source: MemoryStruts,
-    plan: SlicePlan,
-}
-
-impl Part {
-    fn new(struts: &[Strut], blend: Blend, depth: Depth, mirror: Mirror, layer_height_um: f64) -> Self {
-        let header = header(struts, blend);
-        let plan = SlicePlan::new(&header, raster(mirror), depth, layer_height_um).expect("it fits");
-        Self { source: MemoryStruts::new(header, struts.to_vec(), 5), plan }
-    }
-
-    fn layers(&self, threads: usize, first: u32) -> Vec<Bitmap> {
-        self.layers_on(Path::detect(), threads, first)
-    }
-
-    fn layers_on(&self, path: Path, threads: usize, first: u32) -> Vec<Bitmap> {
-        let budget = MemoryBudget::new(64 << 20);
-        let mut slicer =
-            Slicer::on_path(path, self.source.clone(), self.plan.clone(), threads, first, &budget).expect("a slicer");
-        assert!(budget.used_bytes() <= Slicer::memory_bytes(&self.source, &self.plan, threads));
-        let mut bitmap = Bitmap::new(WIDTH, HEIGHT, self.plan.depth);
-        // What the bitmap held must not show through.
-        bitmap.data_mut().fill(0xa5);
-        let mut layers = Vec::new();
-        while let Some(layer) = slicer.next_layer(&mut bitmap).expect("a layer") {
-            assert_eq!(layer as usize, first as usize + layers.len());
-            layers.push(bitmap.clone());
-        }
-        layers
-    }
-
-    fn point(&self, x: u32, y: u32, layer: usize) -> [f64; 3] {
-        let [dx, dy] = self.plan.step_um();
-        let [x0, y0] = self.plan.origin_um;
-        [x0 + f64::from(x) * dx, y0 + f64::from(y) * dy, self.plan.layer_z_um(layer as u32)]
-    }
-}
-
-fn lit(bitmap: &Bitmap, x: u32, y: u32) -> bool {
-    bitmap.data()[y as usize * bitmap.stride_bytes() + x as usize / 8] & (0x80 >> (x % 8)) != 0
-}
-
-fn beam(strut: &Strut) -> Beam {
-    let point = |p: [i32; 3]| p.map(f64::from);
-    let cap = |cap| match cap {
-        Cap::Sphere => solid::Cap::Sphere,
-        Cap::Hemisphere => solid::Cap::Hemisphere,
-        Cap::Butt => solid::Cap::Butt,
-    };
-    Beam {
-        a: point(strut.a),
-        b: point(strut.b),
-        radius_a: f64::from(strut.radius_a),
-        radius_b: f64::from(strut.radius_b),
-        caps: [cap(strut.caps.a), cap(strut.caps.b)],
-    }
-}
+use slice_part::{HEIGHT, PIXEL_UM, Part, WIDTH, beam, header, lit, raster, strut};
 
 const SUPPORT_UM: f64 = 150.0;
 const CONVOLUTION: Blend = Blend::Convolution { support_um: SUPPORT_UM };
@@ -211,7 +111,9 @@ proptest! {
         let part = Part::new(&struts, blend, depth, Mirror::default(), 40.0);
         let whole = part.layers(1, 0);
         prop_assert_eq!(&part.layers(3, 0), &whole);
-        prop_assert_eq!(&part.layers_on(Path::BASELINE, 1, 0), &whole);
+        for path in Path::available() {
+            prop_assert_eq!(&part.layers_on(path, 1, 0), &whole);
+        }
         let start = start.min(whole.len() as u32 - 1);
         prop_assert_eq!(&part.layers(2, start)[..], &whole[start as usize..]);
     }

@@ -1,23 +1,26 @@
-//! One chunk: up to [`CHUNK_STRUTS`] struts as a table of the nodes they share and columns that point into it.
+//! One chunk: up to [`CHUNK_STRUTS`] struts as columns: a table of their lower nodes, and what leads from each to the upper one.
+//!
+//! Upper nodes are kept as offsets: struts are short, and few of a large part's chunk share their upper end with another
+//! strut of the same chunk, so a table of both ends would hold most of them once for every strut.
 //!
 //! ```text
-//! 0  u32 struts   4  u32 nodes   8  u8 flags   9  u8 × 7 widths: z y x low high radius_a radius_b
-//! 16 i32 z_min    20 i32 y_min   24 i32 x_min  28 u32 radius_a_min   32 u32 radius_b_min
-//! 36 columns: z y x (one value a node), low high radius_a [radius_b] [caps] (one value a strut)
+//! 0  u32 struts   4  u32 nodes   8  u8 flags   9  u8 × 9 widths: z y x node dz dy dx radius_a radius_b
+//! 18 i32 z_min    22 i32 y_min   26 i32 x_min  30 u32 radius_a_min   34 u32 radius_b_min
+//! 38 columns: z y x (one value a lower node), node dz dy dx radius_a [radius_b] [caps] (one value a strut)
 //! ```
 
 use super::columns;
 use super::index::ChunkEntry;
 use super::model::{Bounds, Cap, Caps, Header, Strut};
 
-/// Most struts in one chunk. Few enough that node numbers fit two bytes and the index bounds the active set tightly, enough
-/// that a chunk's own cost (40 bytes of index, 36 of head, the compressor's tables) vanishes.
+/// Most struts in one chunk. Few enough that a chunk decodes within a second-level cache and the index bounds the active set
+/// tightly, enough that a chunk's own cost (40 bytes of index, 38 of head, the compressor's tables) vanishes.
 pub const CHUNK_STRUTS: usize = 8192;
 
 /// Most bytes of a chunk once unpacked: the format's own limit.
 pub(super) const UNPACKED_LIMIT_BYTES: u32 = 1 << 20;
 
-const HEAD_BYTES: usize = 36;
+const HEAD_BYTES: usize = 38;
 const FLAG_SECOND_RADIUS: u8 = 1;
 const FLAG_CAPS: u8 = 2;
 const CAPS: [Cap; 3] = [Cap::Sphere, Cap::Hemisphere, Cap::Butt];
@@ -27,39 +30,55 @@ pub(super) fn node_key(node: [i32; 3]) -> [i32; 3] {
     [node[2], node[1], node[0]]
 }
 
-/// Buffers of [`encode`] and [`decode`], kept from chunk to chunk.
+/// Buffers of [`decode`], kept from chunk to chunk.
 #[derive(Debug, Default)]
 pub(super) struct Scratch {
     nodes: Vec<[i32; 3]>,
-    column: Vec<u32>,
-    second: Vec<u32>,
-    third: Vec<u32>,
+    columns: [Vec<u32>; 5],
 }
 
-/// Packs `struts`, which are in file order and at most [`CHUNK_STRUTS`], into `out`.
-pub(super) fn encode(struts: &[Strut], scratch: &mut Scratch, out: &mut Vec<u8>) {
-    out.clear();
-    let nodes = &mut scratch.nodes;
-    nodes.clear();
-    nodes.extend(struts.iter().flat_map(|strut| [node_key(strut.a), node_key(strut.b)]));
-    nodes.sort_unstable();
-    nodes.dedup();
-    let number = |node| nodes.binary_search(&node_key(node)).unwrap_or_else(|place| place) as u32;
+impl Scratch {
+    /// Bytes that decoding a chunk of so many struts takes, at most.
+    pub(super) fn bytes(strut_count: usize) -> usize {
+        strut_count * (size_of::<[i32; 3]>() + 5 * size_of::<u32>())
+    }
+}
 
-    let mut head = Head { struts: struts.len() as u32, nodes: nodes.len() as u32, ..Head::default() };
-    let mut body = Vec::new();
-    let mut add = |values: &mut dyn Iterator<Item = u32>| {
-        scratch.column.clear();
-        scratch.column.extend(values);
-        let width = columns::width_bytes(&scratch.column);
-        columns::push(&scratch.column, width, &mut body);
+/// A chunk before compression.
+#[derive(Debug, Default)]
+pub(super) struct Unpacked {
+    /// Head and columns.
+    pub(super) bytes: Vec<u8>,
+    /// Where each byte plane begins, ascending: planes differ so much that each is worth its own table of symbols.
+    pub(super) planes: Vec<usize>,
+    column: Vec<u32>,
+}
+
+impl Unpacked {
+    /// Appends a column and returns its width.
+    fn add(&mut self, values: impl Iterator<Item = u32>) -> u8 {
+        self.column.clear();
+        self.column.extend(values);
+        let width = columns::width_bytes(&self.column);
+        let first = self.bytes.len();
+        columns::push(&self.column, width, &mut self.bytes);
+        self.planes.extend((0..usize::from(width)).map(|plane| first + plane * self.column.len()));
         width
-    };
+    }
+}
+
+/// Lays out `struts`, which are in file order and at most [`CHUNK_STRUTS`], in `out`.
+pub(super) fn encode(struts: &[Strut], out: &mut Unpacked) {
+    out.bytes.clear();
+    out.bytes.resize(HEAD_BYTES, 0);
+    out.planes.clear();
+    let nodes = || struts.chunk_by(|one, next| one.a == next.a).map(|group| node_key(group[0].a));
+    let mut head = Head { struts: struts.len() as u32, nodes: nodes().count() as u32, ..Head::default() };
     for axis in 0..3 {
-        let least = nodes.iter().map(|node| node[axis]).min().unwrap_or(0);
+        let least = nodes().map(|node| node[axis]).min().unwrap_or(0);
         head.node_min[axis] = least;
         let mut before = least;
-        head.widths[axis] = add(&mut nodes.iter().map(|node| {
+        head.widths[axis] = out.add(nodes().map(|node| {
             let value = node[axis].abs_diff(before);
             if axis == 0 {
                 before = node[axis];
@@ -67,27 +86,26 @@ pub(super) fn encode(struts: &[Strut], scratch: &mut Scratch, out: &mut Vec<u8>)
             value
         }));
     }
-    let mut before = 0;
-    head.widths[3] = add(&mut struts.iter().map(|strut| {
-        let low = number(strut.a);
-        let step = low - before;
-        before = low;
-        step
-    }));
-    head.widths[4] = add(&mut struts.iter().map(|strut| number(strut.b) - number(strut.a)));
+    let mut before = struts.first().map(|strut| strut.a);
+    head.widths[3] = out.add(struts.iter().map(|strut| u32::from(before.replace(strut.a) != Some(strut.a))));
+    head.widths[4] = out.add(struts.iter().map(|strut| strut.a[2].abs_diff(strut.b[2])));
+    for axis in [1, 0] {
+        let offset = |strut: &Strut| columns::zigzag(strut.b[axis].wrapping_sub(strut.a[axis]));
+        head.widths[6 - axis] = out.add(struts.iter().map(offset));
+    }
     head.radius_min[0] = struts.iter().map(|strut| strut.radius_a).min().unwrap_or(0);
-    head.widths[5] = add(&mut struts.iter().map(|strut| strut.radius_a - head.radius_min[0]));
+    head.widths[7] = out.add(struts.iter().map(|strut| strut.radius_a - head.radius_min[0]));
     if struts.iter().any(|strut| strut.radius_a != strut.radius_b) {
         head.flags |= FLAG_SECOND_RADIUS;
         head.radius_min[1] = struts.iter().map(|strut| strut.radius_b).min().unwrap_or(0);
-        head.widths[6] = add(&mut struts.iter().map(|strut| strut.radius_b - head.radius_min[1]));
+        head.widths[8] = out.add(struts.iter().map(|strut| strut.radius_b - head.radius_min[1]));
     }
     if struts.iter().any(|strut| strut.caps != Caps::default()) {
         head.flags |= FLAG_CAPS;
-        body.extend(struts.iter().map(|strut| strut.caps.a as u8 + 3 * strut.caps.b as u8));
+        out.planes.push(out.bytes.len());
+        out.bytes.extend(struts.iter().map(|strut| strut.caps.a as u8 + 3 * strut.caps.b as u8));
     }
-    head.write(out);
-    out.extend_from_slice(&body);
+    out.bytes[..HEAD_BYTES].copy_from_slice(&head.to_bytes());
 }
 
 /// Unpacks a chunk and appends its struts to `out`.
@@ -105,7 +123,7 @@ pub(super) fn decode(
     if head.struts != entry.strut_count {
         return Err(format!("it holds {} struts, but the index says {}", head.struts, entry.strut_count));
     }
-    if head.nodes == 0 || head.nodes > 2 * head.struts {
+    if head.nodes == 0 || head.nodes > head.struts {
         return Err(format!("{} nodes for {} struts", head.nodes, head.struts));
     }
     if head.flags & !(FLAG_SECOND_RADIUS | FLAG_CAPS) != 0 {
@@ -128,38 +146,30 @@ fn decode_columns(
     out: &mut Vec<Strut>,
 ) -> Result<(), String> {
     const SHORT: &str = "its columns are cut short";
-    let Scratch { nodes, column, second, third } = scratch;
-    let count = head.struts as usize;
-    let columns = [&mut *column, &mut *second, &mut *third];
-    for (axis, column) in columns.into_iter().enumerate() {
-        bytes = columns::take(bytes, head.nodes as usize, head.widths[axis], column).ok_or(SHORT)?;
+    let Scratch { nodes, columns } = scratch;
+    for (column, width) in columns.iter_mut().zip(&head.widths[..3]) {
+        bytes = columns::take(bytes, head.nodes as usize, *width, column).ok_or(SHORT)?;
     }
-    decode_nodes(head, &header.bounds, [column, second, third], nodes)?;
+    let [z, y, x, ..] = columns;
+    decode_nodes(head, &header.bounds, [z, y, x], nodes)?;
 
-    bytes = columns::take(bytes, count, head.widths[3], column).ok_or(SHORT)?;
-    bytes = columns::take(bytes, count, head.widths[4], second).ok_or(SHORT)?;
-    bytes = columns::take(bytes, count, head.widths[5], third).ok_or(SHORT)?;
-    check_radii(third, head.radius_min[0], header.radius_range)?;
-    out.reserve(count);
-    let first = out.len();
-    let mut low = 0u32;
-    for ((step, rise), radius) in column.iter().zip(&*second).zip(&*third) {
-        low = low.saturating_add(*step);
-        let ends = nodes.get(low as usize).zip(nodes.get(low.saturating_add(*rise) as usize));
-        let (&a, &b) = ends.ok_or_else(|| format!("a strut names node {low} + {rise} of {}", nodes.len()))?;
-        let radius = radius + head.radius_min[0];
-        out.push(Strut { a, b, radius_a: radius, radius_b: radius, caps: Caps::default() });
+    let (count, first) = (head.struts as usize, out.len());
+    for (column, width) in columns.iter_mut().zip(&head.widths[3..8]) {
+        bytes = columns::take(bytes, count, *width, column).ok_or(SHORT)?;
     }
+    let [step, dz, dy, dx, radius] = columns;
+    check_radii(radius, head.radius_min[0], header.radius_range)?;
+    join(nodes, [step, dz, dy, dx, radius], head.radius_min[0], &header.bounds, out)?;
     if head.flags & FLAG_SECOND_RADIUS != 0 {
-        bytes = columns::take(bytes, count, head.widths[6], third).ok_or(SHORT)?;
-        check_radii(third, head.radius_min[1], header.radius_range)?;
-        for (strut, radius) in out[first..].iter_mut().zip(&*third) {
+        bytes = columns::take(bytes, count, head.widths[8], radius).ok_or(SHORT)?;
+        check_radii(radius, head.radius_min[1], header.radius_range)?;
+        for (strut, radius) in out[first..].iter_mut().zip(&*radius) {
             strut.radius_b = radius + head.radius_min[1];
         }
     }
     if head.flags & FLAG_CAPS != 0 {
-        bytes = columns::take(bytes, count, 1, third).ok_or(SHORT)?;
-        for (strut, &code) in out[first..].iter_mut().zip(&*third) {
+        bytes = columns::take(bytes, count, 1, step).ok_or(SHORT)?;
+        for (strut, &code) in out[first..].iter_mut().zip(&*step) {
             let cap = |code: u32| CAPS.get(code as usize).copied().ok_or(format!("unknown cap {code}"));
             strut.caps = Caps { a: cap(code % 3)?, b: cap(code / 3)? };
         }
@@ -168,34 +178,67 @@ fn decode_columns(
 }
 
 /// Turns the three node columns (z as steps, y and x as offsets) into nodes inside `bounds`.
-fn decode_nodes(
-    head: &Head,
-    bounds: &Bounds,
-    columns: [&mut Vec<u32>; 3],
-    nodes: &mut Vec<[i32; 3]>,
-) -> Result<(), String> {
+fn decode_nodes(head: &Head, bounds: &Bounds, columns: [&[u32]; 3], nodes: &mut Vec<[i32; 3]>) -> Result<(), String> {
     let [z, y, x] = columns;
     let rise: u64 = z.iter().map(|&step| u64::from(step)).sum();
     let largest = |column: &[u32]| column.iter().copied().max().map_or(0, u64::from);
     for (axis, extent) in [(2, rise), (1, largest(y)), (0, largest(x))] {
         let least = i64::from(head.node_min[2 - axis]);
-        // Neither sum can overflow: at most 16,384 steps below 2³² above an i32.
-        let most = least + extent as i64;
-        if least < i64::from(bounds.min[axis]) || most > i64::from(bounds.max[axis]) {
-            let name = ["x", "y", "z"][axis];
-            return Err(format!(
-                "its nodes reach from {name} = {least} to {most} quanta, outside the header's bounds {} to {}",
-                bounds.min[axis], bounds.max[axis]
-            ));
-        }
+        // The sum cannot overflow: at most 8192 steps below 2³² above an i32.
+        check_reach(axis, least, least + extent as i64, bounds)?;
     }
     nodes.clear();
     let mut height = head.node_min[0];
-    nodes.extend(z.iter().zip(&*y).zip(&*x).map(|((step, y), x)| {
+    nodes.extend(z.iter().zip(y).zip(x).map(|((step, y), x)| {
         height = height.wrapping_add_unsigned(*step);
         [head.node_min[2].wrapping_add_unsigned(*x), head.node_min[1].wrapping_add_unsigned(*y), height]
     }));
     Ok(())
+}
+
+/// Joins lower nodes and columns (step of the lower node's number, offsets dz, dy, dx, radius) to struts inside `bounds`.
+fn join(
+    nodes: &[[i32; 3]],
+    columns: [&[u32]; 5],
+    radius_min: u32,
+    bounds: &Bounds,
+    out: &mut Vec<Strut>,
+) -> Result<(), String> {
+    let [step, dz, dy, dx, radius] = columns;
+    let last: u64 = step.iter().map(|&step| u64::from(step)).sum();
+    if last >= nodes.len() as u64 {
+        return Err(format!("a strut begins at node {last} of {}", nodes.len()));
+    }
+    let (mut least, mut most, mut top) = ([i32::MAX; 2], [i32::MIN; 2], i64::MIN);
+    let mut node = 0;
+    out.reserve(step.len());
+    // A loop, as sums that a closure keeps stay in memory.
+    for ((((step, dz), dy), dx), radius) in step.iter().zip(dz).zip(dy).zip(dx).zip(radius) {
+        node += *step as usize;
+        let a = nodes[node];
+        let [x, y] = [a[0].wrapping_add(columns::unzigzag(*dx)), a[1].wrapping_add(columns::unzigzag(*dy))];
+        least = [least[0].min(x), least[1].min(y)];
+        most = [most[0].max(x), most[1].max(y)];
+        top = top.max(i64::from(a[2]) + i64::from(*dz));
+        let b = [x, y, a[2].wrapping_add_unsigned(*dz)];
+        let radius = radius.wrapping_add(radius_min);
+        out.push(Strut { a, b, radius_a: radius, radius_b: radius, caps: Caps::default() });
+    }
+    for axis in 0..2 {
+        check_reach(axis, least[axis].into(), most[axis].into(), bounds)?;
+    }
+    check_reach(2, i64::from(bounds.min[2]), top, bounds)
+}
+
+fn check_reach(axis: usize, least: i64, most: i64, bounds: &Bounds) -> Result<(), String> {
+    if least >= i64::from(bounds.min[axis]) && most <= i64::from(bounds.max[axis]) {
+        return Ok(());
+    }
+    let name = ["x", "y", "z"][axis];
+    Err(format!(
+        "its nodes reach from {name} = {least} to {most} quanta, outside the header's bounds {} to {}",
+        bounds.min[axis], bounds.max[axis]
+    ))
 }
 
 fn check_radii(offsets: &[u32], least: u32, range: [u32; 2]) -> Result<(), String> {
@@ -230,34 +273,38 @@ struct Head {
     struts: u32,
     nodes: u32,
     flags: u8,
-    widths: [u8; 7],
+    /// z, y, x, node, dz, dy, dx, radius a, radius b.
+    widths: [u8; 9],
     /// z, y, x.
     node_min: [i32; 3],
     radius_min: [u32; 2],
 }
 
 impl Head {
-    fn write(&self, out: &mut Vec<u8>) {
-        out.extend_from_slice(&self.struts.to_le_bytes());
-        out.extend_from_slice(&self.nodes.to_le_bytes());
-        out.push(self.flags);
-        out.extend_from_slice(&self.widths);
-        self.node_min.iter().for_each(|value| out.extend_from_slice(&value.to_le_bytes()));
-        self.radius_min.iter().for_each(|value| out.extend_from_slice(&value.to_le_bytes()));
+    fn to_bytes(&self) -> [u8; HEAD_BYTES] {
+        let mut bytes = [0; HEAD_BYTES];
+        bytes[8] = self.flags;
+        bytes[9..18].copy_from_slice(&self.widths);
+        let words = [(0, self.struts), (4, self.nodes), (30, self.radius_min[0]), (34, self.radius_min[1])];
+        let nodes = [18, 22, 26].into_iter().zip(self.node_min.map(|value| value as u32));
+        for (at, word) in words.into_iter().chain(nodes) {
+            bytes[at..at + 4].copy_from_slice(&word.to_le_bytes());
+        }
+        bytes
     }
 
     fn read(bytes: &[u8]) -> Option<Self> {
         let head = bytes.first_chunk::<HEAD_BYTES>()?;
         let word = |at: usize| u32::from_le_bytes([head[at], head[at + 1], head[at + 2], head[at + 3]]);
-        let mut widths = [0; 7];
-        widths.copy_from_slice(&head[9..16]);
+        let mut widths = [0; 9];
+        widths.copy_from_slice(&head[9..18]);
         Some(Self {
             struts: word(0),
             nodes: word(4),
             flags: head[8],
             widths,
-            node_min: [16, 20, 24].map(|at| word(at) as i32),
-            radius_min: [word(28), word(32)],
+            node_min: [18, 22, 26].map(|at| word(at) as i32),
+            radius_min: [word(30), word(34)],
         })
     }
 }

@@ -3,15 +3,21 @@
 use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
+use sha2::{Digest, Sha256};
 
 use super::chunk::node_key;
+use super::format::QUANTA_UM;
 use super::model::{Blend, Caps, Strut};
-use super::pack::{BlendChoice, PackError, PackOptions};
-use super::sort::Sorter;
+use super::pack::{BlendChoice, EXPECTED_STRUT_BYTES, PackError, PackOptions, PackProgress};
+use super::record::RADIUS_LIMIT;
+use super::sort::{self, Sorter};
 use crate::solid::LARGEST_RADIUS_SHARE;
 
 /// Support R as a multiple of the largest radius where none is named: keeps every radius at or below 2R/3.
 const SUPPORT_FACTOR: f64 = 1.5;
+
+/// Farthest coordinate of a node, quanta: radii add to a node's place, and half the range leaves room for them.
+const COORDINATE_LIMIT: f64 = (i32::MAX / 2) as f64;
 
 /// One beam in millimetres as its source states it.
 #[derive(Clone, Copy, Debug)]
@@ -23,49 +29,169 @@ pub(super) struct Beam {
     pub(super) caps: Caps,
 }
 
-/// Takes beams and balls of all inputs.
-pub(super) struct Collector<'a> {
-    options: &'a PackOptions,
+/// What every beam goes through: the same for all threads.
+pub(super) struct Rules {
     quantum_um: f64,
-    turn: DMat3,
-    directory: PathBuf,
+    scale: f64,
+    blend: BlendChoice,
+    /// From millimetres as a source states them to quanta.
+    to_quanta: DMat3,
+}
+
+/// What one thread collects.
+pub(super) struct Lane<'a> {
+    rules: &'a Rules,
     sorter: Sorter,
+    directory: PathBuf,
+    tally: Tally,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Tally {
     largest_radius: u32,
     count: u64,
     /// Beams whose ends fall on one quantum.
     short_count: u64,
     /// Beams with caps other than spheres.
     capped_count: u64,
+}
+
+/// Takes beams and balls of all inputs.
+pub(super) struct Collector<'a> {
+    rules: &'a Rules,
+    lanes: Vec<Lane<'a>>,
+    hasher: Sha256,
     /// Place and millimetres of convolution radii that sources state.
     stated_supports: Vec<(String, f64)>,
     notes: Vec<String>,
+    directory: PathBuf,
+    memory_bytes: u64,
+    /// Struts that the sources so far can hold at most.
+    expected: u64,
 }
 
 /// Everything a build file is written from.
 pub(super) struct Collected {
-    pub(super) sorter: Sorter,
+    pub(super) sorters: Vec<Sorter>,
     pub(super) blend: Blend,
     pub(super) largest_radius: u32,
     pub(super) count: u64,
+    pub(super) source_digest: [u8; 32],
     pub(super) notes: Vec<String>,
 }
 
-impl<'a> Collector<'a> {
-    pub(super) fn new(options: &'a PackOptions, quantum_um: f64, directory: &Path) -> Result<Self, PackError> {
+impl Rules {
+    /// # Errors
+    /// Where an option is out of range.
+    pub(super) fn new(options: &PackOptions) -> Result<Self, PackError> {
         check_options(options)?;
-        Ok(Self {
-            options,
-            quantum_um,
-            turn: turn(options.rotate_deg) * options.scale,
-            directory: directory.into(),
-            sorter: Sorter::new(directory, options.memory_bytes),
-            largest_radius: 0,
-            count: 0,
-            short_count: 0,
-            capped_count: 0,
+        let PackOptions { quantum_um, scale, blend, rotate_deg, .. } = *options;
+        Ok(Self { quantum_um, scale, blend, to_quanta: turn(rotate_deg) * (scale * 1000.0 / quantum_um) })
+    }
+
+    fn node(&self, point: DVec3, place: &dyn Fn() -> String) -> Result<[i32; 3], PackError> {
+        let quanta = self.to_quanta * point;
+        let quanta = quanta.to_array();
+        // Not so where any is no number.
+        if quanta.iter().all(|value| value.abs() <= COORDINATE_LIMIT) {
+            return Ok(quanta.map(nearest));
+        }
+        let problem = format!(
+            "the point {:?}, {:?}, {:?} mm is not within ±{} mm of the origin once turned and scaled: a quantum of {} µm \
+             reaches no further (--quantum)",
+            point.x,
+            point.y,
+            point.z,
+            (COORDINATE_LIMIT * self.quantum_um / 1000.0).floor(),
+            self.quantum_um
+        );
+        Err(PackError::input(place(), problem))
+    }
+
+    fn radius(&self, radius_mm: f64, place: &dyn Fn() -> String) -> Result<u32, PackError> {
+        let quanta = radius_mm * self.scale * 1000.0 / self.quantum_um;
+        if !(0.5..=f64::from(RADIUS_LIMIT)).contains(&quanta) {
+            let problem = format!(
+                "a radius of {radius_mm} mm, scaled by {}; allowed is {} to {} mm at a quantum of {} µm (--quantum)",
+                self.scale,
+                self.quantum_um / 2000.0,
+                (f64::from(RADIUS_LIMIT) * self.quantum_um / 1000.0).floor(),
+                self.quantum_um
+            );
+            return Err(PackError::input(place(), problem));
+        }
+        if let BlendChoice::Convolution { support_mm: Some(support_mm) } = self.blend {
+            let final_mm = f64::from(nearest(quanta)) * self.quantum_um / 1000.0;
+            if final_mm >= LARGEST_RADIUS_SHARE * support_mm {
+                let problem = format!(
+                    "a radius of {final_mm:?} mm does not fit the support R = {support_mm} mm: it must be below \
+                     {LARGEST_RADIUS_SHARE} R; name --support {:.3} or more, or none",
+                    SUPPORT_FACTOR * final_mm
+                );
+                return Err(PackError::input(place(), problem));
+            }
+        }
+        Ok(nearest(quanta) as u32)
+    }
+}
+
+impl Lane<'_> {
+    /// Adds one beam; `place` names it in errors.
+    ///
+    /// # Errors
+    /// Where it has no finite place, no positive radius, or a radius too large for the support.
+    pub(super) fn beam(&mut self, beam: &Beam, place: &dyn Fn() -> String) -> Result<(), PackError> {
+        let Beam { a, b, radius_a, radius_b, mut caps } = *beam;
+        let rules = self.rules;
+        let (a, b) = (rules.node(a, place)?, rules.node(b, place)?);
+        let (radius_a, radius_b) = (rules.radius(radius_a, place)?, rules.radius(radius_b, place)?);
+        if a == b {
+            self.tally.short_count += 1;
+            return Ok(());
+        }
+        if caps != Caps::default() {
+            self.tally.capped_count += 1;
+            if rules.blend != BlendChoice::Union {
+                caps = Caps::default();
+            }
+        }
+        let strut = Strut { a, b, radius_a, radius_b, caps };
+        self.push(if node_key(a) <= node_key(b) { strut } else { reversed(strut) })
+    }
+
+    /// Adds one ball; `place` names it in errors.
+    ///
+    /// # Errors
+    /// As [`Lane::beam`].
+    pub(super) fn ball(&mut self, centre: DVec3, radius: f64, place: &dyn Fn() -> String) -> Result<(), PackError> {
+        let node = self.rules.node(centre, place)?;
+        let radius = self.rules.radius(radius, place)?;
+        self.push(Strut { a: node, b: node, radius_a: radius, radius_b: radius, caps: Caps::default() })
+    }
+
+    fn push(&mut self, strut: Strut) -> Result<(), PackError> {
+        self.tally.largest_radius = self.tally.largest_radius.max(strut.radius_a).max(strut.radius_b);
+        self.tally.count += 1;
+        let sorted = self.sorter.push(strut);
+        sorted.map_err(|source| PackError::Sort { directory: self.directory.clone(), source })
+    }
+}
+
+impl<'a> Collector<'a> {
+    /// A collector of as many lanes as `options` asks for threads; runs are spilled to `directory`.
+    pub(super) fn new(rules: &'a Rules, options: &PackOptions, directory: &Path) -> Self {
+        let threads = options.threads.get();
+        let lane = |sorter| Lane { rules, sorter, directory: directory.into(), tally: Tally::default() };
+        Self {
+            rules,
+            lanes: Sorter::team(directory, options.memory_bytes, threads).into_iter().map(lane).collect(),
+            hasher: Sha256::new(),
             stated_supports: Vec::new(),
             notes: Vec::new(),
-        })
+            directory: directory.into(),
+            memory_bytes: options.memory_bytes,
+            expected: 0,
+        }
     }
 
     /// Adds a sentence for the operator.
@@ -78,85 +204,38 @@ impl<'a> Collector<'a> {
         self.stated_supports.push((place, support_mm));
     }
 
-    /// Adds one beam; `place` names it in errors.
+    /// Announces that a source holds at most so many struts, before the first of them; `progress` takes what temporary space
+    /// they need where they do not fit memory.
     ///
     /// # Errors
-    /// Where it has no finite place, no positive radius, or a radius too large for the support.
-    pub(super) fn beam(&mut self, beam: &Beam, place: &dyn Fn() -> String) -> Result<(), PackError> {
-        let Beam { a, b, radius_a, radius_b, mut caps } = *beam;
-        let ends = [self.node(a, place)?, self.node(b, place)?];
-        let radii = [self.radius(radius_a, place)?, self.radius(radius_b, place)?];
-        if ends[0] == ends[1] {
-            self.short_count += 1;
+    /// Where that space is not free.
+    pub(super) fn expect(&mut self, struts: u64, progress: &mut dyn FnMut(PackProgress)) -> Result<(), PackError> {
+        self.expected = self.expected.saturating_add(struts);
+        let temporary_bytes = sort::spill_bytes(self.expected, self.memory_bytes, self.lanes.len());
+        if temporary_bytes == 0 {
             return Ok(());
         }
-        if caps != Caps::default() {
-            self.capped_count += 1;
-            if self.options.blend != BlendChoice::Union {
-                caps = Caps::default();
-            }
-        }
-        let [a, b] = ends;
-        let strut = Strut { a, b, radius_a: radii[0], radius_b: radii[1], caps };
-        self.push(if node_key(a) <= node_key(b) { strut } else { reversed(strut) })
+        let output_bytes = self.expected.saturating_mul(EXPECTED_STRUT_BYTES);
+        let directory = &self.directory;
+        let sort_error = |source| PackError::Sort { directory: directory.clone(), source };
+        let free_bytes = crate::disk::free_bytes(directory).map_err(sort_error)?;
+        progress(PackProgress::Space { temporary_bytes, output_bytes, free_bytes });
+        sort::check_free_space(directory, temporary_bytes).map_err(sort_error)
     }
 
-    /// Adds one ball; `place` names it in errors.
-    ///
-    /// # Errors
-    /// As [`Collector::beam`].
+    /// What each thread may add to, at least one, and the digest of all sources' bytes in order.
+    pub(super) fn parts(&mut self) -> (&mut [Lane<'a>], &mut Sha256) {
+        (&mut self.lanes, &mut self.hasher)
+    }
+
+    /// As [`Lane::beam`], for sources that are read by one thread.
+    pub(super) fn beam(&mut self, beam: &Beam, place: &dyn Fn() -> String) -> Result<(), PackError> {
+        self.lanes[0].beam(beam, place)
+    }
+
+    /// As [`Lane::ball`], for sources that are read by one thread.
     pub(super) fn ball(&mut self, centre: DVec3, radius: f64, place: &dyn Fn() -> String) -> Result<(), PackError> {
-        let node = self.node(centre, place)?;
-        let radius = self.radius(radius, place)?;
-        self.push(Strut { a: node, b: node, radius_a: radius, radius_b: radius, caps: Caps::default() })
-    }
-
-    fn push(&mut self, strut: Strut) -> Result<(), PackError> {
-        self.largest_radius = self.largest_radius.max(strut.radius_a).max(strut.radius_b);
-        self.count += 1;
-        let sorted = self.sorter.push(strut);
-        sorted.map_err(|source| PackError::Sort { directory: self.directory.clone(), source })
-    }
-
-    fn node(&self, point: DVec3, place: &dyn Fn() -> String) -> Result<[i32; 3], PackError> {
-        let quanta = self.turn * point * (1000.0 / self.quantum_um);
-        // Radii add to a node's place: half the range leaves room for them.
-        let limit = f64::from(i32::MAX / 2);
-        if !(quanta.is_finite() && quanta.abs().max_element() <= limit) {
-            let problem = format!(
-                "the point {:?}, {:?}, {:?} mm is not within ±{} m of the origin",
-                point.x,
-                point.y,
-                point.z,
-                (limit * self.quantum_um / 1e6).floor()
-            );
-            return Err(PackError::input(place(), problem));
-        }
-        Ok(quanta.round().to_array().map(|value| value as i32))
-    }
-
-    fn radius(&self, radius_mm: f64, place: &dyn Fn() -> String) -> Result<u32, PackError> {
-        let quanta = (radius_mm * self.options.scale * 1000.0 / self.quantum_um).round();
-        if !(1.0..=f64::from(i32::MAX / 4)).contains(&quanta) {
-            let problem = format!(
-                "a radius of {radius_mm} mm, scaled by {}; allowed is {} mm or more",
-                self.options.scale,
-                self.quantum_um / 1000.0
-            );
-            return Err(PackError::input(place(), problem));
-        }
-        if let BlendChoice::Convolution { support_mm: Some(support_mm) } = self.options.blend {
-            let final_mm = quanta * self.quantum_um / 1000.0;
-            if final_mm >= LARGEST_RADIUS_SHARE * support_mm {
-                let problem = format!(
-                    "a radius of {final_mm:?} mm does not fit the support R = {support_mm} mm: it must be below \
-                     {LARGEST_RADIUS_SHARE} R; name --support {:.3} or more, or none",
-                    SUPPORT_FACTOR * final_mm
-                );
-                return Err(PackError::input(place(), problem));
-            }
-        }
-        Ok(quanta as u32)
+        self.lanes[0].ball(centre, radius, place)
     }
 
     /// Settles blend and notes.
@@ -164,48 +243,61 @@ impl<'a> Collector<'a> {
     /// # Errors
     /// Where no strut was found.
     pub(super) fn finish(mut self, inputs: &[PathBuf]) -> Result<Collected, PackError> {
-        if self.count == 0 {
-            let names: Vec<_> = inputs.iter().map(|path| path.display().to_string()).collect();
-            let short = match self.short_count {
-                0 => String::new(),
-                count => format!(" ({count} are shorter than {} mm)", self.quantum_um / 1000.0),
-            };
-            let left_out = match self.notes.as_slice() {
-                [] => String::new(),
-                notes => format!("; left out: {}", notes.join("; ")),
-            };
-            return Err(PackError::input(names.join(", "), format!("there are no struts to print{short}{left_out}")));
+        let Tally { largest_radius, count, short_count, capped_count } = self.tally();
+        let quantum_mm = self.rules.quantum_um / 1000.0;
+        if count == 0 {
+            return Err(self.nothing(inputs, short_count));
         }
-        let blend = match self.options.blend {
+        let blend = match self.rules.blend {
             BlendChoice::Union => Blend::Union,
             BlendChoice::Convolution { support_mm } => {
-                let default_um = SUPPORT_FACTOR * f64::from(self.largest_radius) * self.quantum_um;
+                let default_um = SUPPORT_FACTOR * f64::from(largest_radius) * self.rules.quantum_um;
                 let support_um = support_mm.map_or(default_um, |support_mm| support_mm * 1000.0);
                 self.note_supports(support_um / 1000.0);
                 Blend::Convolution { support_um }
             }
         };
-        if self.short_count > 0 {
+        if short_count > 0 {
             self.notes.push(format!(
-                "{} struts shorter than the file's resolution of {} mm were left out",
-                self.short_count,
-                self.quantum_um / 1000.0
+                "{short_count} struts shorter than the file's resolution of {quantum_mm} mm were left out"
             ));
         }
-        if self.capped_count > 0 && blend != Blend::Union {
+        if capped_count > 0 && blend != Blend::Union {
             self.notes.push(format!(
-                "the caps of {} beams were left out: a convolution surface rounds its ends by itself; \
-                 --blend union keeps them",
-                self.capped_count
+                "the caps of {capped_count} beams were left out: a convolution surface rounds its ends by itself; \
+                 --blend union keeps them"
             ));
         }
-        let Self { sorter, largest_radius, count, notes, .. } = self;
-        Ok(Collected { sorter, blend, largest_radius, count, notes })
+        let Self { lanes, notes, hasher, .. } = self;
+        let sorters = lanes.into_iter().map(|lane| lane.sorter).collect();
+        Ok(Collected { sorters, blend, largest_radius, count, source_digest: hasher.finalize().into(), notes })
+    }
+
+    fn tally(&self) -> Tally {
+        self.lanes.iter().fold(Tally::default(), |sum, Lane { tally, .. }| Tally {
+            largest_radius: sum.largest_radius.max(tally.largest_radius),
+            count: sum.count + tally.count,
+            short_count: sum.short_count + tally.short_count,
+            capped_count: sum.capped_count + tally.capped_count,
+        })
+    }
+
+    fn nothing(&self, inputs: &[PathBuf], short_count: u64) -> PackError {
+        let names: Vec<_> = inputs.iter().map(|path| path.display().to_string()).collect();
+        let short = match short_count {
+            0 => String::new(),
+            count => format!(" ({count} are shorter than {} mm)", self.rules.quantum_um / 1000.0),
+        };
+        let left_out = match self.notes.as_slice() {
+            [] => String::new(),
+            notes => format!("; left out: {}", notes.join("; ")),
+        };
+        PackError::input(names.join(", "), format!("there are no struts to print{short}{left_out}"))
     }
 
     fn note_supports(&mut self, support_mm: f64) {
         for (place, stated_mm) in &self.stated_supports {
-            let stated_mm = stated_mm * self.options.scale;
+            let stated_mm = stated_mm * self.rules.scale;
             if (stated_mm - support_mm).abs() > 1e-9 {
                 self.notes.push(format!(
                     "{place} states a convolution radius of {stated_mm} mm; the support used is R = {support_mm} mm \
@@ -216,6 +308,13 @@ impl<'a> Collector<'a> {
     }
 }
 
+/// The nearest whole number, halves away from zero, of one that an `i32` holds: `f64::round` is a call without SSE 4.1.
+fn nearest(value: f64) -> i32 {
+    let whole = value as i32;
+    let rest = value - f64::from(whole);
+    whole + i32::from(rest >= 0.5) - i32::from(rest <= -0.5)
+}
+
 fn reversed(strut: Strut) -> Strut {
     let Strut { a, b, radius_a, radius_b, caps } = strut;
     Strut { a: b, b: a, radius_a: radius_b, radius_b: radius_a, caps: Caps { a: caps.b, b: caps.a } }
@@ -224,6 +323,9 @@ fn reversed(strut: Strut) -> Strut {
 fn check_options(options: &PackOptions) -> Result<(), PackError> {
     if !(1e-6..=1e6).contains(&options.scale) {
         return Err(PackError::Option(format!("--scale {}: allowed is 0.000001 to 1000000", options.scale)));
+    }
+    if !QUANTA_UM.contains(&options.quantum_um) {
+        return Err(PackError::Option(format!("--quantum {}: allowed is 0.001 to 1000 µm", options.quantum_um)));
     }
     if options.rotate_deg.iter().any(|angle| !(-3600.0..=3600.0).contains(angle)) {
         let [x, y, z] = options.rotate_deg;

@@ -9,6 +9,16 @@ pub(super) fn width_bytes(values: &[u32]) -> u8 {
     (u32::BITS - largest.leading_zeros()).div_ceil(8) as u8
 }
 
+/// A signed number as an unsigned one that is small where it is near 0: 0, −1, 1, −2, … become 0, 1, 2, 3, …
+pub(super) fn zigzag(value: i32) -> u32 {
+    (value << 1 ^ value >> 31) as u32
+}
+
+/// The number that [`zigzag`] made `value` of.
+pub(super) fn unzigzag(value: u32) -> i32 {
+    (value >> 1) as i32 ^ -((value & 1) as i32)
+}
+
 /// Appends `values` as `width` byte planes; every value must fit.
 pub(super) fn push(values: &[u32], width: u8, out: &mut Vec<u8>) {
     for plane in 0..u32::from(width) {
@@ -44,6 +54,13 @@ pub(super) fn take<'a>(bytes: &'a [u8], count: usize, width: u8, out: &mut Vec<u
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn signed_numbers_come_back() {
+        for (value, zigzagged) in [(0, 0), (-1, 1), (1, 2), (-2, 3), (i32::MAX, u32::MAX - 1), (i32::MIN, u32::MAX)] {
+            assert_eq!((zigzag(value), unzigzag(zigzagged)), (zigzagged, value));
+        }
+    }
 
     #[test]
     fn every_width_comes_back() {

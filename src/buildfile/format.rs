@@ -15,6 +15,9 @@ pub(super) const END_MAGIC: [u8; 8] = *b"LYD-END\n";
 /// The version this code writes, and the only one it reads.
 pub(super) const VERSION: u32 = 1;
 
+/// Lengths a quantum may have, micrometres.
+pub(super) const QUANTA_UM: std::ops::RangeInclusive<f64> = 1e-3..=1e3;
+
 /// Magic, version, header length, header CRC.
 pub(super) const PRELUDE_BYTES: usize = 20;
 
@@ -99,7 +102,7 @@ impl Footer {
 /// A text that names the field, what was found and what is allowed.
 pub(super) fn check_header(header: &Header) -> Result<(), String> {
     let Header { quantum_um, blend, bounds, radius_range: [least, most], placement, .. } = header;
-    if !(1e-3..=1e3).contains(quantum_um) {
+    if !QUANTA_UM.contains(quantum_um) {
         return Err(format!("quantum_um = {quantum_um}: allowed is 0.001 to 1000"));
     }
     if *least == 0 || least > most {

@@ -6,15 +6,20 @@
 mod chunk;
 mod collect;
 mod columns;
+mod encoders;
 mod format;
 mod generate;
 mod import;
 mod index;
+mod merge;
 mod model;
+mod nodes;
 mod output;
 mod pack;
+mod packer;
 mod profile;
 mod reader;
+mod record;
 mod sort;
 mod writer;
 

@@ -1,19 +1,18 @@
 //! From sources of any size and order to one build file.
 
-use std::io::Read;
+use std::num::NonZero;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-use sha2::{Digest, Sha256};
-
-use super::collect::Collector;
-use super::import;
+use super::collect::{Collector, Rules};
+use super::import::Source;
+use super::merge::Merge;
 use super::model::{Header, Placement};
-use super::sort::{self, Sorted};
+use super::sort;
 use super::writer::{WriteError, Writer, WriterSettings};
 
-/// Length of one quantum in imported files: a pixel's fiftieth to eightieth on the finest projectors.
-const QUANTUM_UM: f64 = 1.0;
+/// Bytes of a strut in a build file: what a large file takes at most in practice.
+pub(super) const EXPECTED_STRUT_BYTES: u64 = 10;
 
 /// How to pack.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,8 +27,12 @@ pub struct PackOptions {
     pub scale: f64,
     /// Where the part stands.
     pub placement: Placement,
+    /// Length of one quantum, micrometres, 0.001 to 1000: coordinates and radii are rounded to whole ones.
+    pub quantum_um: f64,
     /// Bytes the out-of-core sort may take.
     pub memory_bytes: u64,
+    /// Threads that parse and sort, and as many, up to 4, that compress. The file does not depend on their number.
+    pub threads: NonZero<usize>,
 }
 
 /// The blend as it is asked for.
@@ -47,9 +50,25 @@ pub enum BlendChoice {
 /// How far packing has come.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PackProgress {
+    /// Said once for each source, before anything is spilled, where the struts so far may not fit memory.
+    Space {
+        /// Temporary space needed beside the build file, at most.
+        temporary_bytes: u64,
+        /// Space needed for the build file itself, about.
+        output_bytes: u64,
+        /// Space that is free there.
+        free_bytes: u64,
+    },
     /// Source bytes read, of all.
     Reading {
         /// Bytes read.
+        done: u64,
+        /// Bytes in all.
+        total: u64,
+    },
+    /// Bytes of sorted runs joined to longer ones, of all: only where memory is little for so many struts.
+    Joining {
+        /// Bytes joined.
         done: u64,
         /// Bytes in all.
         total: u64,
@@ -128,91 +147,80 @@ pub fn pack(
         Some(parent) if parent != Path::new("") => parent,
         _ => Path::new("."),
     };
-    for path in inputs {
-        let metadata = std::fs::metadata(path).map_err(|source| PackError::Read { path: path.clone(), source })?;
-        if metadata.is_dir() {
-            return Err(PackError::input(path.display().to_string(), "it is a directory; name a file to read"));
-        }
-        if std::fs::metadata(output).is_ok_and(|there| (there.dev(), there.ino()) == (metadata.dev(), metadata.ino())) {
-            let problem = "it is both read and written; name another build file with -o";
-            return Err(PackError::input(path.display().to_string(), problem));
-        }
-    }
-    let importers = inputs.iter().map(|path| import::importer(path)).collect::<Result<Vec<_>, _>>()?;
-    let (source_digest, total) = digest(inputs)?;
-    let mut collector = Collector::new(options, QUANTUM_UM, directory)?;
+    let total = inputs.iter().map(|path| check_input(path, output)).sum::<Result<u64, _>>()?;
+    let sources = inputs.iter().map(|path| Source::of(path)).collect::<Result<Vec<_>, _>>()?;
+    let rules = Rules::new(options)?;
+    let mut collector = Collector::new(&rules, options, directory);
     let mut before = 0;
-    for (path, import) in inputs.iter().zip(importers) {
-        let mut report = |done| progress(PackProgress::Reading { done: before + done, total });
-        import(path, options, &mut collector, &mut report)?;
+    for (path, source) in inputs.iter().zip(sources) {
+        let mut report = |step| match step {
+            PackProgress::Reading { done, .. } => progress(PackProgress::Reading { done: before + done, total }),
+            other => progress(other),
+        };
+        source.import(path, options, &mut collector, &mut report)?;
         before += std::fs::metadata(path).map_or(0, |metadata| metadata.len());
     }
     let collected = collector.finish(inputs)?;
     let sort_error = |source| PackError::Sort { directory: directory.into(), source };
-    // Ten bytes a strut is what a large file takes at most in practice.
-    sort::check_free_space(directory, 10 * collected.count).map_err(sort_error)?;
+    sort::check_free_space(directory, EXPECTED_STRUT_BYTES * collected.count).map_err(sort_error)?;
     let settings = WriterSettings {
-        quantum_um: QUANTUM_UM,
+        quantum_um: options.quantum_um,
         blend: collected.blend,
         largest_radius: collected.largest_radius,
         placement: options.placement,
-        source_digest,
+        source_digest: collected.source_digest,
         source_name: source_name(inputs),
     };
-    let writer = Writer::create(output, settings)?;
+    let writer = Writer::with_threads(output, settings, options.threads)?;
     let mut notes = collected.notes;
-    let sorted = collected.sorter.finish().map_err(sort_error)?;
+    let mut report = |done, total| progress(PackProgress::Joining { done, total });
+    let sorted = sort::finish(collected.sorters, &mut report).map_err(sort_error)?;
     let mut report = |done| progress(PackProgress::Writing { done, total: collected.count });
     let header = write(sorted, writer, &mut notes, &mut report, &sort_error)?;
     Ok(PackReport { header, notes })
 }
 
+/// Refuses what cannot be a source of `output`; returns its length.
+fn check_input(path: &Path, output: &Path) -> Result<u64, PackError> {
+    let metadata = std::fs::metadata(path).map_err(|source| PackError::Read { path: path.into(), source })?;
+    if metadata.is_dir() {
+        return Err(PackError::input(path.display().to_string(), "it is a directory; name a file to read"));
+    }
+    if std::fs::metadata(output).is_ok_and(|there| (there.dev(), there.ino()) == (metadata.dev(), metadata.ino())) {
+        let problem = "it is both read and written; name another build file with -o";
+        return Err(PackError::input(path.display().to_string(), problem));
+    }
+    Ok(metadata.len())
+}
+
 fn write(
-    sorted: Sorted,
+    sorted: Merge,
     mut writer: Writer,
     notes: &mut Vec<String>,
     report: &mut dyn FnMut(u64),
     sort_error: &dyn Fn(std::io::Error) -> PackError,
 ) -> Result<Header, PackError> {
-    let (mut last, mut duplicates) = (None, 0u64);
-    for (number, strut) in sorted.enumerate() {
+    let (mut last, mut duplicates, mut total) = (None, 0u64, 0);
+    for strut in sorted {
         let strut = strut.map_err(sort_error)?;
+        if total % (1 << 16) == 0 {
+            report(total);
+        }
+        total += 1;
         if last == Some(strut) {
             duplicates += 1;
         } else {
             writer.push(strut)?;
         }
         last = Some(strut);
-        if number.is_multiple_of(1 << 16) {
-            report(number as u64);
-        }
     }
+    report(total);
     if duplicates > 0 {
         notes.push(format!(
             "{duplicates} exact duplicates of struts were merged: counted twice they would print thicker"
         ));
     }
     Ok(writer.finish()?)
-}
-
-/// SHA-256 over all inputs' bytes and their length together.
-fn digest(inputs: &[PathBuf]) -> Result<([u8; 32], u64), PackError> {
-    let mut hasher = Sha256::new();
-    let mut buffer = vec![0; 64 << 10];
-    let mut total = 0;
-    for path in inputs {
-        let error = |source| PackError::Read { path: path.clone(), source };
-        let mut file = std::fs::File::open(path).map_err(error)?;
-        loop {
-            let count = file.read(&mut buffer).map_err(error)?;
-            if count == 0 {
-                break;
-            }
-            hasher.update(&buffer[..count]);
-            total += count as u64;
-        }
-    }
-    Ok((hasher.finalize().into(), total))
 }
 
 fn source_name(inputs: &[PathBuf]) -> String {

@@ -73,6 +73,7 @@ struct ReadScratch {
     packed: Vec<u8>,
     unpacked: Vec<u8>,
     columns: chunk::Scratch,
+    decompressor: Option<zstd::bulk::Decompressor<'static>>,
 }
 
 thread_local! {
@@ -127,13 +128,13 @@ impl BuildFile {
     pub fn read_chunk(&self, index: usize, out: &mut Vec<Strut>) -> Result<(), BuildFileError> {
         let entry = &self.chunks[index];
         SCRATCH.with_borrow_mut(|scratch| {
-            let ReadScratch { packed, unpacked, columns } = scratch;
+            let ReadScratch { packed, unpacked, columns, decompressor } = scratch;
             packed.clear();
             packed.resize(entry.packed_bytes as usize, 0);
             self.file
                 .read_exact_at(packed, entry.offset)
                 .map_err(|source| BuildFileError::Read { path: self.path.clone(), source })?;
-            unpack(packed, entry, unpacked)
+            unpack(packed, entry, decompressor, unpacked)
                 .and_then(|()| chunk::decode(unpacked, &self.header, entry, columns, out))
                 .map_err(|problem| BuildFileError::Chunk {
                     path: self.path.clone(),
@@ -185,23 +186,27 @@ impl BuildFile {
         let struts = largest(|entry| entry.strut_count);
         largest(|entry| entry.packed_bytes)
             + largest(|entry| entry.unpacked_bytes)
-            + 2 * struts * (size_of::<[i32; 3]>() + 3 * size_of::<u32>())
+            + chunk::Scratch::bytes(struts)
             + (160 << 10)
     }
 }
 
-fn unpack(packed: &[u8], entry: &ChunkEntry, unpacked: &mut Vec<u8>) -> Result<(), String> {
+fn unpack(
+    packed: &[u8],
+    entry: &ChunkEntry,
+    decompressor: &mut Option<zstd::bulk::Decompressor<'static>>,
+    out: &mut Vec<u8>,
+) -> Result<(), String> {
     if crc32fast::hash(packed) != entry.crc {
         return Err("it is corrupt (CRC)".into());
     }
-    decompress(packed, entry.unpacked_bytes as usize, unpacked)
-}
-
-/// Decompresses `packed` into exactly `length` bytes.
-fn decompress(packed: &[u8], length: usize, out: &mut Vec<u8>) -> Result<(), String> {
+    let length = entry.unpacked_bytes as usize;
     out.clear();
     out.reserve_exact(length);
-    let mut decompressor = zstd::bulk::Decompressor::new().map_err(|error| error.to_string())?;
+    let decompressor = match decompressor {
+        Some(decompressor) => decompressor,
+        none => none.insert(zstd::bulk::Decompressor::new().map_err(|error| error.to_string())?),
+    };
     decompressor.decompress_to_buffer(packed, out).map_err(|error| format!("it does not decompress: {error}"))?;
     if out.len() != length {
         return Err(format!("it unpacks to {} bytes instead of {length}", out.len()));

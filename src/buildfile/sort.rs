@@ -1,20 +1,19 @@
 //! Sorting more struts than memory holds: sorted runs in one nameless temporary file, then merged.
 //!
-//! The temporary file has no name from the start, so nothing stays behind whatever ends the process.
+//! The temporary file has no name from the start, so nothing stays behind whatever ends the process. Several threads may sort
+//! at once, each with its own [`Sorter`] of a team that shares the file; which run holds which strut does not change the
+//! result, as the order is total.
 
-use std::cmp::Reverse;
-use std::collections::{BinaryHeap, VecDeque};
 use std::fs::File;
-use std::io::{self, BufWriter, Write};
+use std::io;
+use std::ops::Range;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
-use std::rc::Rc;
+use std::sync::{Arc, Mutex, PoisonError};
 
-use super::chunk::node_key;
-use super::model::{Cap, Caps, Strut};
-
-/// Bytes of one strut in a run.
-const RECORD_BYTES: usize = 33;
+use super::merge::Merge;
+use super::model::Strut;
+use super::record::Record;
 
 /// Least buffer for each run of a merge: below it, seeking costs more than reading. Sets how many runs are merged at once.
 const RUN_BUFFER_BYTES: usize = 16 << 10;
@@ -22,30 +21,36 @@ const RUN_BUFFER_BYTES: usize = 16 << 10;
 /// Largest buffer for each run: beyond it nothing is gained.
 const RUN_BUFFER_LIMIT_BYTES: usize = 1 << 20;
 
+/// Records turned into bytes at once when a run is written.
+const WRITE_RECORDS: usize = 2048;
+
 /// Sorts struts into file order within a number of bytes.
 pub(super) struct Sorter {
-    directory: PathBuf,
+    spill: Arc<Spill>,
+    /// Bytes of the whole team.
     memory_bytes: usize,
-    buffer: Vec<Strut>,
+    buffer: Vec<Record>,
     capacity: usize,
-    spill: Option<Spill>,
 }
 
 impl Sorter {
-    /// A sorter whose buffers take at most `memory_bytes` (at least room for two runs); spills go to `directory`.
+    /// A sorter whose buffers take at most `memory_bytes` (at least room for four runs); spills go to `directory`.
     pub(super) fn new(directory: &Path, memory_bytes: u64) -> Self {
-        let memory_bytes = usize::try_from(memory_bytes).unwrap_or(usize::MAX).max(4 * RUN_BUFFER_BYTES);
-        Self {
-            directory: directory.into(),
-            memory_bytes,
-            buffer: Vec::new(),
-            // A growing vector holds its old and its new place for a moment: 1 + 2 parts.
-            capacity: (memory_bytes / size_of::<Strut>()).max(1),
-            spill: None,
-        }
+        Self::alone(Arc::new(Spill::new(directory)), memory_bytes, 1)
     }
 
-    /// Adds one strut.
+    /// Sorters for `count` threads that take `memory_bytes` together; [`finish`] joins what they sort.
+    pub(super) fn team(directory: &Path, memory_bytes: u64, count: usize) -> Vec<Self> {
+        let spill = Arc::new(Spill::new(directory));
+        (0..count).map(|_| Self::alone(Arc::clone(&spill), memory_bytes, count)).collect()
+    }
+
+    fn alone(spill: Arc<Spill>, memory_bytes: u64, count: usize) -> Self {
+        let memory_bytes = memory_size(memory_bytes);
+        Self { spill, memory_bytes, buffer: Vec::new(), capacity: capacity(memory_bytes, count) }
+    }
+
+    /// Adds one strut, whose radii are at most [`super::record::RADIUS_LIMIT`].
     ///
     /// # Errors
     /// Where a run cannot be written.
@@ -54,10 +59,11 @@ impl Sorter {
             self.spill_run()?;
         }
         if self.buffer.len() == self.buffer.capacity() {
+            // In steps, as most parts are small; a large block grows by moving its pages, not its bytes.
             let wanted = (2 * self.buffer.len()).clamp(4096, self.capacity.max(4096));
             self.buffer.reserve_exact(wanted - self.buffer.len());
         }
-        self.buffer.push(strut);
+        self.buffer.push(Record::of(&strut));
         Ok(())
     }
 
@@ -65,36 +71,105 @@ impl Sorter {
     ///
     /// # Errors
     /// Where runs cannot be written or read.
-    pub(super) fn finish(mut self) -> io::Result<Sorted> {
-        if self.spill.is_none() {
-            self.buffer.sort_unstable_by_key(sort_key);
-            return Ok(Sorted::InMemory(self.buffer.into_iter()));
+    pub(super) fn finish(self) -> io::Result<Merge> {
+        finish(vec![self], &mut |_, _| {})
+    }
+
+    /// Sorts what this sorter holds, and writes it where any of the team has written a run.
+    fn settle(&mut self) -> io::Result<()> {
+        if self.spill.is_used() {
+            self.spill_run()?;
+            self.buffer = Vec::new();
+        } else {
+            self.buffer.sort_unstable();
         }
-        self.spill_run()?;
-        self.buffer = Vec::new();
-        let fan_in = (self.memory_bytes / RUN_BUFFER_BYTES).max(2);
-        let Some(mut spill) = self.spill else { return Ok(Sorted::InMemory(Vec::new().into_iter())) };
-        while spill.runs.len() > fan_in {
-            let mut next = Spill::create(&self.directory)?;
-            for group in spill.runs.chunks(fan_in) {
-                next.write_run(Merge::new(&spill.file, group, self.memory_bytes)?)?;
-            }
-            spill = next;
-        }
-        Ok(Sorted::Merged(Merge::new(&spill.file, &spill.runs, self.memory_bytes)?))
+        Ok(())
     }
 
     fn spill_run(&mut self) -> io::Result<()> {
-        self.buffer.sort_unstable_by_key(sort_key);
-        check_free_space(&self.directory, (self.buffer.len() * RECORD_BYTES) as u64)?;
-        let spill = match &mut self.spill {
-            Some(spill) => spill,
-            none => none.insert(Spill::create(&self.directory)?),
-        };
-        spill.write_run(self.buffer.iter().copied().map(Ok))?;
+        self.buffer.sort_unstable();
+        self.spill.write_run(&self.buffer)?;
         self.buffer.clear();
         Ok(())
     }
+}
+
+/// All struts of a team in file order. Where there are more runs than can be merged at once, they are merged in several
+/// passes first: `progress` takes the bytes merged so far and in all passes.
+///
+/// # Errors
+/// Where runs cannot be written or read.
+pub(super) fn finish(mut team: Vec<Sorter>, progress: &mut dyn FnMut(u64, u64)) -> io::Result<Merge> {
+    std::thread::scope(|scope| {
+        let settling: Vec<_> = team.iter_mut().map(|sorter| scope.spawn(|| sorter.settle())).collect();
+        settling
+            .into_iter()
+            .try_for_each(|thread| thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+    })?;
+    let Some(Sorter { spill, memory_bytes, .. }) = team.first() else { return Ok(Merge::of_memory(Vec::new())) };
+    if !spill.is_used() {
+        return Ok(Merge::of_memory(team.into_iter().map(|sorter| sorter.buffer).collect()));
+    }
+    let (mut spill, memory_bytes) = (Arc::clone(spill), *memory_bytes);
+    drop(team);
+    let fan_in = fan_in(memory_bytes);
+    let (mut before, mut total) = (0, None);
+    loop {
+        let (file, runs) = spill.written()?;
+        let bytes = runs.last().map_or(0, |run| run.end);
+        let total = *total.get_or_insert(bytes * passes(runs.len(), fan_in));
+        let buffer_bytes =
+            (memory_bytes / (runs.len().min(fan_in) + 1)).clamp(RUN_BUFFER_BYTES, RUN_BUFFER_LIMIT_BYTES);
+        if runs.len() <= fan_in {
+            return Merge::of_file(file, &runs, buffer_bytes);
+        }
+        let next = Spill::new(&spill.directory);
+        for group in runs.chunks(fan_in) {
+            next.append(&mut Merge::of_file(Arc::clone(&file), group, buffer_bytes)?, &mut |done| {
+                progress(before + done, total);
+            })?;
+        }
+        before += bytes;
+        spill = Arc::new(next);
+    }
+}
+
+/// Bytes of temporary space that sorting so many struts takes at most: 0 where they fit the memory of any one of the team.
+/// A pass over all runs needs room for them twice.
+pub(super) fn spill_bytes(struts: u64, memory_bytes: u64, team: usize) -> u64 {
+    let capacity = capacity(memory_size(memory_bytes), team) as u64;
+    let runs = usize::try_from(struts.div_ceil(capacity)).unwrap_or(usize::MAX);
+    // Each of the team may leave one run that is not full.
+    match runs.saturating_add(team - 1) {
+        _ if runs <= 1 => 0,
+        runs if runs <= fan_in(memory_size(memory_bytes)) => struts.saturating_mul(Record::BYTES as u64),
+        _ => struts.saturating_mul(2 * Record::BYTES as u64),
+    }
+}
+
+/// The bytes a team may take.
+fn memory_size(memory_bytes: u64) -> usize {
+    usize::try_from(memory_bytes).unwrap_or(usize::MAX).max(4 * RUN_BUFFER_BYTES)
+}
+
+/// Records that each of a team may hold.
+fn capacity(memory_bytes: usize, team: usize) -> usize {
+    (memory_bytes / team / size_of::<Record>()).max(1)
+}
+
+/// Runs that can be merged at once. One buffer more takes bytes from the file before they are records.
+fn fan_in(memory_bytes: usize) -> usize {
+    memory_bytes / RUN_BUFFER_BYTES - 1
+}
+
+/// Passes over so many runs before they can be merged at once.
+fn passes(mut runs: usize, fan_in: usize) -> u64 {
+    let mut passes = 0;
+    while runs > fan_in {
+        runs = runs.div_ceil(fan_in);
+        passes += 1;
+    }
+    passes
 }
 
 /// Refuses before writing where `bytes` do not fit the file system of `directory`.
@@ -106,163 +181,92 @@ pub(super) fn check_free_space(directory: &Path, bytes: u64) -> io::Result<()> {
     if free >= bytes {
         return Ok(());
     }
-    let text =
-        format!("{} MiB more are needed, but {} MiB are free; make room or write elsewhere", bytes >> 20, free >> 20);
+    let [needed, free] = [bytes, free].map(|bytes| bytes as f64 / f64::from(1 << 20));
+    let text = format!("{needed:.1} MiB more are needed, but {free:.1} MiB are free; make room or write elsewhere");
     Err(io::Error::new(io::ErrorKind::StorageFull, text))
 }
 
-/// The order of struts in a build file; total, so that a file does not depend on the order of its source.
-fn sort_key(strut: &Strut) -> ([i32; 3], [i32; 3], [u32; 2], [u8; 2]) {
-    let Strut { a, b, radius_a, radius_b, caps } = *strut;
-    (node_key(a), node_key(b), [radius_a, radius_b], [caps.a as u8, caps.b as u8])
-}
-
-/// Struts in file order.
-pub(super) enum Sorted {
-    InMemory(std::vec::IntoIter<Strut>),
-    Merged(Merge),
-}
-
-impl Iterator for Sorted {
-    type Item = io::Result<Strut>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        match self {
-            Self::InMemory(struts) => struts.next().map(Ok),
-            Self::Merged(merge) => merge.next(),
-        }
-    }
-}
-
-/// Sorted runs, one behind another.
+/// Sorted runs, one behind another, in a file that is made with the first of them.
 struct Spill {
-    file: Rc<File>,
-    runs: Vec<Run>,
-    end: u64,
+    directory: PathBuf,
+    runs: Mutex<Runs>,
 }
 
-#[derive(Clone, Copy)]
-struct Run {
-    offset: u64,
-    bytes: u64,
+#[derive(Default)]
+struct Runs {
+    file: Option<Arc<File>>,
+    /// Runs that are being written or were written whole.
+    ranges: Vec<Range<u64>>,
 }
 
 impl Spill {
-    fn create(directory: &Path) -> io::Result<Self> {
-        Ok(Self { file: Rc::new(tempfile::tempfile_in(directory)?), runs: Vec::new(), end: 0 })
+    fn new(directory: &Path) -> Self {
+        Self { directory: directory.into(), runs: Mutex::default() }
     }
 
-    fn write_run(&mut self, struts: impl Iterator<Item = io::Result<Strut>>) -> io::Result<()> {
-        let mut out = BufWriter::with_capacity(RUN_BUFFER_BYTES, &*self.file);
-        let mut bytes = 0;
-        for strut in struts {
-            out.write_all(&to_record(&strut?))?;
-            bytes += RECORD_BYTES as u64;
+    fn is_used(&self) -> bool {
+        self.lock().file.is_some()
+    }
+
+    /// File and runs; none is being written any more.
+    fn written(&self) -> io::Result<(Arc<File>, Vec<Range<u64>>)> {
+        let runs = self.lock();
+        let file = runs.file.clone().ok_or_else(|| io::Error::other("nothing was written"))?;
+        Ok((file, runs.ranges.clone()))
+    }
+
+    /// Writes sorted records as a run of their own. Threads write at the same time, each to its own place.
+    fn write_run(&self, records: &[Record]) -> io::Result<()> {
+        if records.is_empty() {
+            return Ok(());
         }
-        out.flush()?;
-        drop(out);
-        self.runs.push(Run { offset: self.end, bytes });
-        self.end += bytes;
-        Ok(())
-    }
-}
-
-/// Several runs as one, the least strut first.
-pub(super) struct Merge {
-    readers: Vec<RunReader>,
-    heads: BinaryHeap<Reverse<Head>>,
-}
-
-type Head = (([i32; 3], [i32; 3], [u32; 2], [u8; 2]), usize);
-
-impl Merge {
-    fn new(file: &Rc<File>, runs: &[Run], memory_bytes: usize) -> io::Result<Self> {
-        let buffer_bytes = (memory_bytes / runs.len().max(1)).clamp(RUN_BUFFER_BYTES, RUN_BUFFER_LIMIT_BYTES);
-        let buffer_bytes = buffer_bytes / RECORD_BYTES * RECORD_BYTES;
-        let readers =
-            runs.iter().map(|&run| RunReader { file: Rc::clone(file), run, buffer_bytes, buffer: VecDeque::new() });
-        let mut merge = Self { readers: readers.collect(), heads: BinaryHeap::with_capacity(runs.len()) };
-        for number in 0..runs.len() {
-            merge.refill(number)?;
-        }
-        Ok(merge)
-    }
-
-    fn refill(&mut self, number: usize) -> io::Result<()> {
-        if let Some(strut) = self.readers[number].next_strut()? {
-            self.heads.push(Reverse((sort_key(&strut), number)));
+        let (file, mut offset) = self.reserve((records.len() * Record::BYTES) as u64)?;
+        let mut bytes = Vec::with_capacity(WRITE_RECORDS * Record::BYTES);
+        for part in records.chunks(WRITE_RECORDS) {
+            bytes.clear();
+            part.iter().for_each(|record| bytes.extend_from_slice(&record.to_bytes()));
+            file.write_all_at(&bytes, offset)?;
+            offset += bytes.len() as u64;
         }
         Ok(())
     }
-}
 
-impl Iterator for Merge {
-    type Item = io::Result<Strut>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        let Reverse(((a, b, radii, caps), number)) = self.heads.pop()?;
-        let strut = Strut {
-            a: node_key(a),
-            b: node_key(b),
-            radius_a: radii[0],
-            radius_b: radii[1],
-            caps: Caps { a: cap(caps[0]), b: cap(caps[1]) },
-        };
-        Some(self.refill(number).map(|()| strut))
-    }
-}
-
-struct RunReader {
-    file: Rc<File>,
-    run: Run,
-    buffer_bytes: usize,
-    buffer: VecDeque<u8>,
-}
-
-impl RunReader {
-    fn next_strut(&mut self) -> io::Result<Option<Strut>> {
-        if self.buffer.is_empty() {
-            let length = (self.buffer_bytes as u64).min(self.run.bytes) as usize;
-            if length == 0 {
-                return Ok(None);
+    /// Writes all that is left of a merge as one run; `progress` takes the bytes this spill holds so far.
+    fn append(&self, merge: &mut Merge, progress: &mut dyn FnMut(u64)) -> io::Result<()> {
+        let (file, first) = self.reserve(merge.bytes_left())?;
+        let mut offset = first;
+        let mut bytes = Vec::with_capacity(WRITE_RECORDS * Record::BYTES);
+        loop {
+            let record = merge.next_record()?;
+            if record == Record::END || bytes.len() == bytes.capacity() {
+                file.write_all_at(&bytes, offset)?;
+                offset += bytes.len() as u64;
+                bytes.clear();
+                progress(offset);
             }
-            let mut bytes = Vec::from(std::mem::take(&mut self.buffer));
-            bytes.resize(length, 0);
-            self.file.read_exact_at(&mut bytes, self.run.offset)?;
-            self.buffer = bytes.into();
-            self.run = Run { offset: self.run.offset + length as u64, bytes: self.run.bytes - length as u64 };
+            if record == Record::END {
+                return Ok(());
+            }
+            bytes.extend_from_slice(&record.to_bytes());
         }
-        let mut record = [0; RECORD_BYTES];
-        record.iter_mut().zip(self.buffer.drain(..RECORD_BYTES)).for_each(|(to, from)| *to = from);
-        Ok(Some(from_record(&record)))
     }
-}
 
-fn to_record(strut: &Strut) -> [u8; RECORD_BYTES] {
-    let mut record = [0; RECORD_BYTES];
-    let words = strut.a.into_iter().chain(strut.b).map(|word| word as u32).chain([strut.radius_a, strut.radius_b]);
-    for (bytes, word) in record.chunks_exact_mut(4).zip(words) {
-        bytes.copy_from_slice(&word.to_le_bytes());
+    /// The file, and where a run of so many bytes may be written to it.
+    fn reserve(&self, bytes: u64) -> io::Result<(Arc<File>, u64)> {
+        check_free_space(&self.directory, bytes)?;
+        let mut runs = self.lock();
+        let file = match &runs.file {
+            Some(file) => Arc::clone(file),
+            None => Arc::new(tempfile::tempfile_in(&self.directory)?),
+        };
+        runs.file = Some(Arc::clone(&file));
+        let offset = runs.ranges.last().map_or(0, |range| range.end);
+        runs.ranges.push(offset..offset + bytes);
+        Ok((file, offset))
     }
-    record[32] = strut.caps.a as u8 | (strut.caps.b as u8) << 4;
-    record
-}
 
-fn from_record(record: &[u8; RECORD_BYTES]) -> Strut {
-    let word = |k: usize| u32::from_le_bytes([record[4 * k], record[4 * k + 1], record[4 * k + 2], record[4 * k + 3]]);
-    Strut {
-        a: [0, 1, 2].map(|k| word(k) as i32),
-        b: [3, 4, 5].map(|k| word(k) as i32),
-        radius_a: word(6),
-        radius_b: word(7),
-        caps: Caps { a: cap(record[32] & 15), b: cap(record[32] >> 4) },
-    }
-}
-
-fn cap(code: u8) -> Cap {
-    match code {
-        0 => Cap::Sphere,
-        1 => Cap::Hemisphere,
-        _ => Cap::Butt,
+    fn lock(&self) -> std::sync::MutexGuard<'_, Runs> {
+        // Whoever panicked here did so between two whole states.
+        self.runs.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

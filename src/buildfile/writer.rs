@@ -1,23 +1,22 @@
 //! Writing: struts go in in ascending order and come out as a whole file or none.
 
-use std::collections::HashSet;
 use std::fs::File;
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use std::num::NonZero;
 use std::path::{Path, PathBuf};
 
-use super::chunk::{self, CHUNK_STRUTS, UNPACKED_LIMIT_BYTES, node_key};
+use super::chunk::{CHUNK_STRUTS, node_key};
+use super::encoders::{Encoded, Encoders};
 use super::format::{self, Footer};
 use super::index::ChunkEntry;
 use super::model::{Blend, Bounds, Header, Placement, Strut};
+use super::nodes::NodeCounter;
 use super::output::Output;
 use super::profile::ProfileBuilder;
 use crate::codec;
 
-/// Compression level of chunks: beyond it files hardly shrink, and decoding is as fast at any level.
-const LEVEL: i32 = 9;
-
-/// Most upper nodes remembered to count distinct nodes, about 6 MB; where more wait at once, the count is left unknown.
-const PENDING_NODES: usize = 1 << 18;
+/// Compression level of the profile, of which there is one in a file.
+const PROFILE_LEVEL: i32 = 9;
 
 /// What a writer must know before the first strut.
 #[derive(Clone, Debug, PartialEq)]
@@ -66,11 +65,9 @@ pub struct Writer {
     /// Declared before `output`, so that buffered bytes are gone when the file is closed.
     file: BufWriter<File>,
     output: Output,
-    compressor: zstd::bulk::Compressor<'static>,
+    encoders: Encoders,
     offset: u64,
     pending: Vec<Strut>,
-    scratch: chunk::Scratch,
-    unpacked: Vec<u8>,
     index: Vec<ChunkEntry>,
     profile: ProfileBuilder,
     nodes: NodeCounter,
@@ -83,6 +80,16 @@ impl Writer {
     /// # Errors
     /// [`WriteError`] where the settings contradict themselves or the place cannot be written to.
     pub fn create(path: &Path, settings: WriterSettings) -> Result<Self, WriteError> {
+        let threads = std::thread::available_parallelism().unwrap_or(NonZero::<usize>::MIN);
+        Self::with_threads(path, settings, threads)
+    }
+
+    /// As [`Writer::create`], with so many threads that compress; the file does not depend on their number.
+    pub(super) fn with_threads(
+        path: &Path,
+        settings: WriterSettings,
+        threads: NonZero<usize>,
+    ) -> Result<Self, WriteError> {
         let io_error = |source| WriteError::Io { path: path.into(), source };
         let largest_radius = settings.largest_radius;
         let header = first_header(settings);
@@ -106,11 +113,9 @@ impl Writer {
             header,
             file,
             output,
-            compressor: zstd::bulk::Compressor::new(LEVEL).map_err(io_error)?,
+            encoders: Encoders::new(threads).map_err(io_error)?,
             offset: front.len() as u64,
             pending: Vec::with_capacity(CHUNK_STRUTS),
-            scratch: chunk::Scratch::default(),
-            unpacked: Vec::new(),
             index: Vec::new(),
             profile: ProfileBuilder::default(),
             nodes: NodeCounter::default(),
@@ -154,13 +159,14 @@ impl Writer {
         if !self.pending.is_empty() {
             self.flush()?;
         }
+        while self.write_oldest().map_err(|source| WriteError::Io { path: self.path.clone(), source })?.is_some() {}
         self.header.node_count = self.nodes.total();
         if let Err(problem) = format::check_header(&self.header) {
             return Err(self.refused(problem));
         }
         let front = format::front(&self.header).map_err(|problem| self.refused(problem))?;
-        let Self { path, header, output, file, index, profile, offset, compressor, .. } = self;
-        let complete = || complete(file, &front, &index, &profile, offset, compressor).and_then(|()| output.persist());
+        let Self { path, header, output, file, index, profile, offset, .. } = self;
+        let complete = || complete(file, &front, &index, &profile, offset).and_then(|()| output.persist());
         complete().map_err(|source| WriteError::Io { path, source })?;
         Ok(header)
     }
@@ -180,27 +186,26 @@ impl Writer {
         Ok(())
     }
 
+    /// Sends the pending struts to be compressed.
     fn flush(&mut self) -> Result<(), WriteError> {
-        chunk::encode(&self.pending, &mut self.scratch, &mut self.unpacked);
-        debug_assert!(
-            self.unpacked.len() <= UNPACKED_LIMIT_BYTES as usize,
-            "8192 struts need at most 33 bytes each and two nodes"
-        );
-        let packed = self.compressor.compress(&self.unpacked).and_then(|packed| {
-            self.file.write_all(&packed)?;
-            Ok(packed)
-        });
-        let packed = packed.map_err(|source| WriteError::Io { path: self.path.clone(), source })?;
-        self.index.push(ChunkEntry {
-            offset: self.offset,
-            packed_bytes: packed.len() as u32,
-            unpacked_bytes: self.unpacked.len() as u32,
-            crc: crc32fast::hash(&packed),
-            ..ChunkEntry::describe(&self.pending)
-        });
+        let sent = self.send();
+        sent.map_err(|source| WriteError::Io { path: self.path.clone(), source })
+    }
+
+    fn send(&mut self) -> io::Result<()> {
+        let empty = if self.encoders.is_full() { self.write_oldest()? } else { None };
+        let empty = empty.unwrap_or_else(|| Vec::with_capacity(CHUNK_STRUTS));
+        self.encoders.send(std::mem::replace(&mut self.pending, empty))
+    }
+
+    /// Writes the oldest chunk under way and returns its buffer of struts, emptied; `None` where all are written.
+    fn write_oldest(&mut self) -> io::Result<Option<Vec<Strut>>> {
+        let Some(Encoded { entry, packed, mut struts }) = self.encoders.receive()? else { return Ok(None) };
+        self.file.write_all(&packed)?;
+        self.index.push(ChunkEntry { offset: self.offset, ..entry });
         self.offset += packed.len() as u64;
-        self.pending.clear();
-        Ok(())
+        struts.clear();
+        Ok(Some(struts))
     }
 
     fn refused(&self, problem: String) -> WriteError {
@@ -215,7 +220,6 @@ fn complete(
     index: &[ChunkEntry],
     profile: &ProfileBuilder,
     index_offset: u64,
-    mut compressor: zstd::bulk::Compressor<'static>,
 ) -> io::Result<()> {
     let mut index_crc = crc32fast::Hasher::new();
     for entry in index {
@@ -223,7 +227,7 @@ fn complete(
         index_crc.update(&bytes);
         file.write_all(&bytes)?;
     }
-    let profile = compressor.compress(&profile.to_bytes())?;
+    let profile = zstd::bulk::compress(&profile.to_bytes(), PROFILE_LEVEL)?;
     file.write_all(&profile)?;
     let footer = Footer {
         index_offset,
@@ -254,42 +258,5 @@ fn first_header(settings: WriterSettings) -> Header {
         placement,
         source_digest,
         source_name,
-    }
-}
-
-/// Counts distinct nodes while struts go by: a node is counted when first seen, as an upper end or as a lower one.
-#[derive(Debug, Default)]
-struct NodeCounter {
-    /// Upper ends that no strut has begun at yet.
-    waiting: HashSet<[i32; 3]>,
-    low: Option<[i32; 3]>,
-    count: u64,
-    unknown: bool,
-}
-
-impl NodeCounter {
-    fn count(&mut self, strut: &Strut) {
-        if self.unknown {
-            return;
-        }
-        if self.low != Some(strut.a) {
-            self.low = Some(strut.a);
-            self.count += u64::from(!self.waiting.remove(&strut.a));
-        }
-        if strut.b != strut.a && self.waiting.insert(strut.b) {
-            self.count += 1;
-        }
-        if self.waiting.len() > PENDING_NODES {
-            // Nothing below the sweep can come again.
-            self.waiting.retain(|node| node_key(*node) > node_key(strut.a));
-            self.unknown = self.waiting.len() > PENDING_NODES / 2;
-            if self.unknown {
-                self.waiting = HashSet::new();
-            }
-        }
-    }
-
-    fn total(&self) -> u64 {
-        if self.unknown { 0 } else { self.count }
     }
 }

@@ -1,8 +1,8 @@
-//! `layerctl check`: would this print run well? Volume and memory from header and index alone; times from a few layers
-//! computed and encoded here.
+//! `layerctl check`: would this print run well? Volume and memory from header and index alone, at once; times from a few
+//! layers computed and encoded here, for some seconds at most.
 
 use std::path::PathBuf;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use anyhow::bail;
 use serde::Serialize;
@@ -36,8 +36,14 @@ pub struct CheckArgs {
     pub json: bool,
 }
 
-/// Layers computed as a sample, spread over the height: some seconds at most.
+/// Layers computed as a sample, spread over the height.
 const SAMPLES: u32 = 12;
+
+/// A coprime of [`SAMPLES`]: samples are taken in steps of it, so that those of any beginning are spread over the height.
+const SAMPLE_STEP: u32 = 5;
+
+/// No further sample is begun after this long: to begin a sweep of a hundred million struts reads a million of them.
+const SAMPLING_TIME: Duration = Duration::from_secs(2);
 
 /// Bits on the line a byte: 8N1.
 const LINE_BITS: f64 = 10.0;
@@ -68,6 +74,8 @@ struct Size {
 /// From layers computed here.
 #[derive(Debug, Serialize)]
 struct Times {
+    /// Layers the times were measured on.
+    sampled_layers: usize,
     encoded_bytes_mean: u64,
     encoded_bytes_max: u64,
     compute_ms_mean: f64,
@@ -94,11 +102,18 @@ struct Sample {
 pub fn run(args: CheckArgs) -> anyhow::Result<()> {
     let CheckArgs { file: path, machine, recipe, budget, json } = args;
     let setting = Setting::load(&path, &machine, &recipe)?;
-    let findings = judge(setting, &path, budget)?;
+    let mut told = Ok(());
+    let findings = judge(setting, &path, budget, &mut |size| {
+        if !json {
+            // Before the sampling, which takes its time.
+            told = super::print(&size_text(size));
+        }
+    })?;
+    told?;
     if json {
         super::print_json(&findings)?;
     } else {
-        super::print(&text(&findings))?;
+        super::print(&verdict_text(&findings))?;
     }
     match findings.problems.first() {
         Some(problem) if !findings.fits => bail!("the print does not fit: {problem}"),
@@ -106,7 +121,13 @@ pub fn run(args: CheckArgs) -> anyhow::Result<()> {
     }
 }
 
-fn judge(setting: Setting, path: &std::path::Path, budget: u64) -> anyhow::Result<Findings> {
+/// `tell_size` is called as soon as the size is known.
+fn judge(
+    setting: Setting,
+    path: &std::path::Path,
+    budget: u64,
+    tell_size: &mut dyn FnMut(&Size),
+) -> anyhow::Result<Findings> {
     let Setting { file, machine, recipe } = setting;
     let depth = if recipe.antialias { Depth::Grey } else { Depth::Bit };
     let plan = match SlicePlan::new(file.header(), machine.raster(), depth, recipe.layer_height_um) {
@@ -125,6 +146,7 @@ fn judge(setting: Setting, path: &std::path::Path, budget: u64) -> anyhow::Resul
         device_ms_normal_layer: device_ms(&recipe, plan.layer_count),
     };
     drop(file);
+    tell_size(&size);
     if memory_needed_bytes > budget {
         let problem = format!(
             "it needs {0}MiB of memory with {threads} threads, the budget is {1}MiB: set memory_budget = \"{0}MiB\" in the \
@@ -142,6 +164,7 @@ fn judge(setting: Setting, path: &std::path::Path, budget: u64) -> anyhow::Resul
 
 fn times(samples: &[Sample], late_layers: Vec<[u32; 2]>) -> Times {
     Times {
+        sampled_layers: samples.len(),
         encoded_bytes_mean: mean(samples, |sample| sample.bytes as f64) as u64,
         encoded_bytes_max: samples.iter().map(|sample| sample.bytes as u64).max().unwrap_or(0),
         compute_ms_mean: mean(samples, |sample| sample.compute_ms),
@@ -169,7 +192,15 @@ fn measure(
     let mut bytes = Vec::new();
     let mut samples = Vec::new();
     let count = SAMPLES.min(plan.layer_count);
-    for index in 0..count {
+    let began = Instant::now();
+    for step in 0..SAMPLES {
+        let index = step * SAMPLE_STEP % SAMPLES;
+        if index >= count {
+            continue;
+        }
+        if !samples.is_empty() && began.elapsed() > SAMPLING_TIME {
+            break;
+        }
         let layer = (u64::from(plan.layer_count) * u64::from(2 * index + 1) / u64::from(2 * count)) as u32;
         let source = BuildFile::open(file)?;
         let budget = MemoryBudget::new(Slicer::memory_bytes(&source, plan, threads));
@@ -184,6 +215,7 @@ fn measure(
         let line_ms = bytes.len() as f64 * LINE_BITS / baud * 1e3;
         samples.push(Sample { layer, compute_ms, line_ms, device_ms: device_ms(recipe, layer), bytes: bytes.len() });
     }
+    samples.sort_by_key(|sample| sample.layer);
     Ok(samples)
 }
 
@@ -205,17 +237,17 @@ fn device_ms(recipe: &Recipe, layer: u32) -> f64 {
 /// Each sample stands for the layers nearer to it than to another.
 fn late_layers(samples: &[Sample], layer_count: u32) -> Vec<[u32; 2]> {
     let mut ranges: Vec<[u32; 2]> = Vec::new();
+    let mut first = 0;
     for (index, sample) in samples.iter().enumerate() {
-        if sample.compute_ms.max(sample.line_ms) <= sample.device_ms {
-            continue;
+        let next = samples.get(index + 1).map_or(layer_count, |next| (sample.layer + next.layer).div_ceil(2));
+        let last = next.max(first + 1) - 1;
+        if sample.compute_ms.max(sample.line_ms) > sample.device_ms {
+            match ranges.last_mut() {
+                Some(range) if range[1] + 1 >= first => range[1] = last,
+                _ => ranges.push([first, last]),
+            }
         }
-        let count = samples.len() as u64;
-        let border = |index: u64| (u64::from(layer_count) * index / count) as u32;
-        let (first, last) = (border(index as u64), border(index as u64 + 1).max(sample.layer + 1) - 1);
-        match ranges.last_mut() {
-            Some(range) if range[1] + 1 >= first => range[1] = last,
-            _ => ranges.push([first, last]),
-        }
+        first = last + 1;
     }
     ranges
 }
@@ -237,22 +269,26 @@ fn most(samples: &[Sample], value: impl Fn(&Sample) -> f64) -> f64 {
     samples.iter().map(value).fold(0.0, f64::max)
 }
 
-fn text(findings: &Findings) -> String {
-    let mut lines = Vec::new();
-    if let Some(size) = &findings.size {
-        lines.push(format!("layers          {}", size.layer_count));
-        lines.push(format!("active struts   {} at most in one layer", size.peak_active_struts));
-        lines.push(format!(
+fn size_text(size: &Size) -> String {
+    [
+        format!("layers          {}", size.layer_count),
+        format!("active struts   {} at most in one layer", size.peak_active_struts),
+        format!(
             "memory          {:.1} MiB of a budget of {:.1} MiB",
             mib(size.memory_needed_bytes),
             mib(size.memory_budget_bytes)
-        ));
-        lines.push(format!("device          {:.1} ms a normal layer", size.device_ms_normal_layer));
-    }
+        ),
+        format!("device          {:.1} ms a normal layer", size.device_ms_normal_layer),
+    ]
+    .join("\n")
+}
+
+fn verdict_text(findings: &Findings) -> String {
+    let mut lines = Vec::new();
     if let Some(times) = &findings.times {
         lines.push(format!(
-            "encoded layer   {} bytes, at most {} (sampled)",
-            times.encoded_bytes_mean, times.encoded_bytes_max
+            "encoded layer   {} bytes, at most {} ({} layers sampled)",
+            times.encoded_bytes_mean, times.encoded_bytes_max, times.sampled_layers
         ));
         lines.push(format!(
             "computing       {:.1} ms a layer, at most {:.1}",

@@ -49,9 +49,9 @@ pub struct Summary {
     pub radius_mm: [f64; 2],
     /// Kernel support R, millimetres; absent for a union.
     pub support_mm: Option<f64>,
-    /// Resolution of coordinates and radii, micrometres.
+    /// Quantum: resolution of coordinates and radii, micrometres.
     pub quantum_um: f64,
-    /// Largest error of a coordinate or radius by that resolution, micrometres.
+    /// Half a quantum: the greatest error that resolution makes of a coordinate along each axis, and of a radius, micrometres.
     pub rounding_um: f64,
     /// Length of the file.
     pub file_bytes: u64,
@@ -130,7 +130,11 @@ impl fmt::Display for Summary {
             high[2]
         )?;
         writeln!(out, "radii         {:.3} to {:.3} mm", self.radius_mm[0], self.radius_mm[1])?;
-        writeln!(out, "resolution    {} µm, rounded by at most {} µm", self.quantum_um, self.rounding_um)?;
+        writeln!(
+            out,
+            "resolution    {} µm: coordinates are off their source by at most {} µm along each axis, radii by as much",
+            self.quantum_um, self.rounding_um
+        )?;
         writeln!(
             out,
             "size          {} bytes, {:.2} a strut, in {} chunks",

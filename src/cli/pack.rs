@@ -1,8 +1,10 @@
 //! `layerctl pack`: 3MF and edge text become a build file.
 
-use std::path::PathBuf;
+use std::fmt;
+use std::num::NonZero;
+use std::path::{Path, PathBuf};
 
-use indicatif::ProgressBar;
+use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 
 use super::progress_bar;
 use crate::buildfile::{self, BlendChoice, BuildFile, PackOptions, PackProgress, Placement};
@@ -10,6 +12,9 @@ use crate::config::byte_size;
 
 /// Least memory of the sort; below it merging takes too many passes.
 const MEMORY_LEAST_BYTES: u64 = 1 << 20;
+
+/// Most threads that parse and sort: one thread reads the source and takes its digest, and feeds no more.
+const MOST_THREADS: NonZero<usize> = NonZero::<usize>::MIN.saturating_add(7);
 
 /// Pack 3MF lattices and edge text into a build file.
 #[derive(Debug, clap::Args)]
@@ -38,6 +43,9 @@ pub struct PackArgs {
     /// Middle of the part on the plate, millimetres from its corner [default: the plate's middle].
     #[arg(long, value_name = "X,Y", value_parser = numbers::<2>, allow_hyphen_values = true)]
     at: Option<[f64; 2]>,
+    /// Length of one quantum, micrometres, 0.001 to 1000: coordinates and radii are rounded to whole ones.
+    #[arg(long, value_name = "UM", default_value_t = 1.0)]
+    quantum: f64,
     /// Memory for the out-of-core sort.
     #[arg(long, value_name = "SIZE", value_parser = memory, default_value = "256MiB")]
     memory: u64,
@@ -54,7 +62,7 @@ enum BlendArg {
 /// # Errors
 /// Names the file, the place in it, what was found and the remedy.
 pub fn run(args: PackArgs) -> anyhow::Result<()> {
-    let PackArgs { inputs, output, lattice_only, blend, support, rotate, scale, at, memory } = args;
+    let PackArgs { inputs, output, lattice_only, blend, support, rotate, scale, at, quantum, memory } = args;
     let blend = match (blend, support) {
         (BlendArg::Convolution, support_mm) => BlendChoice::Convolution { support_mm },
         (BlendArg::Union, None) => BlendChoice::Union,
@@ -66,11 +74,13 @@ pub fn run(args: PackArgs) -> anyhow::Result<()> {
         rotate_deg: rotate,
         scale,
         placement: at.map_or(Placement::Centred, |[x_mm, y_mm]| Placement::At { x_mm, y_mm }),
+        quantum_um: quantum,
         memory_bytes: memory,
+        threads: std::thread::available_parallelism().map_or(NonZero::<usize>::MIN, |cores| cores.min(MOST_THREADS)),
     };
-    let bar = progress_bar(BAR);
-    let report = buildfile::pack(&inputs, &output, &options, &mut |progress| show(&bar, progress));
-    bar.finish_and_clear();
+    let mut display = Display { bar: progress_bar(BAR), phase: "", output: &output };
+    let report = buildfile::pack(&inputs, &output, &options, &mut |progress| display.show(progress));
+    display.bar.finish_and_clear();
     let report = report?;
     for note in &report.notes {
         eprintln!("note: {note}");
@@ -81,14 +91,55 @@ pub fn run(args: PackArgs) -> anyhow::Result<()> {
 /// What [`super::progress_bar`] shows while a build file is made.
 pub(super) const BAR: &str = "{msg:>8} [{wide_bar}] {percent:>3}% {eta}";
 
-fn show(bar: &ProgressBar, progress: PackProgress) {
-    let (name, done, total) = match progress {
-        PackProgress::Reading { done, total } => ("reading", done, total),
-        PackProgress::Writing { done, total } => ("writing", done, total),
-    };
-    bar.set_message(name);
-    bar.set_length(total);
-    bar.set_position(done);
+/// Progress of all phases on one bar.
+struct Display<'a> {
+    bar: ProgressBar,
+    phase: &'static str,
+    output: &'a Path,
+}
+
+impl Display<'_> {
+    fn show(&mut self, progress: PackProgress) {
+        match progress {
+            PackProgress::Space { temporary_bytes, output_bytes, free_bytes } => self.bar.suspend(|| {
+                eprintln!(
+                    "note: needs up to {} of temporary space beside {}, which itself takes about {} or less; {} are free",
+                    size_text(temporary_bytes),
+                    self.output.display(),
+                    size_text(output_bytes),
+                    size_text(free_bytes)
+                );
+            }),
+            PackProgress::Reading { done, total } => self.step("reading", "{binary_bytes_per_sec}", done, total),
+            PackProgress::Joining { done, total } => self.step("joining", "{binary_bytes_per_sec}", done, total),
+            PackProgress::Writing { done, total } => self.step("writing", "{struts_per_sec}", done, total),
+        }
+    }
+
+    /// Moves the bar; each phase has its own, so that rate and remaining time are those of the phase.
+    fn step(&mut self, phase: &'static str, rate: &str, done: u64, total: u64) {
+        if self.phase != phase {
+            self.phase = phase;
+            let struts = |state: &ProgressState, out: &mut dyn fmt::Write| {
+                // A bar that cannot be drawn is no error.
+                let _ = write!(out, "{:.2} M struts/s", state.per_sec() / 1e6);
+            };
+            let template = format!("{{msg:>8}} [{{wide_bar}}] {{percent:>3}}% {rate} {{eta}}");
+            if let Ok(style) = ProgressStyle::with_template(&template) {
+                self.bar.set_style(style.with_key("struts_per_sec", struts));
+            }
+            self.bar.reset();
+            self.bar.set_message(phase);
+            self.bar.set_length(total);
+        }
+        self.bar.set_position(done);
+    }
+}
+
+/// `3.02 GiB`, or `17.5 MiB` below that.
+fn size_text(bytes: u64) -> String {
+    let mib = super::mib(bytes);
+    if mib < 1024.0 { format!("{mib:.1} MiB") } else { format!("{:.2} GiB", mib / 1024.0) }
 }
 
 /// `N` finite numbers with commas between them.

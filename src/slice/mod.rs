@@ -4,7 +4,7 @@
 //! the active set and draws layer after layer, band by band, on as many threads as it is given. A layer depends on part and
 //! plan alone: not on threads, instruction set, or the layer the sweep began with.
 
-mod bands;
+mod active;
 mod bitmap;
 mod draw;
 mod plan;
@@ -12,6 +12,7 @@ mod png;
 mod slicer;
 mod source;
 mod sweep;
+mod workers;
 
 pub use bitmap::{Bitmap, Depth};
 pub use plan::{Mirror, PlanError, Raster, SlicePlan};

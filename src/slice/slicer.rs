@@ -1,10 +1,11 @@
 //! A part as a stream of layers.
 
-use super::draw::{Drawing, Plane};
+use super::draw::Drawing;
 use super::sweep::Sweep;
+use super::workers::Workers;
 use super::{Bitmap, Depth, SlicePlan, StrutSource};
 use crate::buildfile::Blend;
-use crate::solid::{ConvolutionStrut, Grid, ISOVALUE, LARGEST_RADIUS_SHARE, Path, Shape, UnionStrut};
+use crate::solid::{Convolution, Effort, Grid, ISOVALUE, LARGEST_RADIUS_SHARE, Path, Plane, Shape, Union};
 use crate::stream::{BudgetExceeded, MemoryBudget};
 
 /// Why a layer could not be computed.
@@ -33,6 +34,9 @@ pub enum SliceError {
     /// Threads outside 1 to [`Slicer::MOST_THREADS`].
     #[error("{0} threads: allowed are 1 to {most}", most = Slicer::MOST_THREADS)]
     BadThreads(usize),
+    /// The operating system gave no threads; the text is its reason.
+    #[error("cannot start threads to slice with: {0}")]
+    Threads(String),
 }
 
 /// Computes the layers of a plan, in ascending order.
@@ -44,13 +48,15 @@ pub struct Slicer {
 
 /// What differs between the kinds of solid.
 enum Engine {
-    Convolution(Machinery<ConvolutionStrut>),
-    Union(Machinery<UnionStrut>),
+    Convolution(Machinery<Convolution>),
+    Union(Machinery<Union>),
 }
 
 struct Machinery<S: Shape> {
-    sweep: Sweep<S>,
+    unit_um: f64,
+    sweep: Sweep,
     drawing: Drawing<S>,
+    workers: Workers,
 }
 
 const _: () = assert!(Blend::ISOVALUE == ISOVALUE);
@@ -106,8 +112,8 @@ impl Slicer {
     /// Bytes a slicer will charge to its budget: known before a chunk is read.
     pub fn memory_bytes(source: &dyn StrutSource, plan: &SlicePlan, threads: usize) -> u64 {
         match source.header().blend {
-            Blend::Convolution { .. } => Machinery::<ConvolutionStrut>::memory_bytes(source, plan, threads),
-            Blend::Union => Machinery::<UnionStrut>::memory_bytes(source, plan, threads),
+            Blend::Convolution { .. } => Machinery::<Convolution>::memory_bytes(source, plan, threads),
+            Blend::Union => Machinery::<Union>::memory_bytes(source, plan, threads),
         }
     }
 
@@ -136,8 +142,16 @@ impl Slicer {
     /// Struts within reach of the layer drawn last.
     pub fn active_struts(&self) -> usize {
         match &self.engine {
-            Engine::Convolution(machinery) => machinery.sweep.active().len(),
-            Engine::Union(machinery) => machinery.sweep.active().len(),
+            Engine::Convolution(machinery) => machinery.sweep.active().alive(),
+            Engine::Union(machinery) => machinery.sweep.active().alive(),
+        }
+    }
+
+    /// What drawing has taken since the slicer was made.
+    pub fn effort(&self) -> Effort {
+        match &self.engine {
+            Engine::Convolution(machinery) => machinery.drawing.effort(),
+            Engine::Union(machinery) => machinery.drawing.effort(),
         }
     }
 
@@ -156,21 +170,22 @@ impl<S: Shape> Machinery<S> {
         threads: usize,
         budget: &MemoryBudget,
     ) -> Result<Self, SliceError> {
-        let drawing = Drawing::new(plan, path, source.peak_active(), threads, budget)?;
-        Ok(Self { sweep: Sweep::new(source, unit_um, budget)?, drawing })
+        let drawing = Drawing::new(plan, path, threads, budget)?;
+        let rows = Drawing::<S>::rows_per_band(plan);
+        let sweep = Sweep::new::<S>(source, plan, unit_um, rows, threads, budget)?;
+        Ok(Self { unit_um, sweep, drawing, workers: Workers::new(threads)? })
     }
 
     fn memory_bytes(source: &dyn StrutSource, plan: &SlicePlan, threads: usize) -> u64 {
-        let drawing = Drawing::<S>::memory_bytes(plan, source.peak_active(), threads);
-        Sweep::<S>::memory_bytes(source).saturating_add(drawing)
+        let sweep = Sweep::memory_bytes(source, plan, Drawing::<S>::rows_per_band(plan), threads);
+        sweep.saturating_add(Drawing::<S>::memory_bytes(plan, threads))
     }
 
     fn layer(&mut self, plan: &SlicePlan, layer: u32, bitmap: &mut Bitmap) -> Result<(), SliceError> {
         let z_um = plan.layer_z_um(layer);
-        self.sweep.advance(z_um)?;
-        let unit_um = self.sweep.unit_um();
-        let plane = Plane { grid: grid(plan, unit_um), z: z_um / unit_um };
-        self.drawing.draw(self.sweep.active(), &plane, bitmap);
+        self.sweep.advance(z_um, &self.workers)?;
+        let plane = Plane { grid: grid(plan, self.unit_um), z: z_um / self.unit_um, quantum: self.sweep.quantum() };
+        self.drawing.draw(self.sweep.active(), &plane, &self.workers, bitmap);
         Ok(())
     }
 }

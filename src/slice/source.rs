@@ -12,7 +12,7 @@ pub struct ChunkSpan {
 }
 
 /// A part whose struts can be read chunk by chunk, in ascending order of `a[2]`.
-pub trait StrutSource: Send {
+pub trait StrutSource: Send + Sync {
     /// The part.
     fn header(&self) -> &Header;
 
@@ -25,14 +25,14 @@ pub trait StrutSource: Send {
     /// Most struts that can be within reach of one plane; known before any chunk is read.
     fn peak_active(&self) -> u64;
 
-    /// Bytes the source holds beside the struts it hands out, at most.
-    fn memory_bytes(&self) -> u64;
+    /// Bytes the source holds beside the struts it hands out, at most, when `threads` read from it.
+    fn memory_bytes(&self, threads: usize) -> u64;
 
     /// Replaces `struts` by those of a chunk.
     ///
     /// # Errors
     /// Whatever keeps the chunk from being read, naming file and place.
-    fn read_chunk(&mut self, chunk: usize, struts: &mut Vec<Strut>) -> anyhow::Result<()>;
+    fn read_chunk(&self, chunk: usize, struts: &mut Vec<Strut>) -> anyhow::Result<()>;
 }
 
 impl StrutSource for BuildFile {
@@ -53,11 +53,11 @@ impl StrutSource for BuildFile {
         self.peak_active()
     }
 
-    fn memory_bytes(&self) -> u64 {
-        (self.memory_bytes() + self.scratch_bytes()) as u64
+    fn memory_bytes(&self, threads: usize) -> u64 {
+        (self.memory_bytes() + threads * self.scratch_bytes()) as u64
     }
 
-    fn read_chunk(&mut self, chunk: usize, struts: &mut Vec<Strut>) -> anyhow::Result<()> {
+    fn read_chunk(&self, chunk: usize, struts: &mut Vec<Strut>) -> anyhow::Result<()> {
         struts.clear();
         Ok(BuildFile::read_chunk(self, chunk, struts)?)
     }
@@ -103,11 +103,11 @@ impl StrutSource for MemoryStruts {
         self.struts.len() as u64
     }
 
-    fn memory_bytes(&self) -> u64 {
+    fn memory_bytes(&self, _threads: usize) -> u64 {
         (self.struts.len() * size_of::<Strut>()) as u64
     }
 
-    fn read_chunk(&mut self, chunk: usize, struts: &mut Vec<Strut>) -> anyhow::Result<()> {
+    fn read_chunk(&self, chunk: usize, struts: &mut Vec<Strut>) -> anyhow::Result<()> {
         struts.clear();
         struts.extend_from_slice(self.chunk(chunk));
         Ok(())

@@ -1,45 +1,88 @@
-//! The sweep plane and its active set (Liu et al. 2021, §4): struts come in ascending order, join when the plane comes within
-//! reach and leave when it is past them. Order never changes, so a layer's sums are the same wherever a sweep began.
+//! The sweep plane (Liu et al. 2021, §4): struts come in ascending order, join the active set when the plane comes within
+//! reach and leave it when the plane is past them.
 
-use super::{SliceError, StrutSource};
+use super::active::ActiveSet;
+use super::workers::Workers;
+use super::{SliceError, SlicePlan, StrutSource};
 use crate::buildfile::{CHUNK_STRUTS, Cap, Strut};
-use crate::solid::{self, Beam, Shape};
+use crate::solid::{self, LARGEST_RADIUS, Record, Shape};
 use crate::stream::{Charge, MemoryBudget};
 
 /// Struts within reach of the plane, read from a source as the plane rises.
-pub(super) struct Sweep<S> {
+pub(super) struct Sweep {
     source: Box<dyn StrutSource>,
-    /// Unit of length of the shapes, micrometres.
-    unit_um: f64,
-    /// How far from its skeleton a strut can matter, micrometres.
-    reach_um: f64,
+    /// What a record keeps of a strut's ends.
+    ends: Ends,
+    rows: Rows,
+    /// How far from its skeleton a strut can matter, quanta.
+    reach: f64,
     quantum_um: f64,
+    /// Length of a quantum in the solid's unit.
+    quantum: f64,
     /// What the source promised at most.
     most_active: usize,
-    active: Vec<S>,
-    /// The chunk being taken in, from `next_strut` on.
-    chunk: Vec<Strut>,
+    active: ActiveSet,
+    /// Chunks read at once, one a thread; those from `slot` on, and there from `next_strut` on, are still to join.
+    slots: Vec<Slot>,
+    filled: usize,
+    slot: usize,
     next_strut: usize,
     next_chunk: usize,
     last_z: i32,
     _charge: Charge,
 }
 
-impl<S: Shape> Sweep<S> {
-    /// A sweep that can begin at any plane.
-    pub(super) fn new(source: Box<dyn StrutSource>, unit_um: f64, budget: &MemoryBudget) -> Result<Self, SliceError> {
-        let bytes = Self::memory_bytes(&*source);
+type Ends = fn(radii: [u32; 2], caps: [solid::Cap; 2], is_ball: bool, quantum: f64) -> [u32; 2];
+
+/// A chunk read.
+#[derive(Default)]
+struct Slot {
+    chunk: usize,
+    struts: Vec<Strut>,
+    problem: Option<anyhow::Error>,
+}
+
+/// From y in quanta to the picture's rows.
+#[derive(Clone, Copy)]
+struct Rows {
+    row_0: f64,
+    rows_per_quantum: f64,
+    /// Rows a strut may reach beyond its skeleton.
+    reach: f64,
+}
+
+impl Sweep {
+    /// A sweep that can begin at any plane. `unit_um` is the solid's unit of length, `least_rows` the height of the smallest
+    /// buckets.
+    pub(super) fn new<S: Shape>(
+        source: Box<dyn StrutSource>,
+        plan: &SlicePlan,
+        unit_um: f64,
+        least_rows: usize,
+        threads: usize,
+        budget: &MemoryBudget,
+    ) -> Result<Self, SliceError> {
+        let bytes = Self::memory_bytes(&*source, plan, least_rows, threads);
         let charge = budget.charge("the struts within reach of one layer", bytes)?;
-        let most_active = usize::try_from(source.peak_active()).unwrap_or(usize::MAX);
         let header = source.header();
+        let quantum_um = header.quantum_um;
+        let dy = plan.step_um()[1];
         Ok(Self {
-            unit_um,
-            reach_um: header.reach_um(),
-            quantum_um: header.quantum_um,
-            most_active,
-            // The charge was granted, so this much may be taken.
-            active: Vec::with_capacity(most_active),
-            chunk: Vec::new(),
+            ends: S::ends,
+            rows: Rows {
+                row_0: plan.origin_um[1] / dy,
+                rows_per_quantum: quantum_um / dy,
+                // Sub-rows of a union lie up to half a row from a row's middle; the rest is for rounding.
+                reach: header.reach_um() / dy.abs() + 1.0,
+            },
+            reach: header.reach_um() / quantum_um,
+            quantum_um,
+            quantum: quantum_um / unit_um,
+            most_active: usize::try_from(source.peak_active()).unwrap_or(usize::MAX),
+            active: ActiveSet::new(plan.raster.height_px as usize, least_rows),
+            slots: (0..threads).map(|_| Slot::default()).collect(),
+            filled: 0,
+            slot: 0,
             next_strut: 0,
             next_chunk: 0,
             last_z: i32::MIN,
@@ -48,102 +91,112 @@ impl<S: Shape> Sweep<S> {
         })
     }
 
-    /// Bytes a sweep takes at most: the active set, one chunk and the source's own.
-    pub(super) fn memory_bytes(source: &dyn StrutSource) -> u64 {
-        let chunk = (CHUNK_STRUTS * size_of::<Strut>()) as u64;
-        let active = source.peak_active().saturating_mul(size_of::<S>() as u64);
-        active.saturating_add(chunk).saturating_add(source.memory_bytes())
+    /// Bytes a sweep takes at most: the active set, the chunks being read and the source's own.
+    pub(super) fn memory_bytes(source: &dyn StrutSource, plan: &SlicePlan, least_rows: usize, threads: usize) -> u64 {
+        let chunks = (threads * CHUNK_STRUTS * size_of::<Strut>()) as u64;
+        let active = ActiveSet::memory_bytes(source.peak_active(), plan.raster.height_px as usize, least_rows);
+        active.saturating_add(chunks).saturating_add(source.memory_bytes(threads))
     }
 
     /// Moves the plane up to `z_um`; planes must ascend.
-    pub(super) fn advance(&mut self, z_um: f64) -> Result<(), SliceError> {
-        let z = z_um / self.unit_um;
-        self.active.retain(|shape| shape.top() >= z);
+    pub(super) fn advance(&mut self, z_um: f64, workers: &Workers) -> Result<(), SliceError> {
+        let z = z_um / self.quantum_um;
+        // Saturates; a strut that ends just below in rounding contributes nothing any more.
+        let lowest_top = (z - self.reach).floor() as i32;
+        workers.run(self.active.buckets_mut(), &mut self.slots, |_, bucket| bucket.retire(lowest_top));
+        self.active.count();
         loop {
-            while let Some(&strut) = self.chunk.get(self.next_strut) {
-                if f64::from(strut.a[2]) * self.quantum_um - self.reach_um > z_um {
-                    return Ok(());
+            while self.slot < self.filled {
+                while let Some(&strut) = self.slots[self.slot].struts.get(self.next_strut) {
+                    if f64::from(strut.a[2]) - self.reach > z {
+                        return Ok(());
+                    }
+                    self.check(&strut)?;
+                    self.next_strut += 1;
+                    if strut.b[2] >= lowest_top {
+                        self.join(&strut)?;
+                    }
                 }
-                let shape = self.shape(&strut)?;
-                self.next_strut += 1;
-                if shape.top() >= z {
-                    self.join(shape)?;
-                }
+                self.slot += 1;
+                self.next_strut = 0;
             }
-            if !self.read_next_chunk(z_um)? {
+            if !self.read_chunks(z, workers)? {
                 return Ok(());
             }
         }
     }
 
-    /// The struts within reach, in file order.
-    pub(super) fn active(&self) -> &[S] {
+    /// The struts within reach.
+    pub(super) fn active(&self) -> &ActiveSet {
         &self.active
     }
 
-    /// Unit of length of the shapes, micrometres.
-    pub(super) fn unit_um(&self) -> f64 {
-        self.unit_um
+    /// Length of a quantum in the solid's unit.
+    pub(super) fn quantum(&self) -> f64 {
+        self.quantum
     }
 
-    fn join(&mut self, shape: S) -> Result<(), SliceError> {
-        if self.active.len() == self.most_active {
+    fn join(&mut self, strut: &Strut) -> Result<(), SliceError> {
+        if self.active.alive() == self.most_active {
             return Err(SliceError::Source(anyhow::anyhow!(
                 "more struts lie at one layer than the {} the build file's index promised; the file is damaged: pack the part again",
                 self.most_active
             )));
         }
-        self.active.push(shape);
+        let Strut { a, b, radius_a, radius_b, caps } = *strut;
+        let caps = [caps.a, caps.b].map(|cap| match cap {
+            Cap::Sphere => solid::Cap::Sphere,
+            Cap::Hemisphere => solid::Cap::Hemisphere,
+            Cap::Butt => solid::Cap::Butt,
+        });
+        let ends = (self.ends)([radius_a, radius_b], caps, strut.is_ball(), self.quantum);
+        self.active.add(Record { a, b, ends }, self.rows.reached(a[1], b[1]));
         Ok(())
     }
 
-    /// Reads the next chunk that can matter at `z_um` or above; `false` where none begins within reach.
-    fn read_next_chunk(&mut self, z_um: f64) -> Result<bool, SliceError> {
-        while self.next_chunk < self.source.chunk_count() {
+    /// Reads the next chunks that can matter at height `z` or above, in quanta, as many at once as there are threads;
+    /// `false` where none begins within reach.
+    fn read_chunks(&mut self, z: f64, workers: &Workers) -> Result<bool, SliceError> {
+        (self.slot, self.filled) = (0, 0);
+        while self.filled < self.slots.len() && self.next_chunk < self.source.chunk_count() {
             let span = self.source.chunk_span(self.next_chunk);
-            if f64::from(span.lowest_z) * self.quantum_um - self.reach_um > z_um {
-                return Ok(false);
+            if f64::from(span.lowest_z) - self.reach > z {
+                break;
             }
-            let chunk = self.next_chunk;
+            if f64::from(span.highest_z) + self.reach >= z {
+                self.slots[self.filled].chunk = self.next_chunk;
+                self.filled += 1;
+            }
             self.next_chunk += 1;
-            if f64::from(span.highest_z) * self.quantum_um + self.reach_um >= z_um {
-                self.source.read_chunk(chunk, &mut self.chunk).map_err(SliceError::Source)?;
-                self.next_strut = 0;
-                return Ok(true);
-            }
         }
-        Ok(false)
+        let mut idle = vec![(); self.slots.len()];
+        let source = &self.source;
+        workers.run(self.slots[..self.filled].iter_mut(), &mut idle, |(), slot| {
+            slot.problem = source.read_chunk(slot.chunk, &mut slot.struts).err();
+        });
+        let problem = self.slots[..self.filled].iter_mut().find_map(|slot| slot.problem.take());
+        problem.map_or(Ok(self.filled > 0), |problem| Err(SliceError::Source(problem)))
     }
 
-    fn shape(&mut self, strut: &Strut) -> Result<S, SliceError> {
+    fn check(&mut self, strut: &Strut) -> Result<(), SliceError> {
         let radii = self.source.header().radius_range;
         let in_order = strut.a[2] >= self.last_z && strut.b[2] >= strut.a[2];
-        let in_range = |radius: u32| radius >= radii[0].max(1) && radius <= radii[1];
+        let in_range = |radius: u32| (radii[0].max(1)..=radii[1].min(LARGEST_RADIUS)).contains(&radius);
         if !in_order || !in_range(strut.radius_a) || !in_range(strut.radius_b) {
             let what = if in_order { "a radius outside the header's range" } else { "a strut out of order" };
             return Err(SliceError::Source(anyhow::anyhow!(
                 "chunk {} of the build file has {what}; the file is damaged: pack the part again",
-                self.next_chunk.saturating_sub(1)
+                self.slots[self.slot].chunk
             )));
         }
         self.last_z = strut.a[2];
-        Ok(S::prepare(&beam(strut, self.quantum_um), self.unit_um))
+        Ok(())
     }
 }
 
-/// A strut in micrometres.
-pub(super) fn beam(strut: &Strut, quantum_um: f64) -> Beam {
-    let point = |p: [i32; 3]| p.map(|x| f64::from(x) * quantum_um);
-    let cap = |cap| match cap {
-        Cap::Sphere => solid::Cap::Sphere,
-        Cap::Hemisphere => solid::Cap::Hemisphere,
-        Cap::Butt => solid::Cap::Butt,
-    };
-    Beam {
-        a: point(strut.a),
-        b: point(strut.b),
-        radius_a: f64::from(strut.radius_a) * quantum_um,
-        radius_b: f64::from(strut.radius_b) * quantum_um,
-        caps: [cap(strut.caps.a), cap(strut.caps.b)],
+impl Rows {
+    fn reached(&self, a: i32, b: i32) -> [i64; 2] {
+        let [one, two] = [a, b].map(|y| f64::from(y) * self.rows_per_quantum - self.row_0);
+        [(one.min(two) - self.reach).floor() as i64, (one.max(two) + self.reach).ceil() as i64]
     }
 }

@@ -1,9 +1,8 @@
 //! What is inside at a point: fields of convolution struts, exact unions, and the kernels that evaluate them row by row.
 //!
-//! Nothing here knows files, devices or threads. A [`Shape`] is one strut or ball, prepared once; it draws itself on a
-//! [`Strip`], a few rows of a picture in the plane z. Lengths are in the shape's own unit: the kernel's support R for a
-//! [`ConvolutionStrut`] (so that every quantity of the kernel is about 1 and `f32` suffices), micrometres for a
-//! [`UnionStrut`].
+//! Nothing here knows files, devices or threads. A [`Shape`] draws a [`Block`] of struts and balls on a [`Strip`], a few rows
+//! of a picture in one [`Plane`]. Lengths are in the solid's own unit: the kernel's support R for a [`Convolution`] (so that
+//! every quantity of the kernel is about 1 and `f32` suffices), micrometres for a [`Union`].
 //!
 //! ```
 //! use layerd::solid::{self, Beam};
@@ -13,6 +12,7 @@
 //! assert!((field - solid::ISOVALUE).abs() < 1e-12);
 //! ```
 
+mod block;
 mod convolution;
 pub mod reference;
 mod strip;
@@ -20,14 +20,18 @@ mod union;
 mod vector;
 mod weight;
 
-pub use convolution::ConvolutionStrut;
-pub use strip::{Grid, Strip};
-pub use union::UnionStrut;
+pub use block::{Block, Record};
+pub use convolution::Convolution;
+pub use strip::{Effort, Grid, Plane, Strip};
+pub use union::Union;
 pub use vector::Path;
 pub use weight::LARGEST_RADIUS_SHARE;
 
 /// The isovalue C: solid where the field reaches it. Weights are proportional to C, so its value is free.
 pub const ISOVALUE: f64 = 1.0;
+
+/// Largest radius in quanta: leaves two bits for a cap, and room to add radii to coordinates.
+pub const LARGEST_RADIUS: u32 = (1 << 30) - 1;
 
 /// The shape of a strut's end under exact union.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -64,25 +68,20 @@ impl Beam {
     }
 }
 
-/// One strut or ball that can be drawn in a plane.
+/// A kind of solid: how struts and balls are drawn in a plane.
 pub trait Shape: Send + Sync + Sized {
-    /// What a strip holds for each pixel while shapes are drawn.
+    /// What a strip holds for each pixel while struts are drawn.
     type Cell: Copy + Default + Send;
 
     /// Rows above and below a band, and columns beside it, that [`Shape::coverage`] must know.
     const HALO: usize;
 
-    /// Prepares a beam given in micrometres; `unit_um` is the shape's unit of length.
-    fn prepare(beam: &Beam, unit_um: f64) -> Self;
+    /// What a [`Record`] keeps of radii, in quanta and at most [`LARGEST_RADIUS`], and caps. `quantum` is a quantum's length
+    /// in the solid's unit.
+    fn ends(radii: [u32; 2], caps: [Cap; 2], is_ball: bool, quantum: f64) -> [u32; 2];
 
-    /// The highest plane the shape reaches, in its unit.
-    fn top(&self) -> f64;
-
-    /// First and last row of the grid the shape may reach in the plane `z`; rows may lie outside the picture.
-    fn row_range(&self, grid: &Grid, z: f64) -> Option<[i32; 2]>;
-
-    /// Draws `shapes[i]` for every `i` of `chosen`, in that order, on the rows of `strip`.
-    fn draw(path: Path, shapes: &[Self], chosen: &[u32], grid: &Grid, z: f64, strip: &mut Strip<Self::Cell>);
+    /// Draws the records of blocks, in their order, on the rows of `strip`.
+    fn draw<'a>(path: Path, blocks: impl Iterator<Item = &'a Block>, plane: &Plane, strip: &mut Strip<Self::Cell>);
 
     /// Packs one row's pixels, lit or not at their centres, the first pixel of a byte in its highest bit, beginning with
     /// pixel `8 × first_byte`; `row` counts from the band's first.

@@ -17,8 +17,32 @@ pub struct Grid {
     pub samples: u32,
 }
 
+/// The plane that is drawn, in a solid's unit of length.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Plane {
+    /// Its pixels.
+    pub grid: Grid,
+    /// Its height.
+    pub z: f64,
+    /// Length of the quantum in which struts are given.
+    pub quantum: f64,
+}
+
 /// Spare cells at the end of each row: a kernel may write a whole vector that begins at the last pixel.
 const SPARE: usize = super::vector::LANES;
+
+/// What drawing took, for those who ask what bounds it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Effort {
+    /// Struts cut with the plane; one that reaches two bands is cut in both.
+    pub cuts: u64,
+    /// Of those, struts that reached the band.
+    pub drawn: u64,
+    /// Rows of struts drawn.
+    pub rows: u64,
+    /// Fields evaluated, whole vectors counted.
+    pub evaluations: u64,
+}
 
 /// Some rows of cells, `halo` more columns on each side than the grid has.
 #[derive(Debug)]
@@ -30,6 +54,8 @@ pub struct Strip<Cell> {
     rows: usize,
     /// Columns that may hold anything but the default, in cells.
     used: std::ops::Range<usize>,
+    /// Since the strip was made.
+    effort: Effort,
 }
 
 impl<Cell: Copy + Default> Strip<Cell> {
@@ -37,7 +63,7 @@ impl<Cell: Copy + Default> Strip<Cell> {
     pub fn new(width: usize, rows: usize, halo: usize) -> Self {
         let stride = Self::stride(width, halo);
         let cells = vec![Cell::default(); stride * (rows + 2 * halo)];
-        Self { cells, stride, halo, first_row: 0, rows: 0, used: 0..0 }
+        Self { cells, stride, halo, first_row: 0, rows: 0, used: 0..0, effort: Effort::default() }
     }
 
     /// Bytes a strip takes.
@@ -67,6 +93,11 @@ impl<Cell: Copy + Default> Strip<Cell> {
         first..end.min(self.rows)
     }
 
+    /// Rows the strip stands for, halo rows included.
+    pub(super) fn rows(&self) -> usize {
+        self.rows
+    }
+
     /// The grid's row number of a row of this strip.
     pub(super) fn grid_row(&self, row: usize) -> f64 {
         f64::from(self.first_row) + row as f64
@@ -87,10 +118,34 @@ impl<Cell: Copy + Default> Strip<Cell> {
         &mut self.cells[row * self.stride..(row + 1) * self.stride]
     }
 
+    /// Successive rows of cells.
+    #[inline(always)]
+    pub(super) fn rows_mut(&mut self, first: usize, count: usize) -> impl Iterator<Item = &mut [Cell]> {
+        self.cells[first * self.stride..(first + count) * self.stride].chunks_exact_mut(self.stride)
+    }
+
     /// Notes that cells from `first` to before `end` of some row were written.
     pub(super) fn touch(&mut self, first: usize, end: usize) {
         let end = end.min(self.stride);
         self.used = if self.used.is_empty() { first..end } else { self.used.start.min(first)..self.used.end.max(end) };
+    }
+
+    /// Counts struts cut with the plane, and those of them that were drawn.
+    pub(super) fn count(&mut self, cuts: usize, drawn: usize) {
+        self.effort.cuts += cuts as u64;
+        self.effort.drawn += drawn as u64;
+    }
+
+    /// Counts rows of a strut and the fields evaluated on them.
+    #[inline(always)]
+    pub(super) fn count_rows(&mut self, rows: usize, evaluations: usize) {
+        self.effort.rows += rows as u64;
+        self.effort.evaluations += evaluations as u64;
+    }
+
+    /// What drawing has taken since the strip was made.
+    pub fn effort(&self) -> Effort {
+        self.effort
     }
 
     /// Pixels of the picture that may differ from the default.

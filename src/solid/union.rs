@@ -4,11 +4,16 @@
 //! A row is a line; a convex body cuts it in one interval, the roots of a quadratic. For grey a pixel is sampled at the
 //! centres of 8 × 8 sub-pixels by eight such rows, each exact: the sub-pixels inside any body are counted once.
 
-use super::{Beam, Cap, Grid, Path, Shape, Strip};
+use super::block::Record;
+use super::{Block, Cap, Grid, Path, Plane, Shape, Strip};
 
-/// A beam or ball with all that does not depend on the plane. Unit of length: micrometres.
+/// Solid inside any beam or ball.
 #[derive(Clone, Copy, Debug)]
-pub struct UnionStrut {
+pub struct Union;
+
+/// A beam or ball seen by a plane. Unit of length: micrometres.
+#[derive(Clone, Copy, Debug)]
+struct UnionStrut {
     a: [f64; 3],
     /// Unit vector; zero for a ball.
     u: [f64; 3],
@@ -21,49 +26,34 @@ pub struct UnionStrut {
 /// An interval of x; empty where the first is greater.
 type Interval = [f64; 2];
 
-impl Shape for UnionStrut {
+/// An end's cap stands above the bits of its radius, which are at most 30: see [`super::LARGEST_RADIUS`].
+const CAP_SHIFT: u32 = 30;
+
+const CAPS: [Cap; 3] = [Cap::Sphere, Cap::Hemisphere, Cap::Butt];
+
+impl Shape for Union {
     /// One bit for each sub-pixel, eight to a sub-row.
     type Cell = u64;
 
     const HALO: usize = 0;
 
-    fn prepare(beam: &Beam, unit_um: f64) -> Self {
-        let (u, length) = beam.direction();
-        let radius = [beam.radius_a, beam.radius_b].map(|radius| radius / unit_um);
-        Self { a: beam.a.map(|x| x / unit_um), u, length: length / unit_um, radius, caps: beam.caps }
+    /// The radius in quanta, the cap in the two highest bits.
+    fn ends(radii: [u32; 2], caps: [Cap; 2], _is_ball: bool, _quantum: f64) -> [u32; 2] {
+        debug_assert!(radii.iter().all(|radius| *radius < 1 << CAP_SHIFT));
+        [0, 1].map(|end| radii[end] | (caps[end] as u32) << CAP_SHIFT)
     }
 
-    fn top(&self) -> f64 {
-        self.a[2] + (self.u[2] * self.length).max(0.0) + self.radius[0].max(self.radius[1])
-    }
-
-    fn row_range(&self, grid: &Grid, z: f64) -> Option<[i32; 2]> {
-        let radius = self.radius[0].max(self.radius[1]);
-        let (dz, run) = (z - self.a[2], self.u[2] * self.length);
-        if dz < run.min(0.0) - radius || dz > run.max(0.0) + radius {
-            return None;
-        }
-        // Only the part of the axis within the larger radius of the plane can matter.
-        let along = |height: f64| if run == 0.0 { 0.0 } else { (height / run).clamp(0.0, 1.0) * self.length };
-        let (from, to) = if run == 0.0 { (0.0, self.length) } else { (along(dz - radius), along(dz + radius)) };
-        let (y1, y2) = (self.a[1] + self.u[1] * from, self.a[1] + self.u[1] * to);
-        let (low, high) = (y1.min(y2) - radius, y1.max(y2) + radius);
-        let (one, two) = ((low - grid.y0) / grid.dy, (high - grid.y0) / grid.dy);
-        // One row more on both sides: sub-rows lie up to half a row from the row's centre.
-        Some([one.min(two).floor() as i32 - 1, one.max(two).ceil() as i32 + 1])
-    }
-
-    fn draw(_: Path, shapes: &[Self], chosen: &[u32], grid: &Grid, z: f64, strip: &mut Strip<u64>) {
-        for &index in chosen {
-            let shape = &shapes[index as usize];
-            let Some(range) = shape.row_range(grid, z) else { continue };
-            for row in strip.rows_within(range) {
-                for sub_row in 0..grid.samples {
-                    let offset = sub_offset(sub_row, grid.samples);
-                    let y = grid.y0 + (strip.grid_row(row) + offset) * grid.dy;
-                    for interval in shape.cut(y - shape.a[1], z - shape.a[2]) {
-                        shape.fill(interval, grid, sub_row, strip, row);
-                    }
+    fn draw<'a>(_: Path, blocks: impl Iterator<Item = &'a Block>, plane: &Plane, strip: &mut Strip<u64>) {
+        let Plane { grid, z, quantum } = plane;
+        for block in blocks {
+            strip.count(block.len(), 0);
+            for at in 0..block.len() {
+                let shape = UnionStrut::new(block.get(at), *quantum);
+                let Some(range) = shape.row_range(grid, *z) else { continue };
+                let rows = strip.rows_within(range);
+                strip.count(0, usize::from(!rows.is_empty()));
+                for row in rows {
+                    shape.draw_row(grid, *z, strip, row);
                 }
             }
         }
@@ -91,6 +81,41 @@ fn sub_offset(index: u32, samples: u32) -> f64 {
 const EMPTY: Interval = [1.0, 0.0];
 
 impl UnionStrut {
+    fn new(record: Record, quantum: f64) -> Self {
+        let point = |p: [i32; 3]| glam::DVec3::from(p.map(f64::from)) * quantum;
+        let edge = point(record.b) - point(record.a);
+        let length = edge.length();
+        let u = if length > 0.0 { edge / length } else { glam::DVec3::ZERO };
+        let radius = record.ends.map(|end| f64::from(end & ((1 << CAP_SHIFT) - 1)) * quantum);
+        let caps = record.ends.map(|end| CAPS[(end >> CAP_SHIFT) as usize % CAPS.len()]);
+        Self { a: point(record.a).to_array(), u: u.to_array(), length, radius, caps }
+    }
+
+    fn draw_row(&self, grid: &Grid, z: f64, strip: &mut Strip<u64>, row: usize) {
+        for sub_row in 0..grid.samples {
+            let y = grid.y0 + (strip.grid_row(row) + sub_offset(sub_row, grid.samples)) * grid.dy;
+            for interval in self.cut(y - self.a[1], z - self.a[2]) {
+                self.fill(interval, grid, sub_row, strip, row);
+            }
+        }
+    }
+
+    fn row_range(&self, grid: &Grid, z: f64) -> Option<[i32; 2]> {
+        let radius = self.radius[0].max(self.radius[1]);
+        let (dz, run) = (z - self.a[2], self.u[2] * self.length);
+        if dz < run.min(0.0) - radius || dz > run.max(0.0) + radius {
+            return None;
+        }
+        // Only the part of the axis within the larger radius of the plane can matter.
+        let along = |height: f64| if run == 0.0 { 0.0 } else { (height / run).clamp(0.0, 1.0) * self.length };
+        let (from, to) = if run == 0.0 { (0.0, self.length) } else { (along(dz - radius), along(dz + radius)) };
+        let (y1, y2) = (self.a[1] + self.u[1] * from, self.a[1] + self.u[1] * to);
+        let (low, high) = (y1.min(y2) - radius, y1.max(y2) + radius);
+        let (one, two) = ((low - grid.y0) / grid.dy, (high - grid.y0) / grid.dy);
+        // One row more on both sides: sub-rows lie up to half a row from the row's centre.
+        Some([one.min(two).floor() as i32 - 1, one.max(two).ceil() as i32 + 1])
+    }
+
     /// Intervals of x (from `a`) in which the line at (y, z) from `a` lies in the body, the cap at `a`, the cap at `b`.
     fn cut(&self, y: f64, z: f64) -> [Interval; 3] {
         if self.length == 0.0 {

@@ -16,19 +16,31 @@ enum Set {
     Baseline,
     #[cfg(target_arch = "x86_64")]
     Avx2,
+    /// Vectors stay as long as AVX2's; more registers and masks are what is gained.
+    #[cfg(target_arch = "x86_64")]
+    Avx512,
 }
 
 impl Path {
-    /// The compiler's baseline for the target.
-    pub const BASELINE: Self = Self(Set::Baseline);
+    /// The paths this processor can take, the best last.
+    pub fn available() -> Vec<Self> {
+        let mut paths = vec![Self(Set::Baseline)];
+        #[cfg(target_arch = "x86_64")]
+        {
+            use std::is_x86_feature_detected as has;
+            if has!("avx2") {
+                paths.push(Self(Set::Avx2));
+            }
+            if has!("avx2") && has!("avx512f") && has!("avx512vl") && has!("avx512bw") && has!("avx512dq") {
+                paths.push(Self(Set::Avx512));
+            }
+        }
+        paths
+    }
 
     /// The best path of this processor.
     pub fn detect() -> Self {
-        #[cfg(target_arch = "x86_64")]
-        if std::is_x86_feature_detected!("avx2") {
-            return Self(Set::Avx2);
-        }
-        Self::BASELINE
+        Self::available().pop().unwrap_or(Self(Set::Baseline))
     }
 
     /// Runs `work` compiled for this path; `work` must be `#[inline(always)]` to profit.
@@ -38,8 +50,13 @@ impl Path {
             Set::Baseline => work.run(),
             #[cfg(target_arch = "x86_64")]
             #[allow(unsafe_code, reason = "calls code compiled for AVX2; see the proof")]
-            // SAFETY: `Set::Avx2` is private to this module and made only by `detect`, after the processor said it has AVX2.
+            // SAFETY: `Set::Avx2` is private to this module and made only by `available`, after the processor said it has AVX2.
             Set::Avx2 => unsafe { run_avx2(work) },
+            #[cfg(target_arch = "x86_64")]
+            #[allow(unsafe_code, reason = "calls code compiled for AVX-512; see the proof")]
+            // SAFETY: `Set::Avx512` is private to this module and made only by `available`, after the processor said it has all
+            // the features that `run_avx512` enables.
+            Set::Avx512 => unsafe { run_avx512(work) },
         }
     }
 }
@@ -53,6 +70,12 @@ pub(super) trait Work {
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
 fn run_avx2(work: impl Work) {
+    work.run();
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,avx512f,avx512vl,avx512bw,avx512dq")]
+fn run_avx512(work: impl Work) {
     work.run();
 }
 
@@ -78,31 +101,50 @@ pub(super) struct Stretch {
     pub(super) first_d: f32,
 }
 
-/// Adds a strut's field to whole vectors of pixels. With D = hi − lo, S = hi + lo, P = hi·lo, e = S² − P the closed form is
-/// `G(hi) − G(lo) = D (q² − ⅔ q e + (e² − P S²)/5)`: no difference of nearly equal numbers for short struts.
+/// What a pixel sees of a strut.
+#[derive(Clone, Copy)]
+pub(super) struct Point {
+    /// `1 − h²`, h the distance from the strut's axis in units of R; 0 or less where nothing is within reach.
+    pub(super) q: f32,
+    /// Start of the strut measured from the pixel's foot on its axis.
+    pub(super) lo: f32,
+    /// End of the strut measured from there.
+    pub(super) hi: f32,
+}
+
+/// A strut's field at a pixel; `weight` at the strut's start and its change a unit of length. With D = hi − lo, S = hi + lo,
+/// P = hi·lo, e = S² − P the closed form is `G(hi) − G(lo) = D (q² − ⅔ q e + (e² − P S²)/5)`: no difference of nearly equal
+/// numbers for short struts.
+#[inline(always)]
+pub(super) fn strut_field<const TAPERED: bool>(point: Point, weight: [f32; 2]) -> f32 {
+    let q = greater(point.q, 0.0);
+    let s = q.sqrt();
+    let lo = lesser(greater(point.lo, -s), s);
+    let hi = lesser(greater(point.hi, -s), s);
+    let (difference, sum, product) = (hi - lo, hi + lo, hi * lo);
+    let square = sum * sum;
+    let e = square - product;
+    let mean = q * q - q * e * (2.0 / 3.0) + (e * e - product * square) * 0.2;
+    if TAPERED {
+        let (first, last) = (q - lo * lo, q - hi * hi);
+        let cubes = first * first + first * last + last * last;
+        let local = weight[0] - weight[1] * point.lo;
+        difference * (local * mean + weight[1] * sum * cubes * (1.0 / 6.0))
+    } else {
+        weight[0] * (difference * mean)
+    }
+}
+
+/// Adds a strut's field to whole vectors of pixels.
 #[inline(always)]
 pub(super) fn add_strut<const TAPERED: bool>(row: &mut [f32], stretch: Stretch) {
     let Stretch { q_base, slope, curve, lo_base, hi_base, axial, weight, mut first_d } = stretch;
     for pixels in row.as_chunks_mut::<LANES>().0 {
         for (lane, field) in pixels.iter_mut().enumerate() {
             let d = first_d + LANE[lane];
-            let q = greater(q_base - d * (slope + curve * d), 0.0);
-            let s = q.sqrt();
             let moved = axial * d;
-            let lo = lesser(greater(lo_base - moved, -s), s);
-            let hi = lesser(greater(hi_base - moved, -s), s);
-            let (difference, sum, product) = (hi - lo, hi + lo, hi * lo);
-            let square = sum * sum;
-            let e = square - product;
-            let mean = q * q - q * e * (2.0 / 3.0) + (e * e - product * square) * 0.2;
-            if TAPERED {
-                let (first, last) = (q - lo * lo, q - hi * hi);
-                let cubes = first * first + first * last + last * last;
-                let local = weight[0] + weight[1] * (moved - lo_base);
-                *field += difference * (local * mean + weight[1] * sum * cubes * (1.0 / 6.0));
-            } else {
-                *field += weight[0] * (difference * mean);
-            }
+            let point = Point { q: q_base - d * (slope + curve * d), lo: lo_base - moved, hi: hi_base - moved };
+            *field += strut_field::<TAPERED>(point, weight);
         }
         first_d += LANES as f32;
     }
@@ -207,16 +249,17 @@ fn half_plane_coverage(value: f32, major: f32, minor: f32) -> f32 {
     if value >= 0.0 { 1.0 - lesser_part } else { lesser_part }
 }
 
-const LANE: [f32; LANES] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
+/// Numbers of the lanes.
+pub(super) const LANE: [f32; LANES] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
 
 /// `max` as one instruction; no operand is ever NaN.
 #[inline(always)]
-fn greater(a: f32, b: f32) -> f32 {
+pub(super) fn greater(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
 /// `min` as one instruction; no operand is ever NaN.
 #[inline(always)]
-fn lesser(a: f32, b: f32) -> f32 {
+pub(super) fn lesser(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }

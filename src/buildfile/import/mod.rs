@@ -6,23 +6,46 @@ mod three_mf;
 use std::path::Path;
 
 use super::collect::Collector;
-use super::pack::{PackError, PackOptions};
+use super::pack::{PackError, PackOptions, PackProgress};
 
-/// Reads one source; the last argument takes the bytes read so far.
-pub(super) type Importer = fn(&Path, &PackOptions, &mut Collector<'_>, &mut dyn FnMut(u64)) -> Result<(), PackError>;
+/// A kind of source.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Source {
+    EdgeText,
+    ThreeMf,
+}
 
-/// The reader for a file, by its extension.
-///
-/// # Errors
-/// Where the extension is none that is known.
-pub(super) fn importer(path: &Path) -> Result<Importer, PackError> {
-    let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
-    match extension.as_deref() {
-        Some("3mf") => Ok(three_mf::import),
-        Some("txt") => Ok(edge_text::import),
-        _ => Err(PackError::input(
-            path.display().to_string(),
-            "unknown kind of file; pack reads .3mf (3MF) and .txt (edge text)",
-        )),
+impl Source {
+    /// The kind of a file, by its extension.
+    ///
+    /// # Errors
+    /// Where the extension is none that is known.
+    pub(super) fn of(path: &Path) -> Result<Self, PackError> {
+        let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
+        match extension.as_deref() {
+            Some("3mf") => Ok(Self::ThreeMf),
+            Some("txt") => Ok(Self::EdgeText),
+            _ => Err(PackError::input(
+                path.display().to_string(),
+                "unknown kind of file; pack reads .3mf (3MF) and .txt (edge text)",
+            )),
+        }
+    }
+
+    /// Reads one source; `progress` counts its own bytes.
+    ///
+    /// # Errors
+    /// [`PackError`] names the file and the place in it.
+    pub(super) fn import(
+        self,
+        path: &Path,
+        options: &PackOptions,
+        collector: &mut Collector<'_>,
+        progress: &mut dyn FnMut(PackProgress),
+    ) -> Result<(), PackError> {
+        match self {
+            Self::EdgeText => edge_text::import(path, collector, progress),
+            Self::ThreeMf => three_mf::import(path, options, collector, progress),
+        }
     }
 }

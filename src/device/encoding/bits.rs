@@ -99,11 +99,6 @@ impl BitReader {
         self.skip(length);
         bits
     }
-
-    /// Zeros before the next 1, at most `limit` (below 64); nothing is taken.
-    pub(super) fn leading_zeros(&self, limit: u32) -> u32 {
-        self.window.leading_zeros().min(limit)
-    }
 }
 
 /// The code tables of `fax` read through its own trait.

@@ -1,6 +1,7 @@
 //! Decoding what arrives in pieces.
 
 use super::bits::BitReader;
+use super::range::RangeDecoder;
 use super::{depth_of, group4, run_grey};
 use crate::link::message::Encoding;
 use crate::slice::{Bitmap, Depth};
@@ -22,34 +23,80 @@ pub enum DecodeError {
     BadPadding,
 }
 
-/// Turns the bytes of one layer, given in pieces, into a picture. It allocates the picture once, and no more.
+/// Turns the bytes of one layer, given in pieces, into a picture. What it keeps besides that does not grow with the bytes.
 #[derive(Debug)]
 pub struct Decoder {
     picture: Bitmap,
     rows_done: usize,
-    rows: Rows,
-    bits: BitReader,
+    code: Code,
     failed: Option<DecodeError>,
 }
 
+/// What the bytes are written in, and those that were given and not yet taken.
 #[derive(Debug)]
-enum Rows {
+enum Code {
     /// Bytes of the picture filled so far.
     Raw(usize),
-    Group4(group4::RowDecoder),
-    RunGrey(run_grey::RowDecoder),
+    Group4(BitReader, group4::RowDecoder),
+    RunGrey(RangeDecoder, Box<run_grey::RowDecoder>),
+}
+
+impl Code {
+    /// Takes as many of `bytes` as there is room for.
+    fn fill(&mut self, bytes: &mut &[u8]) {
+        match self {
+            Self::Raw(_) => {}
+            Self::Group4(bits, _) => bits.fill(bytes),
+            Self::RunGrey(coder, _) => coder.fill(bytes),
+        }
+    }
+
+    fn end(&mut self) {
+        match self {
+            Self::Raw(_) => {}
+            Self::Group4(bits, _) => bits.end(),
+            Self::RunGrey(coder, _) => coder.end(),
+        }
+    }
+
+    /// Whether a step's bytes are there, or no more will come.
+    fn is_ready(&mut self) -> bool {
+        match self {
+            Self::Raw(_) => false,
+            Self::Group4(bits, _) => bits.is_ready(),
+            Self::RunGrey(coder, _) => coder.is_ready(run_grey::RowDecoder::STEP_BYTES),
+        }
+    }
+
+    /// Whether there are more bytes than an end needs.
+    fn has_surplus(&self) -> bool {
+        match self {
+            Self::Raw(_) => false,
+            Self::Group4(bits, _) => bits.remaining() > u64::BITS - 8,
+            Self::RunGrey(coder, _) => coder.bytes_left() > 0,
+        }
+    }
+
+    /// One step of a row; true where that completed it. `above` is empty for the first row.
+    fn step(&mut self, above: &[u8], row: &mut [u8]) -> Result<bool, DecodeError> {
+        let (complete, overdrawn) = match self {
+            Self::Raw(_) => return Ok(false),
+            Self::Group4(bits, rows) => (rows.step(bits, row)?, bits.is_overdrawn()),
+            Self::RunGrey(coder, rows) => (rows.step(coder, above, row)?, coder.is_overdrawn()),
+        };
+        if overdrawn { Err(DecodeError::TooFewRows) } else { Ok(complete) }
+    }
 }
 
 impl Decoder {
     /// A decoder for one picture. The size is the device's own, never taken from the line.
     pub fn new(encoding: Encoding, width_px: u32, height_px: u32) -> Self {
-        let rows = match encoding {
-            Encoding::RawBit | Encoding::RawGrey => Rows::Raw(0),
-            Encoding::Group4 => Rows::Group4(group4::RowDecoder::new(width_px)),
-            Encoding::RunGrey => Rows::RunGrey(run_grey::RowDecoder::new()),
+        let code = match encoding {
+            Encoding::RawBit | Encoding::RawGrey => Code::Raw(0),
+            Encoding::Group4 => Code::Group4(BitReader::default(), group4::RowDecoder::new(width_px)),
+            Encoding::RunGrey => Code::RunGrey(RangeDecoder::new(), Box::default()),
         };
-        let picture = Bitmap::new(width_px, height_px, depth_of(encoding));
-        Self { picture, rows_done: 0, rows, bits: BitReader::default(), failed: None }
+        Self { picture: Bitmap::new(width_px, height_px, depth_of(encoding)), rows_done: 0, code, failed: None }
     }
 
     /// Takes the next bytes.
@@ -58,16 +105,16 @@ impl Decoder {
     /// [`DecodeError`]; the same again at every later call.
     pub fn push(&mut self, mut bytes: &[u8]) -> Result<(), DecodeError> {
         self.guarded(|decoder| {
-            if let Rows::Raw(filled) = &mut decoder.rows {
+            if let Code::Raw(filled) = &mut decoder.code {
                 let room = decoder.picture.data_mut().get_mut(*filled..*filled + bytes.len());
                 room.ok_or(DecodeError::TooManyRows)?.copy_from_slice(bytes);
                 *filled += bytes.len();
                 return Ok(());
             }
             while !bytes.is_empty() {
-                decoder.bits.fill(&mut bytes);
+                decoder.code.fill(&mut bytes);
                 decoder.decode()?;
-                if decoder.is_full() && decoder.bits.remaining() > u64::BITS - 8 {
+                if decoder.is_full() && decoder.code.has_surplus() {
                     return Err(DecodeError::TooManyRows);
                 }
             }
@@ -81,7 +128,7 @@ impl Decoder {
     /// [`DecodeError`].
     pub fn finish(mut self) -> Result<(Bitmap, u32), DecodeError> {
         self.guarded(|decoder| {
-            decoder.bits.end();
+            decoder.code.end();
             decoder.decode()?;
             decoder.check_end()
         })?;
@@ -102,30 +149,19 @@ impl Decoder {
         self.rows_done == self.picture.height_px() as usize
     }
 
-    /// Takes codes as long as whole ones are there.
+    /// Takes codes as long as whole ones are there. Every step completes a row or moves on in it.
     fn decode(&mut self) -> Result<(), DecodeError> {
         let stride = self.picture.stride_bytes();
-        while self.bits.is_ready() && !self.is_full() {
+        while !self.is_full() && self.code.is_ready() {
             let (above, row) = self.picture.data_mut().split_at_mut(self.rows_done * stride);
-            let row = &mut row[..stride];
-            let complete = match &mut self.rows {
-                Rows::Raw(_) => return Ok(()),
-                Rows::Group4(rows) => rows.step(&mut self.bits, row)?,
-                Rows::RunGrey(rows) => {
-                    let above = &above[above.len() - stride.min(above.len())..];
-                    rows.step(&mut self.bits, above, row)?
-                }
-            };
-            if self.bits.is_overdrawn() {
-                return Err(DecodeError::TooFewRows);
-            }
-            self.rows_done += usize::from(complete);
+            let above = &above[above.len() - stride.min(above.len())..];
+            self.rows_done += usize::from(self.code.step(above, &mut row[..stride])?);
         }
         Ok(())
     }
 
     fn check_end(&mut self) -> Result<(), DecodeError> {
-        if let Rows::Raw(filled) = self.rows {
+        if let Code::Raw(filled) = self.code {
             return if filled < self.picture.data().len() {
                 Err(DecodeError::TooFewRows)
             } else {
@@ -135,13 +171,12 @@ impl Decoder {
         if !self.is_full() {
             return Err(DecodeError::TooFewRows);
         }
-        if let Rows::Group4(_) = self.rows {
-            group4::take_end(&mut self.bits)?;
-        }
-        match self.bits.remaining() {
-            8.. => Err(DecodeError::TooManyRows),
-            left if left > 0 && self.bits.peek(left) != 0 => Err(DecodeError::BadPadding),
-            _ => Ok(()),
+        match &mut self.code {
+            Code::Raw(_) => Ok(()),
+            Code::Group4(bits, _) => group4::take_end(bits),
+            Code::RunGrey(coder, _) if coder.bytes_left() > 0 => Err(DecodeError::TooManyRows),
+            Code::RunGrey(coder, _) if !coder.is_spent() => Err(DecodeError::BadCode),
+            Code::RunGrey(..) => Ok(()),
         }
     }
 

@@ -230,12 +230,19 @@ impl Reference<'_> {
     }
 }
 
-/// EOFB and zero bits to the end of the byte.
+/// EOFB and zero bits to the end of the byte, and nothing else.
 pub(super) fn take_end(bits: &mut BitReader) -> Result<(), DecodeError> {
     if bits.remaining() < 24 {
         return Err(DecodeError::TooFewRows);
     }
-    if bits.take(24) == 0x00_1001 { Ok(()) } else { Err(DecodeError::TooManyRows) }
+    if bits.take(24) != 0x00_1001 {
+        return Err(DecodeError::TooManyRows);
+    }
+    match bits.remaining() {
+        8.. => Err(DecodeError::TooManyRows),
+        left if left > 0 && bits.peek(left) != 0 => Err(DecodeError::BadPadding),
+        _ => Ok(()),
+    }
 }
 
 /// Lights the pixels from `start` to before `end`.

@@ -8,15 +8,18 @@ mod package;
 mod structure;
 mod xml;
 
+use std::fs::File;
+use std::io::Read;
 use std::path::Path;
 
 use glam::DVec3;
+use sha2::Digest;
 
 use self::lattice::LatticeReader;
 use self::package::Package;
 use self::structure::{Structure, object_name};
 use crate::buildfile::collect::Collector;
-use crate::buildfile::pack::{PackError, PackOptions};
+use crate::buildfile::pack::{PackError, PackOptions, PackProgress};
 
 /// Reads one package.
 ///
@@ -26,12 +29,14 @@ pub(super) fn import(
     path: &Path,
     options: &PackOptions,
     collector: &mut Collector<'_>,
-    progress: &mut dyn FnMut(u64),
+    progress: &mut dyn FnMut(PackProgress),
 ) -> Result<(), PackError> {
+    digest(path, collector)?;
     let mut package = Package::open(path)?;
     let place = package.place();
     let structure = Structure::read(&mut package.model()?).map_err(|problem| PackError::input(&place, problem))?;
     check_left_out(&structure, options, &place, collector)?;
+    collector.expect(structure.strut_count(), progress)?;
     // One byte a vertex marks where balls of mode `all` belong.
     let vertex_limit = usize::try_from(options.memory_bytes).unwrap_or(usize::MAX) / (size_of::<DVec3>() + 1);
     let mut reader =
@@ -40,7 +45,7 @@ pub(super) fn import(
     let stated_bytes = package.stated_model_bytes();
     let mut report = |bytes: u64| {
         let share = (bytes as f64 / stated_bytes as f64).min(1.0);
-        progress((share * file_bytes as f64) as u64);
+        progress(PackProgress::Reading { done: (share * file_bytes as f64) as u64, total: file_bytes });
     };
     reader.read(&mut package.model()?, &mut report)?;
     let short_count = reader.short_count;
@@ -50,6 +55,20 @@ pub(super) fn import(
         ));
     }
     Ok(())
+}
+
+/// Takes the packed bytes into the sources' digest.
+fn digest(path: &Path, collector: &mut Collector<'_>) -> Result<(), PackError> {
+    let error = |source| PackError::Read { path: path.into(), source };
+    let mut file = File::open(path).map_err(error)?;
+    let (_, digest) = collector.parts();
+    let mut buffer = vec![0; 64 << 10];
+    loop {
+        match file.read(&mut buffer).map_err(error)? {
+            0 => return Ok(()),
+            count => digest.update(&buffer[..count]),
+        }
+    }
 }
 
 /// Refuses, or notes, what stands in the build and is no lattice.

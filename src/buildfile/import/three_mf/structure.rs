@@ -37,6 +37,9 @@ pub(super) struct Object {
     pub(super) has_displacement: bool,
     /// How its lattice is clipped, where it is.
     pub(super) clipping: Option<String>,
+    vertex_count: u64,
+    /// Beams and balls at each of its placements, at most.
+    strut_count: u64,
     components: Vec<(u32, DAffine3)>,
 }
 
@@ -78,6 +81,12 @@ impl Structure {
         }
         structure.place()?;
         Ok(structure)
+    }
+
+    /// Beams and balls that stand in the build, at most: some may be too short.
+    pub(super) fn strut_count(&self) -> u64 {
+        let placed = |object: &Object| object.strut_count.saturating_mul(object.placements.len() as u64);
+        self.objects.values().map(placed).fold(0, u64::saturating_add)
     }
 
     fn model(&mut self, element: &Element) -> Result<(), String> {
@@ -131,6 +140,10 @@ impl Structure {
                 let child = self.reference(element)?;
                 self.items.push((child, transform(element)?));
             }
+            (Space::Core, "vertex") => self.object(*current, element)?.vertex_count += 1,
+            (Space::Lattice, "beam" | "ball") | (Space::Balls, "ball") => {
+                self.object(*current, element)?.strut_count += 1;
+            }
             (Space::Core, "triangle") => self.object(*current, element)?.has_triangles = true,
             (Space::Displacement, "displacementmesh") => self.object(*current, element)?.has_displacement = true,
             (Space::Lattice, "beamlattice") => {
@@ -143,6 +156,9 @@ impl Structure {
                 let object = self.object(*current, element)?;
                 object.has_lattice = true;
                 object.clipping = clipping;
+                if element.get("ballmode") == Some("all") {
+                    object.strut_count += object.vertex_count;
+                }
             }
             _ => {}
         }

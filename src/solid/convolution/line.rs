@@ -1,11 +1,13 @@
-//! A strut of a convolution surface, row by row (closed form after Liu et al. 2021, §3). Unit of length: the support R.
+//! Any strut or ball, row by row: what a row shares is found in `f64`, eight rows at a time.
 
-use super::vector::{self, LANES, Stretch, Work};
-use super::{Beam, Grid, Path, Shape, Strip, weight};
+use super::{ENDLESS, MARGIN, greater, lesser, reciprocal, whole};
+use crate::solid::block::Record;
+use crate::solid::vector::{self, LANES, Stretch};
+use crate::solid::{Plane, Strip};
 
 /// A strut or ball with all that does not depend on the plane. Unit of length: R.
 #[derive(Clone, Copy, Debug)]
-pub struct ConvolutionStrut {
+pub(super) struct ConvolutionStrut {
     a: [f64; 3],
     /// Unit vector; zero for a ball.
     u: [f64; 3],
@@ -15,39 +17,32 @@ pub struct ConvolutionStrut {
     weight: [f32; 2],
 }
 
-/// Rows and columns are reached this much (in q, and in t) beyond the support. The `f32` field there is exactly 0, so which
-/// of these pixels a vector happens to cover makes no difference.
-const MARGIN: f64 = 1e-4;
-
 /// Longest stretch evaluated from one base pixel: bounds |d|, and with it the rounding of `lo` and `hi`.
 const STRETCH_PX: f64 = 64.0;
 
-/// Stands for 1/0: large beyond every picture, far from overflow.
-const ENDLESS: f64 = 1e30;
-
-impl Shape for ConvolutionStrut {
-    type Cell = f32;
-
-    const HALO: usize = 1;
-
-    fn prepare(beam: &Beam, unit_um: f64) -> Self {
-        let (u, length_um) = beam.direction();
-        let length = length_um / unit_um;
-        let (share_a, share_b) = (beam.radius_a / unit_um, beam.radius_b / unit_um);
-        let weight = if length == 0.0 {
-            [weight::ball(share_a), 0.0]
-        } else {
-            let (weight_a, weight_b) = (weight::strut(share_a), weight::strut(share_b));
-            [weight_a, (weight_b - weight_a) / length]
-        };
-        Self { a: beam.a.map(|x| x / unit_um), u, length, weight: weight.map(|w| w as f32) }
+impl ConvolutionStrut {
+    /// Prepares a record of a block.
+    pub(super) fn new(record: Record, plane: &Plane) -> Self {
+        let point = |p: [i32; 3]| glam::DVec3::from(p.map(f64::from)) * plane.quantum;
+        let edge = point(record.b) - point(record.a);
+        let length = edge.length();
+        let u = if length > 0.0 { edge / length } else { glam::DVec3::ZERO };
+        let [weight_a, weight_b] = record.ends.map(f32::from_bits);
+        let change = if length > 0.0 { (weight_b - weight_a) / length as f32 } else { 0.0 };
+        Self { a: point(record.a).to_array(), u: u.to_array(), length, weight: [weight_a, change] }
     }
 
-    fn top(&self) -> f64 {
-        self.a[2] + (self.u[2] * self.length).max(0.0) + 1.0
+    /// Adds its field to a strip.
+    #[inline(always)]
+    pub(super) fn draw(&self, plane: &Plane, strip: &mut Strip<f32>) {
+        if let Some(range) = self.row_range(plane) {
+            let rows = strip.rows_within(range);
+            Line::new(self, plane, strip).draw_rows(strip, rows);
+        }
     }
 
-    fn row_range(&self, grid: &Grid, z: f64) -> Option<[i32; 2]> {
+    /// First and last row of the grid it may reach.
+    fn row_range(&self, Plane { grid, z, .. }: &Plane) -> Option<[i32; 2]> {
         // The part of the axis within R of the plane, then R to both sides.
         let dz = z - self.a[2];
         let inverse = reciprocal(self.u[2]);
@@ -61,39 +56,6 @@ impl Shape for ConvolutionStrut {
         let (one, two) = ((low - grid.y0) / grid.dy, (high - grid.y0) / grid.dy);
         // A float beyond i32 saturates: such rows lie outside every picture.
         Some([one.min(two).floor() as i32, one.max(two).ceil() as i32])
-    }
-
-    fn draw(path: Path, shapes: &[Self], chosen: &[u32], grid: &Grid, z: f64, strip: &mut Strip<f32>) {
-        path.run(Draw { shapes, chosen, grid, z, strip });
-    }
-
-    fn pack_bits(path: Path, strip: &Strip<f32>, row: usize, first_byte: usize, out: &mut [u8]) {
-        path.run(vector::PackBits { cells: strip.pixels(row, first_byte * 8), out });
-    }
-
-    fn coverage(path: Path, strip: &Strip<f32>, row: usize, first_pixel: usize, out: &mut [u8]) {
-        path.run(vector::Coverage { around: strip.around(row, first_pixel), out });
-    }
-}
-
-struct Draw<'a> {
-    shapes: &'a [ConvolutionStrut],
-    chosen: &'a [u32],
-    grid: &'a Grid,
-    z: f64,
-    strip: &'a mut Strip<f32>,
-}
-
-impl Work for Draw<'_> {
-    #[inline(always)]
-    fn run(self) {
-        for &index in self.chosen {
-            let shape = &self.shapes[index as usize];
-            let Some(range) = shape.row_range(self.grid, self.z) else { continue };
-            let rows = self.strip.rows_within(range);
-            let line = Line::new(shape, self.grid, self.z, self.strip);
-            line.draw_rows(self.strip, rows);
-        }
     }
 }
 
@@ -139,7 +101,8 @@ struct Rows {
 
 impl<'a> Line<'a> {
     #[inline(always)]
-    fn new(shape: &'a ConvolutionStrut, grid: &Grid, z: f64, strip: &Strip<f32>) -> Self {
+    fn new(shape: &'a ConvolutionStrut, plane: &Plane, strip: &Strip<f32>) -> Self {
+        let grid = &plane.grid;
         let [ux, uy, uz] = shape.u;
         let is_ball = shape.length == 0.0;
         let n2 = if is_ball { 1.0 } else { uy * uy + uz * uz };
@@ -151,7 +114,7 @@ impl<'a> Line<'a> {
             x0: grid.x0 + strip.first_column() * grid.dx - shape.a[0],
             dx: grid.dx,
             inverse_dx: 1.0 / grid.dx,
-            dz: z - shape.a[2],
+            dz: plane.z - shape.a[2],
             n2,
             inverse_n2: if n2 > 0.0 { 1.0 / n2 } else { 0.0 },
             inverse_n: if n2 > 0.0 { 1.0 / n2.sqrt() } else { ENDLESS },
@@ -270,31 +233,6 @@ impl<'a> Line<'a> {
             (_, false, false) => vector::add_strut::<false>(cells, stretch),
         }
         strip.touch(first, padded);
+        strip.count_rows(1, padded - first);
     }
-}
-
-fn reciprocal(x: f64) -> f64 {
-    if x == 0.0 { ENDLESS } else { 1.0 / x }
-}
-
-/// From here on an `f64` holds integers only.
-const INTEGERS: f64 = 4_503_599_627_370_496.0;
-
-/// A number of cells, at least 0, rounded down; a cast would not compile to vectors.
-#[inline(always)]
-fn whole(x: f64) -> f64 {
-    let rounded = (x + INTEGERS) - INTEGERS;
-    rounded - if rounded > x { 1.0 } else { 0.0 }
-}
-
-/// `max` as one instruction; no operand is ever NaN.
-#[inline(always)]
-fn greater(a: f64, b: f64) -> f64 {
-    if a > b { a } else { b }
-}
-
-/// `min` as one instruction; no operand is ever NaN.
-#[inline(always)]
-fn lesser(a: f64, b: f64) -> f64 {
-    if a < b { a } else { b }
 }

@@ -1,0 +1,219 @@
+//! Edge text: a line `count radius convolution_radius kernel_size`, then one strut a line, `x1 y1 z1 x2 y2 z2 [radius]`,
+//! millimetres, in any order. As written by GPULatticeSlicer.
+//!
+//! This thread reads blocks and takes their digest; each lane of the collector has a thread that parses and sorts.
+
+mod blocks;
+mod line;
+
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+
+use crossbeam::channel::{Receiver, Sender, bounded};
+use sha2::Digest;
+
+use self::blocks::{Block, Blocks};
+use self::line::{Header, LINE_LIMIT_BYTES, LineError, Numbers, place};
+use crate::buildfile::collect::{Collector, Lane};
+use crate::buildfile::pack::{PackError, PackProgress};
+
+/// Blocks that wait for each thread: one, so that none idles while another is read.
+const WAITING_BLOCKS: usize = 1;
+
+/// Shortest line of a strut: `0 0 0 0 0 1` and its end.
+const SHORTEST_LINE_BYTES: u64 = 12;
+
+/// Reads one file.
+///
+/// # Errors
+/// [`PackError`] names file and line, and repeats what stands there.
+pub(super) fn import(
+    path: &Path,
+    collector: &mut Collector<'_>,
+    progress: &mut dyn FnMut(PackProgress),
+) -> Result<(), PackError> {
+    let mut blocks = Blocks::open(path)?;
+    let (header, block) = read_header(path, &mut blocks, collector).map_err(|failure| failure.error)?;
+    if let Some(support_mm) = header.convolution_radius.filter(|radius| *radius > 0.0) {
+        collector.stated_support(path.display().to_string(), support_mm);
+    }
+    // The first line may lie: a file holds no more struts than fit its length. What is no regular file has none.
+    let metadata = std::fs::metadata(path).map_err(|source| PackError::Read { path: path.into(), source })?;
+    let total = metadata.len();
+    let most = if metadata.is_file() { total / SHORTEST_LINE_BYTES } else { u64::MAX };
+    collector.expect(header.count.min(most), progress)?;
+
+    let job = Job { path, header, failed: AtomicBool::new(false), seen: AtomicU64::new(0) };
+    let mut report = |done| progress(PackProgress::Reading { done, total });
+    let failure = job.run(block, &mut blocks, collector, &mut report).err();
+    let seen = job.seen.load(Ordering::Relaxed);
+    let count = job.header.count;
+    // A surplus strut is an error of its line, too, and may be the first.
+    let last = match &failure {
+        Some(LineError { line, error: PackError::Input { .. } }) => Some(*line),
+        Some(_) => None,
+        None => (seen > count).then_some(u64::MAX),
+    };
+    if let Some(failure) = last.and_then(|last| job.surplus(last)).or(failure) {
+        return Err(failure.error);
+    }
+    if seen != count {
+        let problem = format!("the first line announces {count} struts, but {seen} follow; is the file cut short?");
+        return Err(PackError::input(path.display().to_string(), problem));
+    }
+    Ok(())
+}
+
+/// Reads the first line that is not blank, and what stands behind it in its block.
+fn read_header(
+    path: &Path,
+    blocks: &mut Blocks<'_>,
+    collector: &mut Collector<'_>,
+) -> Result<(Header, Block), LineError> {
+    let (_, digest) = collector.parts();
+    while let Some(mut block) = blocks.next(&mut |bytes| digest.update(bytes))? {
+        let mut begin = 0;
+        for (line, number) in block.bytes.split_inclusive(|&byte| byte == b'\n').zip(block.first_line..) {
+            begin += line.len();
+            if !line.trim_ascii().is_empty() {
+                let header = Header::parse(line).map_err(|problem| LineError::at(path, number, line, &problem))?;
+                block.bytes.drain(..begin);
+                block.first_line = number + 1;
+                return Ok((header, block));
+            }
+        }
+    }
+    Err(LineError { line: 1, error: PackError::input(path.display().to_string(), "the file is empty") })
+}
+
+/// One file on its way through the threads.
+struct Job<'a> {
+    path: &'a Path,
+    header: Header,
+    /// A thread has found an error: no further block is worth reading.
+    failed: AtomicBool,
+    /// Struts found so far.
+    seen: AtomicU64,
+}
+
+impl Job<'_> {
+    /// Parses `first` and all further blocks on the threads of the collector.
+    fn run(
+        &self,
+        first: Block,
+        blocks: &mut Blocks<'_>,
+        collector: &mut Collector<'_>,
+        report: &mut dyn FnMut(u64),
+    ) -> Result<(), LineError> {
+        let (lanes, digest) = collector.parts();
+        let (sender, receiver) = bounded(lanes.len() * WAITING_BLOCKS);
+        std::thread::scope(|scope| {
+            let threads: Vec<_> = lanes
+                .iter_mut()
+                .map(|lane| {
+                    let receiver = receiver.clone();
+                    scope.spawn(move || self.work(&receiver, lane))
+                })
+                .collect();
+            drop(receiver);
+            let read = self.feed(first, blocks, &sender, &mut |bytes| digest.update(bytes), report);
+            drop(sender);
+            let parsed = threads
+                .into_iter()
+                .map(|thread| thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)));
+            let failures = parsed.chain([read]).filter_map(Result::err);
+            failures.min_by_key(|failure| failure.line).map_or(Ok(()), Err)
+        })
+    }
+
+    /// Reads blocks and hands them out in order, until the file ends or no more are wanted.
+    fn feed(
+        &self,
+        first: Block,
+        blocks: &mut Blocks<'_>,
+        sender: &Sender<Block>,
+        digest: &mut dyn FnMut(&[u8]),
+        report: &mut dyn FnMut(u64),
+    ) -> Result<(), LineError> {
+        let mut next = Some(first);
+        while let Some(block) = next {
+            // Nobody receives where all threads have failed.
+            if sender.send(block).is_err() || self.failed.load(Ordering::Relaxed) {
+                break;
+            }
+            if self.seen.load(Ordering::Relaxed) > self.header.count {
+                break;
+            }
+            next = blocks.next(digest)?;
+            report(blocks.done);
+        }
+        Ok(())
+    }
+
+    /// Parses blocks into a lane. Blocks are handed out in order, so whatever follows an error lies behind it.
+    fn work(&self, blocks: &Receiver<Block>, lane: &mut Lane<'_>) -> Result<(), LineError> {
+        for block in blocks {
+            let parsed = self.parse(&block, lane);
+            self.failed.fetch_or(parsed.is_err(), Ordering::Relaxed);
+            self.seen.fetch_add(parsed?, Ordering::Relaxed);
+        }
+        Ok(())
+    }
+
+    /// Parses one block and returns how many struts it holds.
+    fn parse(&self, block: &Block, lane: &mut Lane<'_>) -> Result<u64, LineError> {
+        let (mut rest, mut line, mut count) = (block.bytes.as_slice(), block.first_line, 0);
+        while !rest.is_empty() {
+            let (numbers, length) = match Numbers::plain(rest) {
+                Some(plain) => plain,
+                None => self.parse_slowly(rest, line)?,
+            };
+            let problem = |problem: String| LineError::at(self.path, line, &rest[..length], &problem);
+            if length > LINE_LIMIT_BYTES {
+                return Err(problem(too_long()));
+            }
+            if !numbers.is_empty() {
+                let beam = numbers.strut(self.header.radius).map_err(problem)?;
+                lane.beam(&beam, &|| place(self.path, line)).map_err(|error| LineError { line, error })?;
+                count += 1;
+            }
+            rest = &rest[length..];
+            line += 1;
+        }
+        Ok(count)
+    }
+
+    /// Reads the line that `rest` begins with, however its numbers are written.
+    fn parse_slowly(&self, rest: &[u8], line: u64) -> Result<(Numbers, usize), LineError> {
+        let length = rest.iter().position(|&byte| byte == b'\n').map_or(rest.len(), |end| end + 1);
+        let text = &rest[..length];
+        let numbers = if length > LINE_LIMIT_BYTES { Err(too_long()) } else { Numbers::parse(text) };
+        Ok((numbers.map_err(|problem| LineError::at(self.path, line, text, &problem))?, length))
+    }
+
+    /// The first strut beyond those announced, where there is one no later than line `last`. Threads count blocks in no order:
+    /// this reads the file again, so that an error does not depend on them.
+    fn surplus(&self, last: u64) -> Option<LineError> {
+        // What is no regular file cannot be read twice.
+        std::fs::metadata(self.path).ok().filter(std::fs::Metadata::is_file)?;
+        let mut blocks = Blocks::open(self.path).ok()?;
+        let mut lines_left = self.header.count.saturating_add(2);
+        while let Ok(Some(block)) = blocks.next(&mut |_| {}) {
+            for (text, line) in block.bytes.split_inclusive(|&byte| byte == b'\n').zip(block.first_line..) {
+                lines_left -= u64::from(!text.trim_ascii().is_empty());
+                if line > last {
+                    return None;
+                }
+                if lines_left == 0 {
+                    let problem = format!("the first line announces {} struts, but there are more", self.header.count);
+                    return Some(LineError::at(self.path, line, text, &problem));
+                }
+            }
+        }
+        None
+    }
+}
+
+fn too_long() -> String {
+    format!("the line is longer than {LINE_LIMIT_BYTES} bytes; is this edge text?")
+}

@@ -1,0 +1,89 @@
+//! Counts distinct nodes while struts go by in file order.
+
+use std::collections::HashSet;
+use std::hash::{BuildHasher, Hasher, RandomState};
+
+use super::chunk::node_key;
+use super::model::Strut;
+
+/// Most upper nodes remembered, about 8 MB; where more wait at once, the count is left unknown.
+const WAITING_LIMIT: usize = 1 << 18;
+
+/// A node is counted when first seen, as an upper end or as a lower one.
+#[derive(Debug, Default)]
+pub(super) struct NodeCounter {
+    /// Upper ends that no strut has begun at yet.
+    waiting: HashSet<[i32; 3], Folding>,
+    low: Option<[i32; 3]>,
+    count: u64,
+    unknown: bool,
+}
+
+impl NodeCounter {
+    /// Counts the nodes of one strut.
+    pub(super) fn count(&mut self, strut: &Strut) {
+        if self.unknown {
+            return;
+        }
+        if self.low != Some(strut.a) {
+            self.low = Some(strut.a);
+            self.count += u64::from(!self.waiting.remove(&strut.a));
+        }
+        if strut.b != strut.a && self.waiting.insert(strut.b) {
+            self.count += 1;
+        }
+        if self.waiting.len() > WAITING_LIMIT {
+            // Nothing below the sweep can come again.
+            self.waiting.retain(|node| node_key(*node) > node_key(strut.a));
+            self.unknown = self.waiting.len() > WAITING_LIMIT / 2;
+            if self.unknown {
+                self.waiting = HashSet::default();
+            }
+        }
+    }
+
+    /// Distinct nodes; 0 where they could not be counted.
+    pub(super) fn total(&self) -> u64 {
+        if self.unknown { 0 } else { self.count }
+    }
+}
+
+/// Hashes by multiplying and folding (as wyhash does), many times faster than the standard hash. The start is random, so that
+/// no file can be made to fill one bucket.
+#[derive(Clone, Debug)]
+struct Folding {
+    start: u64,
+}
+
+impl Default for Folding {
+    fn default() -> Self {
+        Self { start: RandomState::new().hash_one(0u8) }
+    }
+}
+
+impl BuildHasher for Folding {
+    type Hasher = Folded;
+
+    fn build_hasher(&self) -> Folded {
+        Folded { state: self.start }
+    }
+}
+
+struct Folded {
+    state: u64,
+}
+
+impl Hasher for Folded {
+    fn write(&mut self, bytes: &[u8]) {
+        for part in bytes.chunks(8) {
+            let mut word = [0; 8];
+            word[..part.len()].copy_from_slice(part);
+            let product = u128::from(self.state ^ u64::from_le_bytes(word)) * 0x9e37_79b9_7f4a_7c15;
+            self.state = (product >> 64) as u64 ^ product as u64;
+        }
+    }
+
+    fn finish(&self) -> u64 {
+        self.state
+    }
+}

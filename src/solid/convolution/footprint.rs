@@ -1,0 +1,133 @@
+//! A strut's footprint in a plane, drawn from one base cell in `f32`.
+
+use super::cut::{Footprints, down, integer, up};
+use super::{ENDLESS, MARGIN, patch};
+use crate::solid::Strip;
+use crate::solid::vector::{self, LANE, LANES, Stretch, greater, lesser};
+
+/// Rows found at once.
+const ROWS: usize = 8;
+
+/// Adds the field of one lane's strut to a strip.
+#[inline(always)]
+pub(super) fn draw(cut: &Footprints, lane: usize, strip: &mut Strip<f32>) {
+    let width = cut.last_column[lane] - cut.first_column[lane] + 1;
+    if width <= 0 || cut.row_count[lane] <= 0 {
+        return;
+    }
+    let tapered = cut.weight_slope[lane] != 0.0;
+    let vectors = (width as usize).div_ceil(LANES);
+    if vectors > patch::MOST_VECTORS || strip.columns() < LANES {
+        if tapered { draw_rows::<true>(cut, lane, strip) } else { draw_rows::<false>(cut, lane, strip) }
+    } else if vectors == 1 {
+        if tapered { patch::draw::<1, true>(cut, lane, strip) } else { patch::draw::<1, false>(cut, lane, strip) }
+    } else if tapered {
+        patch::draw::<2, true>(cut, lane, strip);
+    } else {
+        patch::draw::<2, false>(cut, lane, strip);
+    }
+}
+
+#[inline(always)]
+fn draw_rows<const TAPERED: bool>(cut: &Footprints, lane: usize, strip: &mut Strip<f32>) {
+    let (first_row, row_count) = (cut.first_row[lane] as usize, cut.row_count[lane] as usize);
+    let mut evaluated = 0;
+    for some in (0..row_count).step_by(ROWS) {
+        let rows = rows(cut, lane, some);
+        for (row, cells) in strip.rows_mut(first_row + some, (row_count - some).min(ROWS)).enumerate() {
+            let vectors = rows.vectors[row] as usize;
+            if vectors == 0 {
+                continue;
+            }
+            evaluated += vectors;
+            let stretch = Stretch {
+                q_base: rows.q[row],
+                slope: rows.slope[row],
+                curve: cut.curve_x[lane],
+                lo_base: rows.lo[row],
+                hi_base: rows.hi[row],
+                axial: cut.axial_x[lane],
+                weight: [cut.weight[lane], cut.weight_slope[lane]],
+                first_d: rows.first_i[row],
+            };
+            let first = rows.first[row] as usize;
+            let cells = &mut cells[first..first + vectors * LANES];
+            if rows.beyond_kernel[row] >= 0.0 {
+                vector::add_endless::<TAPERED>(cells, stretch);
+            } else {
+                vector::add_strut::<TAPERED>(cells, stretch);
+            }
+        }
+    }
+    strip.count_rows(row_count, evaluated * LANES);
+    strip.touch(cut.first_column[lane] as usize, cut.last_column[lane] as usize + LANES);
+}
+
+/// Some successive rows.
+struct Rows {
+    /// First cell of the row in the strip.
+    first: [i32; ROWS],
+    /// The same from the base column.
+    first_i: [f32; ROWS],
+    /// Vectors of cells from there on; 0 where nothing is within reach.
+    vectors: [i32; ROWS],
+    q: [f32; ROWS],
+    slope: [f32; ROWS],
+    lo: [f32; ROWS],
+    hi: [f32; ROWS],
+    /// Not negative where every cell is so far from both ends that the strut may be taken for endless.
+    beyond_kernel: [f32; ROWS],
+}
+
+/// The cells within reach on eight rows, `skipped` rows after the footprint's first. Without branches, so that it compiles
+/// to vectors.
+#[inline(always)]
+fn rows(cut: &Footprints, lane: usize, skipped: usize) -> Rows {
+    let none = [0.0; ROWS];
+    let mut rows = Rows {
+        first: [0; ROWS],
+        first_i: none,
+        vectors: [0; ROWS],
+        q: none,
+        slope: none,
+        lo: none,
+        hi: none,
+        beyond_kernel: none,
+    };
+    let margin = MARGIN as f32;
+    let (curve_x, axial_x) = (cut.curve_x[lane], cut.axial_x[lane]);
+    let inverse_curve_x = 1.0 / curve_x;
+    let inverse_root = inverse_curve_x.sqrt();
+    let inverse_axial_x = if axial_x == 0.0 { ENDLESS as f32 } else { 1.0 / axial_x };
+    let first_j = cut.first_j[lane] + skipped as i32 as f32;
+    let (first_column, first_i) = (cut.first_column[lane], cut.first_i[lane]);
+    let last_i = first_i + (cut.last_column[lane] - first_column) as f32;
+    for (row, place) in LANE.iter().enumerate() {
+        let j = first_j + place;
+        let q = cut.q_base[lane] - j * (cut.slope_y[lane] + cut.curve_y[lane] * j);
+        let slope = cut.slope_x[lane] + cut.curve_xy[lane] * j;
+        let moved = cut.axial_y[lane] * j;
+        let (lo, hi) = (cut.lo_base[lane] - moved, cut.hi_base[lane] - moved);
+        let middle = slope * inverse_curve_x * -0.5;
+        let most_q = q - middle * (slope + curve_x * middle);
+        let covered = greater(most_q + margin, 0.0).sqrt();
+        let half = covered * inverse_root;
+        let (one, two) = ((lo - 1.0 - margin) * inverse_axial_x, (hi + 1.0 + margin) * inverse_axial_x);
+        // Within the footprint, so that rounding is safe.
+        let left = lesser(greater(greater(middle - half, lesser(one, two)), first_i), last_i);
+        let right = greater(lesser(lesser(middle + half, greater(one, two)), last_i), first_i - 1.0);
+        let (first, last) = (up(left), down(right));
+        let any = (most_q + margin > 0.0) & (first <= last);
+        rows.first[row] = integer(first - first_i) + first_column;
+        rows.first_i[row] = first;
+        rows.vectors[row] = ((integer(last - first) >> 3) + 1) & -i32::from(any);
+        rows.q[row] = q;
+        rows.slope[row] = slope;
+        rows.lo[row] = lo;
+        rows.hi[row] = hi;
+        let (one, two) = (axial_x * first, axial_x * last);
+        let (nearer_lo, nearer_hi) = (lo - lesser(one, two), hi - greater(one, two));
+        rows.beyond_kernel[row] = lesser(-nearer_lo, nearer_hi) - covered;
+    }
+    rows
+}
