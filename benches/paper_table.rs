@@ -179,8 +179,9 @@ fn made(path: &Path, row: &Row) -> anyhow::Result<()> {
     if BuildFile::open(path).is_ok_and(|file| file.header().strut_count == row.struts) {
         return Ok(());
     }
-    // Radii reach one and a half of the mean, on either side.
-    let footprint_mm = row.image_px.map(|size_px| (f64::from(size_px) - 3.0 * row.radius_px) * row.pixel_um / 1000.0);
+    // Radii reach one and a half of the mean, on either side; whole pixels leave room for rounding.
+    let footprint_mm =
+        row.image_px.map(|size_px| (f64::from(size_px) - 3.0 * row.radius_px).floor() * row.pixel_um / 1000.0);
     write(path, row, row.struts, footprint_mm, Height::Active(row.active))
 }
 
