@@ -14,6 +14,22 @@
 //! system, is that of one row and one number of threads: build file, active set, drawing and one picture. Timed is
 //! `Slicer::next_layer`, with reading and decoding of chunks, over consecutive layers of the middle third of the part, of
 //! `spot_lattice.txt` over all of it; of several passes the fastest counts.
+//!
+//! # What bounds a row
+//!
+//! The second table counts, for one layer: looks (a strut is looked at by each band of rows that it may reach in its life),
+//! struts drawn (in two bands where one reaches both), their rows, and fields evaluated (cells, in vectors of eight). Counted in
+//! instructions of the AVX2 path (callgrind), a look takes some 25, a strut drawn 150 to 250, a vector of eight fields 40, or 18
+//! where both ends of a strut are out of reach, and a pixel to pack 2.
+//!
+//! - Kitten-HR: a million struts of 30 cells each. About 890 instructions a strut: 340 to evaluate 8.8 vectors, most of them
+//!   half empty; 160 to cut it with the plane, 60 to look at it, 40 to pack; the rest to begin patches and rows. Decoding
+//!   and taking in 80,000 struts a layer is about a twentieth. Fuller vectors (two short rows in one) and looking at each strut once
+//!   instead of 2.4 times would help most.
+//! - The others: struts of 100 to 2,500 cells, about two fields a pixel, nine tenths of them full evaluations: bound by field
+//!   evaluations, then by packing. Only deciding pixels without evaluating them, certainly inside one strut or certainly
+//!   outside all, would bring more than a factor of two.
+//! - spot: few pixels are near a strut; bound by what is done for every band and by looks.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -23,6 +39,7 @@ use layerd::buildfile::{
     BlendChoice, BuildFile, GenerateOptions, Height, Kind, PackOptions, Placement, generate, pack,
 };
 use layerd::slice::{Bitmap, Depth, Mirror, Raster, SlicePlan, Slicer};
+use layerd::solid::Effort;
 use layerd::stream::MemoryBudget;
 use serde::{Deserialize, Serialize};
 
@@ -85,6 +102,11 @@ struct Order {
 struct Found {
     layer_count: u32,
     layers_timed: u32,
+    /// A layer's share of [`Effort`].
+    looks: f64,
+    drawn: f64,
+    rows: f64,
+    evaluations: f64,
     seconds: f64,
     active: usize,
     solid: f64,
@@ -124,28 +146,34 @@ fn main() -> anyhow::Result<()> {
         "ratio",
         "need MiB"
     );
+    let mut efforts = Vec::new();
     for row in ROWS.iter().filter(wanted) {
         let path = directory.join(format!("{}.layerd", row.name));
         made(&path, row, 1)?;
-        print_row(row, row.name, &path, false)?;
+        efforts.push(print_row(row, row.name, &path, false)?);
         if doubled {
             let path = directory.join(format!("{}-doubled.layerd", row.name));
             made(&path, row, 2)?;
-            print_row(row, &format!("{} × 2", row.name), &path, false)?;
+            efforts.push(print_row(row, &format!("{} × 2", row.name), &path, false)?);
         }
     }
     if wanted(&&SPOT) {
         let path = directory.join("spot.layerd");
         match packed_spot(&path)? {
-            true => print_row(&SPOT, SPOT.name, &path, true)?,
+            true => efforts.push(print_row(&SPOT, SPOT.name, &path, true)?),
             false => println!("skipped: spot_lattice.txt is not in $LAYERD_DATA, default ../shared/data"),
         }
+    }
+    println!("\nWhat a layer takes, on average:");
+    println!("{:<14} {:>11} {:>11} {:>11} {:>13} {:>9}", "row", "looks", "drawn", "rows", "evaluations", "a pixel");
+    for line in &efforts {
+        println!("{line}");
     }
     Ok(())
 }
 
-/// Measures with one and two threads and prints a line of the table.
-fn print_row(row: &Row, name: &str, file: &Path, whole: bool) -> anyhow::Result<()> {
+/// Measures with one and two threads, prints a line of the table and returns one of the table of efforts.
+fn print_row(row: &Row, name: &str, file: &Path, whole: bool) -> anyhow::Result<String> {
     let [one, two] = [1, 2].map(|threads| -> anyhow::Result<Found> {
         let Row { image_px, pixel_um, budget_mib, .. } = *row;
         let order = Order { file: file.into(), image_px, pixel_um, threads, budget_mib, whole };
@@ -171,7 +199,15 @@ fn print_row(row: &Row, name: &str, file: &Path, whole: bool) -> anyhow::Result<
         row.seconds,
         row.seconds / two.seconds,
     );
-    Ok(())
+    let pixels = f64::from(row.image_px[0]) * f64::from(row.image_px[1]);
+    Ok(format!(
+        "{name:<14} {:>11.0} {:>11.0} {:>11.0} {:>13.0} {:>9.2}",
+        one.looks,
+        one.drawn,
+        one.rows,
+        one.evaluations,
+        one.evaluations / pixels
+    ))
 }
 
 /// The build file of a row, or of one with twice its struts and as many at the busiest plane, so about twice as high.
@@ -230,6 +266,10 @@ fn measure(order: &Order) -> anyhow::Result<Found> {
     let mut found = Found {
         layer_count,
         layers_timed: 0,
+        looks: 0.0,
+        drawn: 0.0,
+        rows: 0.0,
+        evaluations: 0.0,
         seconds: f64::INFINITY,
         active: 0,
         solid: 0.0,
@@ -244,6 +284,7 @@ fn measure(order: &Order) -> anyhow::Result<Found> {
         // The layer before the first one timed takes in all that lies within its reach.
         let mut slicer = Slicer::new(BuildFile::open(file)?, plan.clone(), threads, range.start - 1, &budget)?;
         slicer.next_layer(&mut bitmap)?;
+        let before = slicer.effort();
         let (mut time, mut layers, mut lit_px) = (Duration::ZERO, 0, 0);
         while layers < range.end - range.start && (layers < PASS_LAYERS || time < PASS_TIME) {
             let start = Instant::now();
@@ -256,6 +297,12 @@ fn measure(order: &Order) -> anyhow::Result<Found> {
         found.solid = lit_px as f64 / (f64::from(layers) * f64::from(width_px) * f64::from(height_px));
         found.seconds = found.seconds.min(time.as_secs_f64() / f64::from(layers));
         found.layers_timed = layers;
+        let after = slicer.effort();
+        let per_layer = |count: fn(&Effort) -> u64| (count(&after) - count(&before)) as f64 / f64::from(layers);
+        found.looks = per_layer(|effort| effort.looks);
+        found.drawn = per_layer(|effort| effort.drawn);
+        found.rows = per_layer(|effort| effort.rows);
+        found.evaluations = per_layer(|effort| effort.evaluations);
         total += time;
         passes += 1;
     }

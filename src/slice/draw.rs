@@ -48,7 +48,7 @@ impl<S: Shape> Drawing<S> {
     pub(super) fn effort(&self) -> Effort {
         let strips = self.strips.iter().map(Strip::effort);
         strips.fold(Effort::default(), |sum, one| Effort {
-            cuts: sum.cuts + one.cuts,
+            looks: sum.looks + one.looks,
             drawn: sum.drawn + one.drawn,
             rows: sum.rows + one.rows,
             evaluations: sum.evaluations + one.evaluations,

@@ -39,9 +39,9 @@ const SPARE: usize = super::vector::LANES;
 /// What drawing took, for those who ask what bounds it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Effort {
-    /// Struts cut with the plane; one that reaches two bands is cut in both.
-    pub cuts: u64,
-    /// Of those, struts that reached the band.
+    /// Looks at struts; each band looks at those that may reach it at some height.
+    pub looks: u64,
+    /// Of those, struts that reached the band in this plane; one that reaches two bands counts twice.
     pub drawn: u64,
     /// Rows of struts drawn.
     pub rows: u64,
@@ -143,9 +143,9 @@ impl<Cell: Copy + Default> Strip<Cell> {
         }
     }
 
-    /// Counts struts cut with the plane, and those of them that were drawn.
-    pub(super) fn count(&mut self, cuts: usize, drawn: usize) {
-        self.effort.cuts += cuts as u64;
+    /// Counts looks at struts, and those of them that were drawn.
+    pub(super) fn count(&mut self, looks: usize, drawn: usize) {
+        self.effort.looks += looks as u64;
         self.effort.drawn += drawn as u64;
     }
 
