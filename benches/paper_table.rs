@@ -22,10 +22,10 @@
 //! instructions of the AVX2 path (callgrind), a look takes some 25, a strut drawn 150 to 250, a vector of eight fields 40, or 18
 //! where both ends of a strut are out of reach, and a pixel to pack 2.
 //!
-//! - Kitten-HR: a million struts of 30 cells each. About 890 instructions a strut: 340 to evaluate 8.8 vectors, most of them
+//! - Kitten-HR: a million struts of 30 cells each. About 890 instructions a strut: 310 to evaluate 7.6 vectors, most of them
 //!   half empty; 160 to cut it with the plane, 60 to look at it, 40 to pack; the rest to begin patches and rows. Decoding
 //!   and taking in 80,000 struts a layer is about a twentieth. Fuller vectors (two short rows in one) and looking at each strut once
-//!   instead of 2.4 times would help most.
+//!   instead of twice would help most.
 //! - The others: struts of 100 to 2,500 cells, about two fields a pixel, nine tenths of them full evaluations: bound by field
 //!   evaluations, then by packing. Only deciding pixels without evaluating them, certainly inside one strut or certainly
 //!   outside all, would bring more than a factor of two.
