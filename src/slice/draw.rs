@@ -6,7 +6,8 @@ use super::{Bitmap, Depth, SliceError, SlicePlan};
 use crate::solid::{Effort, Path, Plane, Shape, Strip};
 use crate::stream::{Charge, MemoryBudget};
 
-/// A strip shall leave room in a usual level-2 cache of 512 KiB. Fewer, larger strips set each strut up less often.
+/// Twice the strip's rows save a tenth of the instructions, as each strut is looked at and cut by fewer bands; that outweighs
+/// what no longer fits a level-2 cache of 512 KiB. Twice as many again gain nothing.
 const STRIP_BYTES: usize = 768 << 10;
 
 /// Shapes set up rows in eights.

@@ -11,6 +11,16 @@ pub struct Record {
     pub ends: [u32; 2],
 }
 
+impl Record {
+    /// The lower end, the unit vector to the upper one and the length, in units of which `quantum` is a quantum's length; a
+    /// ball has the zero vector and length 0.
+    pub(super) fn axis(&self, quantum: f64) -> ([f64; 3], [f64; 3], f64) {
+        let [a, b] = [self.a, self.b].map(|node| node.map(|x| f64::from(x) * quantum));
+        let (u, length) = super::direction(a, b);
+        (a, u, length)
+    }
+}
+
 /// Up to [`Block::LEN`] records, one column for each number.
 #[derive(Clone, Debug)]
 pub struct Block {

@@ -59,13 +59,11 @@ pub struct Beam {
     pub caps: [Cap; 2],
 }
 
-impl Beam {
-    /// Unit vector from `a` to `b` and the length; a ball has the zero vector and length 0.
-    fn direction(&self) -> ([f64; 3], f64) {
-        let edge = glam::DVec3::from(self.b) - glam::DVec3::from(self.a);
-        let length = edge.length();
-        if length > 0.0 { ((edge / length).to_array(), length) } else { ([0.0; 3], 0.0) }
-    }
+/// Unit vector from `a` to `b` and the length between them; where both are one, the zero vector and 0.
+fn direction(a: [f64; 3], b: [f64; 3]) -> ([f64; 3], f64) {
+    let edge = glam::DVec3::from(b) - glam::DVec3::from(a);
+    let length = edge.length();
+    if length > 0.0 { ((edge / length).to_array(), length) } else { ([0.0; 3], 0.0) }
 }
 
 /// A kind of solid: how struts and balls are drawn in a plane.

@@ -9,7 +9,7 @@ use super::{Beam, weight};
 pub fn beam_field(beam: &Beam, support: f64, p: [f64; 3]) -> f64 {
     let share = |radius: f64| radius / support;
     let v = [0, 1, 2].map(|axis| p[axis] - beam.a[axis]);
-    let (u, length) = beam.direction();
+    let (u, length) = super::direction(beam.a, beam.b);
     if length == 0.0 {
         let rest = (1.0 - dot(v, v) / (support * support)).max(0.0);
         return weight::ball(share(beam.radius_a)) * rest * rest;

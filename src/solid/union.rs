@@ -82,13 +82,10 @@ const EMPTY: Interval = [1.0, 0.0];
 
 impl UnionStrut {
     fn new(record: Record, quantum: f64) -> Self {
-        let point = |p: [i32; 3]| glam::DVec3::from(p.map(f64::from)) * quantum;
-        let edge = point(record.b) - point(record.a);
-        let length = edge.length();
-        let u = if length > 0.0 { edge / length } else { glam::DVec3::ZERO };
+        let (a, u, length) = record.axis(quantum);
         let radius = record.ends.map(|end| f64::from(end & ((1 << CAP_SHIFT) - 1)) * quantum);
         let caps = record.ends.map(|end| CAPS[(end >> CAP_SHIFT) as usize % CAPS.len()]);
-        Self { a: point(record.a).to_array(), u: u.to_array(), length, radius, caps }
+        Self { a, u, length, radius, caps }
     }
 
     fn draw_row(&self, grid: &Grid, z: f64, strip: &mut Strip<u64>, row: usize) {

@@ -23,13 +23,10 @@ const STRETCH_PX: f64 = 64.0;
 impl ConvolutionStrut {
     /// Prepares a record of a block.
     pub(super) fn new(record: Record, plane: &Plane) -> Self {
-        let point = |p: [i32; 3]| glam::DVec3::from(p.map(f64::from)) * plane.quantum;
-        let edge = point(record.b) - point(record.a);
-        let length = edge.length();
-        let u = if length > 0.0 { edge / length } else { glam::DVec3::ZERO };
+        let (a, u, length) = record.axis(plane.quantum);
         let [weight_a, weight_b] = record.ends.map(f32::from_bits);
         let change = if length > 0.0 { (weight_b - weight_a) / length as f32 } else { 0.0 };
-        Self { a: point(record.a).to_array(), u: u.to_array(), length, weight: [weight_a, change] }
+        Self { a, u, length, weight: [weight_a, change] }
     }
 
     /// Adds its field to a strip.

@@ -7,7 +7,7 @@ use crate::solid::{Block, Plane, Strip};
 const LANES: usize = 8;
 
 /// Added to the support on all sides: rounding in q and in t.
-const MARGIN: f32 = 1e-4;
+const MARGIN: f32 = super::MARGIN as f32;
 
 /// Added on all sides: rounding of columns and rows, which are below 2¹⁶.
 const MARGIN_PX: f32 = 0.02;
@@ -25,8 +25,8 @@ const COMPACT: f32 = 6.0;
 /// A strut runs along the rows where the square of the sine of its angle with them is below this.
 const ALONG_ROWS: f32 = 0.05;
 
-/// A large number that stands for none.
-const NONE: f32 = 1e30;
+/// Stands for 1/0.
+const ENDLESS: f32 = super::ENDLESS as f32;
 
 /// What a band of rows may see of a block's struts. Columns and rows are the grid's, not rounded.
 pub(super) struct Reach {
@@ -117,7 +117,7 @@ impl Reach {
             let is_long = length2 > LONGEST * LONGEST;
 
             // The part of the axis within R of the plane, R to all sides of it; of a long strut, all of it ...
-            let rise = 1.0 / greater(e_z, 1.0 / NONE);
+            let rise = 1.0 / greater(e_z, 1.0 / ENDLESS);
             let from = lesser(greater((dz - 1.0 - MARGIN) * rise, 0.0), 1.0);
             let to = greater(lesser((dz + 1.0 + MARGIN) * rise, 1.0), 0.0);
             let (from, to) = (if is_long { 0.0 } else { from }, if is_long { 1.0 } else { to });
@@ -129,7 +129,7 @@ impl Reach {
             let middle = dz * rise;
             let (half_x, half_y) = ((x2 + z2).sqrt() * rise * reach_x, (y2 + z2).sqrt() * rise * reach_y);
             let (half_x, half_y) =
-                (if bounds_nothing { NONE } else { half_x }, if bounds_nothing { NONE } else { half_y });
+                (if bounds_nothing { ENDLESS } else { half_x }, if bounds_nothing { ENDLESS } else { half_y });
             let middle = if bounds_nothing { 0.0 } else { middle };
             let (centre_x, centre_y) = (x + run_x * middle, y + run_y * middle);
             let left = greater(lesser(x_from, x_to) - reach_x, centre_x - half_x);
