@@ -103,7 +103,7 @@ impl Sweep {
         let z = z_um / self.quantum_um;
         // Saturates; a strut that ends just below in rounding contributes nothing any more.
         let lowest_top = (z - self.reach).floor() as i32;
-        workers.run(self.active.buckets_mut(), &mut self.slots, |_, bucket| bucket.retire(lowest_top));
+        workers.each(self.active.buckets_mut(), |bucket| bucket.retire(lowest_top));
         self.active.count();
         loop {
             while self.slot < self.filled {
@@ -169,9 +169,8 @@ impl Sweep {
             }
             self.next_chunk += 1;
         }
-        let mut idle = vec![(); self.slots.len()];
         let source = &self.source;
-        workers.run(self.slots[..self.filled].iter_mut(), &mut idle, |(), slot| {
+        workers.each(self.slots[..self.filled].iter_mut(), |slot| {
             slot.problem = source.read_chunk(slot.chunk, &mut slot.struts).err();
         });
         let problem = self.slots[..self.filled].iter_mut().find_map(|slot| slot.problem.take());

@@ -20,7 +20,13 @@ impl Workers {
         Ok(Self { helpers: Some(pool.map_err(|error| SliceError::Threads(error.to_string()))?) })
     }
 
-    /// Calls `work` for each item, whichever thread is free; each thread has one of `states` to itself.
+    /// Calls `work` for each item, whichever thread is free.
+    pub(super) fn each<T: Send>(&self, items: impl Iterator<Item = T> + Send, work: impl Fn(T) + Sync) {
+        let threads = 1 + self.helpers.as_ref().map_or(0, rayon::ThreadPool::current_num_threads);
+        self.run(items, &mut vec![(); threads], |(), item| work(item));
+    }
+
+    /// The same, where each thread has one of `states` to itself.
     pub(super) fn run<T: Send, S: Send>(
         &self,
         items: impl Iterator<Item = T> + Send,
