@@ -18,12 +18,15 @@ fn abort_on_a_saturated_line_turns_the_light_off_within_100_ms() {
     let acts_file = bench.path("device-out/acts.jsonl");
     let logged = |word: &str| std::fs::read_to_string(&acts_file).is_ok_and(|text| text.contains(word));
     wait_until("the first light", || logged("light_on"));
-    std::thread::sleep(Duration::from_millis(300));
     let sent_bytes = || bench.json(&["status"])["line"]["sent_bytes"].as_u64().expect("sent_bytes");
-    let before = sent_bytes();
-    std::thread::sleep(Duration::from_millis(500));
-    let rate = (sent_bytes() - before) * 2;
-    assert!(rate > 8_000, "the line is not saturated: {rate} bytes a second of 11520");
+    let mut rate = 0;
+    // On a busy machine the next layer may still be computed.
+    wait_until("8000 of 11520 bytes a second on the line", || {
+        let before = sent_bytes();
+        std::thread::sleep(Duration::from_millis(500));
+        rate = (sent_bytes() - before) * 2;
+        rate > 8_000
+    });
 
     let mut socket = UnixStream::connect(bench.path("control.sock")).expect("control socket");
     let commanded = Instant::now();

@@ -72,10 +72,12 @@ proptest! {
             let bytes = encoded(&bitmap, encoding);
             let size = (width, bitmap.height_px());
             prop_assert_eq!(decoded(&bytes, encoding, size, piece), Ok((bitmap.clone(), picture_crc32(&bitmap))));
-            // A device of another height: an error, or at least another CRC (blank rows cost RunGrey no byte).
+            // A device of another height: an error, or at least another CRC (blank rows cost RunGrey no byte). A CRC whose
+            // register is 0, so that it ends as all ones, does not see blank rows: that of four lit bytes, for one.
             for height in [size.1 - 1, size.1 + 1] {
                 let other = decoded(&bytes, encoding, (width, height), piece);
-                prop_assert!(other.is_err() || other.is_ok_and(|(_, crc32)| crc32 != picture_crc32(&bitmap)));
+                let crc32 = picture_crc32(&bitmap);
+                prop_assert!(crc32 == u32::MAX || other.map_or(true, |(_, other_crc32)| other_crc32 != crc32));
             }
             // A byte missing or one too many: always an error.
             prop_assert!(decoded(&bytes[..bytes.len() - 1], encoding, size, piece).is_err(), "{:?} cut", encoding);
