@@ -57,8 +57,8 @@ pub struct Strip<Cell> {
     halo: usize,
     first_row: i32,
     rows: usize,
-    /// In which blocks of [`BLOCK`] columns any row may hold anything but the default, a bit each.
-    touched: Vec<u64>,
+    /// In which blocks of [`BLOCK`] columns any row may hold anything but the default.
+    touched: Vec<bool>,
     /// Since the strip was made.
     effort: Effort,
 }
@@ -68,7 +68,7 @@ impl<Cell: Copy + Default> Strip<Cell> {
     pub fn new(width: usize, rows: usize, halo: usize) -> Self {
         let stride = Self::stride(width, halo);
         let cells = vec![Cell::default(); stride * (rows + 2 * halo)];
-        let touched = vec![0; stride.div_ceil(BLOCK * WORD)];
+        let touched = vec![false; stride.div_ceil(BLOCK)];
         Self { cells, stride, halo, first_row: 0, rows: 0, touched, effort: Effort::default() }
     }
 
@@ -88,7 +88,7 @@ impl<Cell: Copy + Default> Strip<Cell> {
                 row[range.clone()].fill(Cell::default());
             }
         }
-        self.touched.fill(0);
+        self.touched.fill(false);
         self.rows = rows + 2 * self.halo;
         debug_assert!(self.rows * self.stride <= self.cells.len());
         self.first_row = i32::try_from(first_row).unwrap_or(i32::MAX) - self.halo as i32;
@@ -126,20 +126,25 @@ impl<Cell: Copy + Default> Strip<Cell> {
         &mut self.cells[row * self.stride..(row + 1) * self.stride]
     }
 
-    /// Successive rows of cells.
+    /// Successive rows of cells. Not `chunks_exact`, which begins with a division.
     #[inline(always)]
     pub(super) fn rows_mut(&mut self, first: usize, count: usize) -> impl Iterator<Item = &mut [Cell]> {
-        self.cells[first * self.stride..(first + count) * self.stride].chunks_exact_mut(self.stride)
+        self.cells[first * self.stride..(first + count) * self.stride].chunks_mut(self.stride)
+    }
+
+    /// The cells from one on, row after row, and how many there are from one row to the next.
+    #[inline(always)]
+    pub(super) fn cells_from(&mut self, row: usize, column: usize) -> (&mut [Cell], usize) {
+        (&mut self.cells[row * self.stride + column..], self.stride)
     }
 
     /// Notes that cells of some rows were written; the range is not empty.
     #[inline(always)]
     pub(super) fn touch(&mut self, cells: Range<usize>) {
         let (first, last) = (cells.start / BLOCK, (cells.end.min(self.stride) - 1) / BLOCK);
-        for word in first / WORD..=last / WORD {
-            let from = if word == first / WORD { first % WORD } else { 0 };
-            let to = if word == last / WORD { last % WORD } else { WORD - 1 };
-            self.touched[word] |= u64::MAX << from & u64::MAX >> (WORD - 1 - to);
+        (self.touched[first], self.touched[last]) = (true, true);
+        if last - first > 1 {
+            self.touched[first + 1..last].fill(true);
         }
     }
 
@@ -181,18 +186,12 @@ impl<Cell: Copy + Default> Strip<Cell> {
     }
 }
 
-/// Bits of a word of `touched`.
-const WORD: usize = u64::BITS as usize;
-
 /// The cells of a row of `stride` cells whose blocks are touched, in as few ranges as there are.
-fn runs(touched: &[u64], stride: usize) -> impl Iterator<Item = Range<usize>> {
-    let is_touched = |block: usize| touched[block / WORD] >> (block % WORD) & 1 != 0;
-    let blocks = stride.div_ceil(BLOCK);
-    let mut next = 0;
-    std::iter::from_fn(move || {
-        let first = (next..blocks).find(|block| is_touched(*block))?;
-        let end = (first..blocks).find(|block| !is_touched(*block)).unwrap_or(blocks);
-        next = end;
-        Some(first * BLOCK..(end * BLOCK).min(stride))
+fn runs(touched: &[bool], stride: usize) -> impl Iterator<Item = Range<usize>> {
+    let mut first = 0;
+    touched.chunk_by(|one, other| one == other).filter_map(move |run| {
+        let blocks = first..first + run.len();
+        first = blocks.end;
+        run[0].then(|| blocks.start * BLOCK..(blocks.end * BLOCK).min(stride))
     })
 }

@@ -3,37 +3,37 @@
 use super::cut::{Footprints, down, integer, up};
 use super::{ENDLESS, MARGIN, patch};
 use crate::solid::Strip;
-use crate::solid::vector::{self, LANE, LANES, Stretch, greater, lesser};
+use crate::solid::vector::{self, LANE, LANES, Stretch, greater, lesser, multiply_add};
 
 /// Rows found at once.
 const ROWS: usize = 8;
 
 /// Adds the field of one lane's strut to a strip.
 #[inline(always)]
-pub(super) fn draw(cut: &Footprints, lane: usize, strip: &mut Strip<f32>) {
+pub(super) fn draw<const FUSED: bool>(cut: &Footprints, lane: usize, strip: &mut Strip<f32>) {
     let width = cut.last_column[lane] - cut.first_column[lane] + 1;
     if width <= 0 || cut.row_count[lane] <= 0 {
         return;
     }
     let tapered = cut.weight_slope[lane] != 0.0;
-    let vectors = (width as usize).div_ceil(LANES);
-    if vectors > patch::MOST_VECTORS || strip.columns() < LANES {
-        if tapered { draw_rows::<true>(cut, lane, strip) } else { draw_rows::<false>(cut, lane, strip) }
-    } else if vectors == 1 {
-        if tapered { patch::draw::<1, true>(cut, lane, strip) } else { patch::draw::<1, false>(cut, lane, strip) }
-    } else if tapered {
-        patch::draw::<2, true>(cut, lane, strip);
-    } else {
-        patch::draw::<2, false>(cut, lane, strip);
+    // Wider footprints are worth finding each row's own cells; in a picture narrower than a vector a patch has no room.
+    let vectors = if strip.columns() < LANES { 0 } else { (width as usize).div_ceil(LANES) };
+    match (vectors, tapered) {
+        (1, false) => patch::draw::<1, FUSED, false>(cut, lane, strip),
+        (1, true) => patch::draw::<1, FUSED, true>(cut, lane, strip),
+        (2, false) => patch::draw::<2, FUSED, false>(cut, lane, strip),
+        (2, true) => patch::draw::<2, FUSED, true>(cut, lane, strip),
+        (_, false) => draw_rows::<FUSED, false>(cut, lane, strip),
+        (_, true) => draw_rows::<FUSED, true>(cut, lane, strip),
     }
 }
 
 #[inline(always)]
-fn draw_rows<const TAPERED: bool>(cut: &Footprints, lane: usize, strip: &mut Strip<f32>) {
+fn draw_rows<const FUSED: bool, const TAPERED: bool>(cut: &Footprints, lane: usize, strip: &mut Strip<f32>) {
     let (first_row, row_count) = (cut.first_row[lane] as usize, cut.row_count[lane] as usize);
     let mut evaluated = 0;
     for some in (0..row_count).step_by(ROWS) {
-        let rows = rows(cut, lane, some);
+        let rows = rows::<FUSED>(cut, lane, some);
         for (row, cells) in strip.rows_mut(first_row + some, (row_count - some).min(ROWS)).enumerate() {
             let vectors = rows.vectors[row] as usize;
             if vectors == 0 {
@@ -53,9 +53,9 @@ fn draw_rows<const TAPERED: bool>(cut: &Footprints, lane: usize, strip: &mut Str
             let first = rows.first[row] as usize;
             let cells = &mut cells[first..first + vectors * LANES];
             if rows.beyond_kernel[row] >= 0.0 {
-                vector::add_endless::<TAPERED>(cells, stretch);
+                vector::add_endless::<FUSED, TAPERED>(cells, stretch);
             } else {
-                vector::add_strut::<TAPERED>(cells, stretch);
+                vector::add_strut::<FUSED, TAPERED>(cells, stretch);
             }
         }
     }
@@ -83,7 +83,7 @@ struct Rows {
 /// The cells within reach on eight rows, `skipped` rows after the footprint's first. Without branches, so that it compiles
 /// to vectors.
 #[inline(always)]
-fn rows(cut: &Footprints, lane: usize, skipped: usize) -> Rows {
+fn rows<const FUSED: bool>(cut: &Footprints, lane: usize, skipped: usize) -> Rows {
     let none = [0.0; ROWS];
     let mut rows = Rows {
         first: [0; ROWS],
@@ -105,10 +105,11 @@ fn rows(cut: &Footprints, lane: usize, skipped: usize) -> Rows {
     let last_i = first_i + (cut.last_column[lane] - first_column) as f32;
     for (row, place) in LANE.iter().enumerate() {
         let j = first_j + place;
-        let q = cut.q_base[lane] - j * (cut.slope_y[lane] + cut.curve_y[lane] * j);
-        let slope = cut.slope_x[lane] + cut.curve_xy[lane] * j;
-        let moved = cut.axial_y[lane] * j;
-        let (lo, hi) = (cut.lo_base[lane] - moved, cut.hi_base[lane] - moved);
+        let steep = multiply_add::<FUSED>(cut.curve_y[lane], j, cut.slope_y[lane]);
+        let q = multiply_add::<FUSED>(-j, steep, cut.q_base[lane]);
+        let slope = multiply_add::<FUSED>(cut.curve_xy[lane], j, cut.slope_x[lane]);
+        let lo = multiply_add::<FUSED>(-cut.axial_y[lane], j, cut.lo_base[lane]);
+        let hi = multiply_add::<FUSED>(-cut.axial_y[lane], j, cut.hi_base[lane]);
         let middle = slope * inverse_curve_x * -0.5;
         let most_q = q - middle * (slope + curve_x * middle);
         let covered = greater(most_q + margin, 0.0).sqrt();

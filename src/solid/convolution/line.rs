@@ -31,10 +31,10 @@ impl ConvolutionStrut {
 
     /// Adds its field to a strip.
     #[inline(always)]
-    pub(super) fn draw(&self, plane: &Plane, strip: &mut Strip<f32>) {
+    pub(super) fn draw<const FUSED: bool>(&self, plane: &Plane, strip: &mut Strip<f32>) {
         if let Some(range) = self.row_range(plane) {
             let rows = strip.rows_within(range);
-            Line::new(self, plane, strip).draw_rows(strip, rows);
+            Line::new(self, plane, strip).draw_rows::<FUSED>(strip, rows);
         }
     }
 
@@ -122,7 +122,7 @@ impl<'a> Line<'a> {
     }
 
     #[inline(always)]
-    fn draw_rows(&self, strip: &mut Strip<f32>, rows: std::ops::Range<usize>) {
+    fn draw_rows<const FUSED: bool>(&self, strip: &mut Strip<f32>, rows: std::ops::Range<usize>) {
         for some in rows.clone().step_by(ROWS) {
             let mut skipped = 0.0;
             let mut goes_on = true;
@@ -131,7 +131,7 @@ impl<'a> Line<'a> {
                 let seen = self.rows(strip, some, skipped);
                 for row in some..rows.end.min(some + ROWS) {
                     let lane = row - some;
-                    self.draw_row(strip, row, &seen, lane);
+                    self.draw_row::<FUSED>(strip, row, &seen, lane);
                     goes_on |= seen.row_end[lane] > seen.end[lane];
                 }
                 skipped += STRETCH_PX;
@@ -204,7 +204,7 @@ impl<'a> Line<'a> {
     }
 
     #[inline(always)]
-    fn draw_row(&self, strip: &mut Strip<f32>, row: usize, seen: &Rows, lane: usize) {
+    fn draw_row<const FUSED: bool>(&self, strip: &mut Strip<f32>, row: usize, seen: &Rows, lane: usize) {
         let (first, end) = (seen.first[lane], seen.end[lane]);
         if first >= end {
             return;
@@ -223,11 +223,11 @@ impl<'a> Line<'a> {
         let padded = first + (end - first).next_multiple_of(LANES);
         let cells = &mut strip.row_mut(row)[first..padded];
         match (self.is_ball, seen.beyond_kernel[lane] >= 0.0, self.shape.weight[1] != 0.0) {
-            (true, ..) => vector::add_ball(cells, stretch),
-            (_, true, true) => vector::add_endless::<true>(cells, stretch),
-            (_, true, false) => vector::add_endless::<false>(cells, stretch),
-            (_, false, true) => vector::add_strut::<true>(cells, stretch),
-            (_, false, false) => vector::add_strut::<false>(cells, stretch),
+            (true, ..) => vector::add_ball::<FUSED>(cells, stretch),
+            (_, true, true) => vector::add_endless::<FUSED, true>(cells, stretch),
+            (_, true, false) => vector::add_endless::<FUSED, false>(cells, stretch),
+            (_, false, true) => vector::add_strut::<FUSED, true>(cells, stretch),
+            (_, false, false) => vector::add_strut::<FUSED, false>(cells, stretch),
         }
         strip.touch(first..padded);
         strip.count_rows(1, padded - first);

@@ -60,10 +60,10 @@ struct Draw<'a, Blocks> {
 
 impl<'a, Blocks: Iterator<Item = &'a Block>> Work for Draw<'_, Blocks> {
     #[inline(always)]
-    fn run(self) {
+    fn run<const FUSED: bool>(self) {
         let Self { blocks, plane, strip } = self;
         let window = Window::of(strip);
-        let (mut reach, mut chosen) = (Reach::empty(), [0; Block::LEN + cut::LANES]);
+        let (mut reach, mut chosen) = (Reach::empty(), [0; reach::CHOSEN]);
         for block in blocks {
             let count = reach.look(block, plane, &window, &mut chosen);
             strip.count(block.len(), count);
@@ -73,9 +73,9 @@ impl<'a, Blocks: Iterator<Item = &'a Block>> Work for Draw<'_, Blocks> {
                 for (lane, at) in chosen[..cut::LANES.min(count - first)].iter().enumerate() {
                     let at = usize::from(*at) % Block::LEN;
                     if reach.compact[at] == 0.0 {
-                        ConvolutionStrut::new(block.get(at), plane).draw(plane, strip);
+                        ConvolutionStrut::new(block.get(at), plane).draw::<FUSED>(plane, strip);
                     } else {
-                        footprint::draw(&footprints, lane, strip);
+                        footprint::draw::<FUSED>(&footprints, lane, strip);
                     }
                 }
             }

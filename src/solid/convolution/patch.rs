@@ -3,14 +3,15 @@
 
 use super::cut::Footprints;
 use crate::solid::Strip;
-use crate::solid::vector::{LANE, LANES, Point, strut_field};
-
-/// Widest patch, in vectors. Wider footprints are worth finding each row's own cells.
-pub(super) const MOST_VECTORS: usize = 2;
+use crate::solid::vector::{LANE, LANES, Point, multiply_add, plus_strut};
 
 /// Adds the field of one lane's strut on `VECTORS` vectors of every row.
 #[inline(always)]
-pub(super) fn draw<const VECTORS: usize, const TAPERED: bool>(cut: &Footprints, lane: usize, strip: &mut Strip<f32>) {
+pub(super) fn draw<const VECTORS: usize, const FUSED: bool, const TAPERED: bool>(
+    cut: &Footprints,
+    lane: usize,
+    strip: &mut Strip<f32>,
+) {
     let (first_row, row_count) = (cut.first_row[lane] as usize, cut.row_count[lane] as usize);
     // A patch that would stick out on the right begins earlier.
     let wanted = cut.first_column[lane] as usize;
@@ -19,29 +20,32 @@ pub(super) fn draw<const VECTORS: usize, const TAPERED: bool>(cut: &Footprints, 
     let [mut q, mut slope, mut lo, mut hi] = [[[0.0; LANES]; VECTORS]; 4];
     let (slope_x, curve_x, curve_xy) = (cut.slope_x[lane], cut.curve_x[lane], cut.curve_xy[lane]);
     for vector in 0..VECTORS {
+        let first_i = first_i + (vector * LANES) as f32;
         for cell in 0..LANES {
-            let i = first_i + (vector * LANES) as f32 + LANE[cell];
-            q[vector][cell] = cut.q_base[lane] - i * (slope_x + curve_x * i);
-            slope[vector][cell] = cut.slope_y[lane] + curve_xy * i;
-            let moved = cut.axial_x[lane] * i;
-            lo[vector][cell] = cut.lo_base[lane] - moved;
-            hi[vector][cell] = cut.hi_base[lane] - moved;
+            let i = first_i + LANE[cell];
+            let along = multiply_add::<FUSED>(curve_x, i, slope_x);
+            q[vector][cell] = multiply_add::<FUSED>(-i, along, cut.q_base[lane]);
+            slope[vector][cell] = multiply_add::<FUSED>(curve_xy, i, cut.slope_y[lane]);
+            lo[vector][cell] = multiply_add::<FUSED>(-cut.axial_x[lane], i, cut.lo_base[lane]);
+            hi[vector][cell] = multiply_add::<FUSED>(-cut.axial_x[lane], i, cut.hi_base[lane]);
         }
     }
     let (curve_y, axial_y) = (cut.curve_y[lane], cut.axial_y[lane]);
     let weight = [cut.weight[lane], cut.weight_slope[lane]];
     let mut j = cut.first_j[lane];
-    for cells in strip.rows_mut(first_row, row_count) {
-        let cells = cells[first..first + VECTORS * LANES].as_chunks_mut::<LANES>().0;
+    let (cells, stride) = strip.cells_from(first_row, first);
+    for row in 0..row_count {
+        let cells = cells[row * stride..row * stride + VECTORS * LANES].as_chunks_mut::<LANES>().0;
         for vector in 0..VECTORS {
             for cell in 0..LANES {
-                let moved = axial_y * j;
+                let steep = multiply_add::<FUSED>(curve_y, j, slope[vector][cell]);
                 let point = Point {
-                    q: q[vector][cell] - j * (slope[vector][cell] + curve_y * j),
-                    lo: lo[vector][cell] - moved,
-                    hi: hi[vector][cell] - moved,
+                    q: multiply_add::<FUSED>(-j, steep, q[vector][cell]),
+                    lo: multiply_add::<FUSED>(-axial_y, j, lo[vector][cell]),
+                    hi: multiply_add::<FUSED>(-axial_y, j, hi[vector][cell]),
                 };
-                cells[vector][cell] += strut_field::<TAPERED>(point, weight);
+                let field = &mut cells[vector][cell];
+                *field = plus_strut::<FUSED, TAPERED>(*field, point, weight);
             }
         }
         j += 1.0;

@@ -18,15 +18,18 @@ const LONGEST: f32 = 64.0;
 /// Of a strut that rises less than this part of its length, and of a ball, the ellipse that a plane cuts from it bounds nothing.
 const FLAT: f32 = 32.0;
 
-/// Footprints up to this wide and high, in R, are drawn from one base cell in `f32`: no term of the quadratic exceeds about
-/// 9 there, so that q is right to some 10⁻⁶.
-const COMPACT: f32 = 6.0;
+/// Footprints up to this wide and high, in R, are drawn from one base cell in `f32`: no term of the quadratic exceeds 16
+/// there, so that q is right to some 10⁻⁶. Of a lattice of struts some 5 R long nearly all are that small.
+const COMPACT: f32 = 8.0;
 
 /// A strut runs along the rows where the square of the sine of its angle with them is below this.
 const ALONG_ROWS: f32 = 0.05;
 
 /// Stands for 1/0.
 const ENDLESS: f32 = super::ENDLESS as f32;
+
+/// Places of a block's records, and room for the lanes after the last; a power of two, so that no index needs a check.
+pub(super) const CHOSEN: usize = 2 * Block::LEN;
 
 /// What a band of rows may see of a block's struts. Columns and rows are the grid's, not rounded.
 pub(super) struct Reach {
@@ -68,20 +71,14 @@ impl Reach {
 
     /// Looks at all records of a block and returns how many places of `chosen` it filled: struts that may be seen, in order.
     #[inline(always)]
-    pub(super) fn look(
-        &mut self,
-        block: &Block,
-        plane: &Plane,
-        window: &Window,
-        chosen: &mut [u8; Block::LEN + LANES],
-    ) -> usize {
+    pub(super) fn look(&mut self, block: &Block, plane: &Plane, window: &Window, chosen: &mut [u8; CHOSEN]) -> usize {
         let count = block.len();
         for first in (0..count).step_by(LANES) {
             self.look_at_lanes(block, first, plane, window);
         }
         let mut found = 0;
         for (at, seen) in self.seen[..count].iter().enumerate() {
-            chosen[found] = at as u8;
+            chosen[found % CHOSEN] = at as u8;
             found += usize::from(*seen != 0.0);
         }
         found
