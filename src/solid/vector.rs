@@ -126,27 +126,67 @@ pub(super) struct Point {
     pub(super) hi: f32,
 }
 
-/// `field` and the field of a strut at a pixel; `weight` at the strut's start and its change a unit of length. With
-/// D = hi − lo, S = hi + lo, P = hi·lo, e = S² − P the closed form is `G(hi) − G(lo) = D (q² − ⅔ q e + (e² − P S²)/5)`: no
-/// difference of nearly equal numbers for short struts.
-#[inline(always)]
-pub(super) fn plus_strut<const FUSED: bool, const TAPERED: bool>(field: f32, point: Point, weight: [f32; 2]) -> f32 {
-    let q = greater(point.q, 0.0);
-    let s = q.sqrt();
-    let lo = lesser(greater(point.lo, -s), s);
-    let hi = lesser(greater(point.hi, -s), s);
-    let (difference, sum, product) = (hi - lo, hi + lo, hi * lo);
-    let square = sum * sum;
-    let e = square - product;
-    let quartic = multiply_add::<FUSED>(-product, square, e * e);
-    let mean = multiply_add::<FUSED>(quartic, 0.2, q * multiply_add::<FUSED>(e, -2.0 / 3.0, q));
-    if TAPERED {
-        let (first, last) = (q - lo * lo, q - hi * hi);
-        let cubes = first * first + first * last + last * last;
-        let local = weight[0] - weight[1] * point.lo;
-        field + difference * (local * mean + weight[1] * sum * cubes * (1.0 / 6.0))
-    } else {
-        multiply_add::<FUSED>(weight[0] * difference, mean, field)
+/// A strut's field where certain of its ends may be within reach. Of one kind for all pixels that are evaluated together:
+/// most of them see one end or none, and take half the operations.
+pub(super) trait Ends {
+    /// `field` and the strut's at a pixel; `weight` at the strut's start and its change a unit of length.
+    fn plus<const FUSED: bool>(field: f32, point: Point, weight: [f32; 2]) -> f32;
+}
+
+/// Neither: lo = −√q and hi = √q leave `16/15 q² √q`, and of a linear weight only its value at the foot.
+pub(super) struct NoEnd<const TAPERED: bool>;
+
+impl<const TAPERED: bool> Ends for NoEnd<TAPERED> {
+    #[inline(always)]
+    fn plus<const FUSED: bool>(field: f32, point: Point, weight: [f32; 2]) -> f32 {
+        let q = greater(point.q, 0.0);
+        let weight = weight.map(|weight| weight * (16.0 / 15.0));
+        let local = if TAPERED { weight[0] - weight[1] * point.lo } else { weight[0] };
+        multiply_add::<FUSED>(local * (q * q), q.sqrt(), field)
+    }
+}
+
+/// One of them, of a strut of one weight. With x from the foot to it, the other end leaves `8/15 q² √q` beside `G(x)`, where
+/// `G(x) = x (q² − x² (⅔ q − x²/5))`.
+pub(super) struct OneEnd<const UPPER: bool>;
+
+impl<const UPPER: bool> Ends for OneEnd<UPPER> {
+    #[inline(always)]
+    fn plus<const FUSED: bool>(field: f32, point: Point, weight: [f32; 2]) -> f32 {
+        let q = greater(point.q, 0.0);
+        let s = q.sqrt();
+        let x = lesser(greater(if UPPER { point.hi } else { -point.lo }, -s), s);
+        let (q2, x2) = (q * q, x * x);
+        let inner = multiply_add::<FUSED>(x2, 0.2, q * (-2.0 / 3.0));
+        let this = x * multiply_add::<FUSED>(x2, inner, q2);
+        multiply_add::<FUSED>(weight[0], multiply_add::<FUSED>(q2 * s, 8.0 / 15.0, this), field)
+    }
+}
+
+/// Both. With D = hi − lo, S = hi + lo, P = hi·lo, e = S² − P the closed form is
+/// `G(hi) − G(lo) = D (q² − ⅔ q e + (e² − P S²)/5)`: no difference of nearly equal numbers for short struts.
+pub(super) struct BothEnds<const TAPERED: bool>;
+
+impl<const TAPERED: bool> Ends for BothEnds<TAPERED> {
+    #[inline(always)]
+    fn plus<const FUSED: bool>(field: f32, point: Point, weight: [f32; 2]) -> f32 {
+        let q = greater(point.q, 0.0);
+        let s = q.sqrt();
+        let lo = lesser(greater(point.lo, -s), s);
+        let hi = lesser(greater(point.hi, -s), s);
+        let (difference, sum, product) = (hi - lo, hi + lo, hi * lo);
+        let square = sum * sum;
+        let e = square - product;
+        let quartic = multiply_add::<FUSED>(-product, square, e * e);
+        let mean = multiply_add::<FUSED>(quartic, 0.2, q * multiply_add::<FUSED>(e, -2.0 / 3.0, q));
+        if TAPERED {
+            let (first, last) = (q - lo * lo, q - hi * hi);
+            let cubes = first * first + first * last + last * last;
+            let local = weight[0] - weight[1] * point.lo;
+            field + difference * (local * mean + weight[1] * sum * cubes * (1.0 / 6.0))
+        } else {
+            multiply_add::<FUSED>(weight[0] * difference, mean, field)
+        }
     }
 }
 
@@ -160,31 +200,14 @@ impl Stretch {
 
 /// Adds a strut's field to whole vectors of pixels.
 #[inline(always)]
-pub(super) fn add_strut<const FUSED: bool, const TAPERED: bool>(row: &mut [f32], stretch: Stretch) {
+pub(super) fn add_strut<const FUSED: bool, E: Ends>(row: &mut [f32], stretch: Stretch) {
     let Stretch { lo_base, hi_base, axial, weight, mut first_d, .. } = stretch;
     for pixels in row.as_chunks_mut::<LANES>().0 {
         for (lane, field) in pixels.iter_mut().enumerate() {
             let d = first_d + LANE[lane];
             let lo = multiply_add::<FUSED>(-axial, d, lo_base);
             let hi = multiply_add::<FUSED>(-axial, d, hi_base);
-            *field = plus_strut::<FUSED, TAPERED>(*field, Point { q: stretch.q::<FUSED>(d), lo, hi }, weight);
-        }
-        first_d += LANES as f32;
-    }
-}
-
-/// Adds the field of a strut where its ends are out of reach: lo = −√q and hi = √q leave `16/15 q² √q`, and of a linear
-/// weight only its value at the foot.
-#[inline(always)]
-pub(super) fn add_endless<const FUSED: bool, const TAPERED: bool>(row: &mut [f32], stretch: Stretch) {
-    let Stretch { lo_base, axial, weight, mut first_d, .. } = stretch;
-    let weight = weight.map(|weight| weight * (16.0 / 15.0));
-    for pixels in row.as_chunks_mut::<LANES>().0 {
-        for (lane, field) in pixels.iter_mut().enumerate() {
-            let d = first_d + LANE[lane];
-            let q = greater(stretch.q::<FUSED>(d), 0.0);
-            let local = if TAPERED { weight[0] + weight[1] * (axial * d - lo_base) } else { weight[0] };
-            *field = multiply_add::<FUSED>(local * (q * q), q.sqrt(), *field);
+            *field = E::plus::<FUSED>(*field, Point { q: stretch.q::<FUSED>(d), lo, hi }, weight);
         }
         first_d += LANES as f32;
     }

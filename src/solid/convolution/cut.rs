@@ -30,6 +30,9 @@ pub(super) struct Footprints {
     pub(super) hi_base: [f32; LANES],
     pub(super) axial_x: [f32; LANES],
     pub(super) axial_y: [f32; LANES],
+    /// 1 where the lower end, and the upper one, lie within R of the plane; 0 where no cell can see them.
+    pub(super) sees_lower: [f32; LANES],
+    pub(super) sees_upper: [f32; LANES],
     /// At the strut's lower end, and its change a unit of length.
     pub(super) weight: [f32; LANES],
     pub(super) weight_slope: [f32; LANES],
@@ -71,6 +74,8 @@ impl Footprints {
             cut.lo_base[lane] = -t as f32;
             cut.hi_base[lane] = (length - t) as f32;
 
+            cut.sees_lower[lane] = if v_z < 1.0 { 1.0 } else { 0.0 };
+            cut.sees_upper[lane] = if e_z - v_z < 1.0 { 1.0 } else { 0.0 };
             let (u_x, u_y, u_z) = (u_x as f32, u_y as f32, u_z as f32);
             cut.curve_x[lane] = dx_f32 * dx_f32 * (u_y * u_y + u_z * u_z);
             cut.curve_xy[lane] = -2.0 * dx_f32 * dy_f32 * u_x * u_y;
@@ -115,6 +120,8 @@ impl Footprints {
             hi_base: none,
             axial_x: none,
             axial_y: none,
+            sees_lower: none,
+            sees_upper: none,
             weight: none,
             weight_slope: none,
         }

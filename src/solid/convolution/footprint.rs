@@ -3,7 +3,7 @@
 use super::cut::{Footprints, down, integer, up};
 use super::{ENDLESS, MARGIN, patch};
 use crate::solid::Strip;
-use crate::solid::vector::{self, LANE, LANES, Stretch, greater, lesser, multiply_add};
+use crate::solid::vector::{self, BothEnds, LANE, LANES, NoEnd, OneEnd, Stretch, greater, lesser, multiply_add};
 
 /// Rows found at once.
 const ROWS: usize = 8;
@@ -17,14 +17,24 @@ pub(super) fn draw<const FUSED: bool>(cut: &Footprints, lane: usize, strip: &mut
     }
     let tapered = cut.weight_slope[lane] != 0.0;
     // Wider footprints are worth finding each row's own cells; in a picture narrower than a vector a patch has no room.
-    let vectors = if strip.columns() < LANES { 0 } else { (width as usize).div_ceil(LANES) };
+    let vectors = if strip.columns() < 2 * LANES { 0 } else { (width as usize).div_ceil(LANES) };
     match (vectors, tapered) {
-        (1, false) => patch::draw::<1, FUSED, false>(cut, lane, strip),
-        (1, true) => patch::draw::<1, FUSED, true>(cut, lane, strip),
-        (2, false) => patch::draw::<2, FUSED, false>(cut, lane, strip),
-        (2, true) => patch::draw::<2, FUSED, true>(cut, lane, strip),
+        (1, _) => draw_patch::<1, FUSED>(cut, lane, strip),
+        (2, _) => draw_patch::<2, FUSED>(cut, lane, strip),
+        (3, _) => draw_patch::<3, FUSED>(cut, lane, strip),
         (_, false) => draw_rows::<FUSED, false>(cut, lane, strip),
         (_, true) => draw_rows::<FUSED, true>(cut, lane, strip),
+    }
+}
+
+#[inline(always)]
+fn draw_patch<const VECTORS: usize, const FUSED: bool>(cut: &Footprints, lane: usize, strip: &mut Strip<f32>) {
+    match (cut.weight_slope[lane] != 0.0, cut.sees_lower[lane] != 0.0, cut.sees_upper[lane] != 0.0) {
+        (true, ..) => patch::draw::<VECTORS, FUSED, BothEnds<true>>(cut, lane, strip),
+        (_, true, true) => patch::draw::<VECTORS, FUSED, BothEnds<false>>(cut, lane, strip),
+        (_, true, false) => patch::draw::<VECTORS, FUSED, OneEnd<false>>(cut, lane, strip),
+        (_, false, true) => patch::draw::<VECTORS, FUSED, OneEnd<true>>(cut, lane, strip),
+        (_, false, false) => patch::draw::<VECTORS, FUSED, NoEnd<false>>(cut, lane, strip),
     }
 }
 
@@ -52,10 +62,11 @@ fn draw_rows<const FUSED: bool, const TAPERED: bool>(cut: &Footprints, lane: usi
             };
             let first = rows.first[row] as usize;
             let cells = &mut cells[first..first + vectors * LANES];
-            if rows.beyond_kernel[row] >= 0.0 {
-                vector::add_endless::<FUSED, TAPERED>(cells, stretch);
-            } else {
-                vector::add_strut::<FUSED, TAPERED>(cells, stretch);
+            match (rows.sees_lower[row] > 0.0, rows.sees_upper[row] > 0.0) {
+                (false, false) => vector::add_strut::<FUSED, NoEnd<TAPERED>>(cells, stretch),
+                (true, false) if !TAPERED => vector::add_strut::<FUSED, OneEnd<false>>(cells, stretch),
+                (false, true) if !TAPERED => vector::add_strut::<FUSED, OneEnd<true>>(cells, stretch),
+                _ => vector::add_strut::<FUSED, BothEnds<TAPERED>>(cells, stretch),
             }
         }
     }
@@ -76,8 +87,9 @@ struct Rows {
     slope: [f32; ROWS],
     lo: [f32; ROWS],
     hi: [f32; ROWS],
-    /// Not negative where every cell is so far from both ends that the strut may be taken for endless.
-    beyond_kernel: [f32; ROWS],
+    /// Positive where the lower end, and the upper one, may be within reach of a cell.
+    sees_lower: [f32; ROWS],
+    sees_upper: [f32; ROWS],
 }
 
 /// The cells within reach on eight rows, `skipped` rows after the footprint's first. Without branches, so that it compiles
@@ -93,7 +105,8 @@ fn rows<const FUSED: bool>(cut: &Footprints, lane: usize, skipped: usize) -> Row
         slope: none,
         lo: none,
         hi: none,
-        beyond_kernel: none,
+        sees_lower: none,
+        sees_upper: none,
     };
     let margin = MARGIN as f32;
     let (curve_x, axial_x) = (cut.curve_x[lane], cut.axial_x[lane]);
@@ -128,8 +141,8 @@ fn rows<const FUSED: bool>(cut: &Footprints, lane: usize, skipped: usize) -> Row
         rows.lo[row] = lo;
         rows.hi[row] = hi;
         let (one, two) = (axial_x * first, axial_x * last);
-        let (nearer_lo, nearer_hi) = (lo - lesser(one, two), hi - greater(one, two));
-        rows.beyond_kernel[row] = lesser(-nearer_lo, nearer_hi) - covered;
+        rows.sees_lower[row] = covered + (lo - lesser(one, two));
+        rows.sees_upper[row] = covered - (hi - greater(one, two));
     }
     rows
 }

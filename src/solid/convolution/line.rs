@@ -2,7 +2,7 @@
 
 use super::{ENDLESS, MARGIN, greater, lesser, reciprocal, whole};
 use crate::solid::block::Record;
-use crate::solid::vector::{self, LANES, Stretch};
+use crate::solid::vector::{self, BothEnds, LANES, NoEnd, Stretch};
 use crate::solid::{Plane, Strip};
 
 /// A strut or ball with all that does not depend on the plane. Unit of length: R.
@@ -224,10 +224,10 @@ impl<'a> Line<'a> {
         let cells = &mut strip.row_mut(row)[first..padded];
         match (self.is_ball, seen.beyond_kernel[lane] >= 0.0, self.shape.weight[1] != 0.0) {
             (true, ..) => vector::add_ball::<FUSED>(cells, stretch),
-            (_, true, true) => vector::add_endless::<FUSED, true>(cells, stretch),
-            (_, true, false) => vector::add_endless::<FUSED, false>(cells, stretch),
-            (_, false, true) => vector::add_strut::<FUSED, true>(cells, stretch),
-            (_, false, false) => vector::add_strut::<FUSED, false>(cells, stretch),
+            (_, true, true) => vector::add_strut::<FUSED, NoEnd<true>>(cells, stretch),
+            (_, true, false) => vector::add_strut::<FUSED, NoEnd<false>>(cells, stretch),
+            (_, false, true) => vector::add_strut::<FUSED, BothEnds<true>>(cells, stretch),
+            (_, false, false) => vector::add_strut::<FUSED, BothEnds<false>>(cells, stretch),
         }
         strip.touch(first..padded);
         strip.count_rows(1, padded - first);

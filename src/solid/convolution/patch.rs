@@ -3,11 +3,11 @@
 
 use super::cut::Footprints;
 use crate::solid::Strip;
-use crate::solid::vector::{LANE, LANES, Point, multiply_add, plus_strut};
+use crate::solid::vector::{Ends, LANE, LANES, Point, multiply_add};
 
 /// Adds the field of one lane's strut on `VECTORS` vectors of every row.
 #[inline(always)]
-pub(super) fn draw<const VECTORS: usize, const FUSED: bool, const TAPERED: bool>(
+pub(super) fn draw<const VECTORS: usize, const FUSED: bool, E: Ends>(
     cut: &Footprints,
     lane: usize,
     strip: &mut Strip<f32>,
@@ -45,7 +45,7 @@ pub(super) fn draw<const VECTORS: usize, const FUSED: bool, const TAPERED: bool>
                     hi: multiply_add::<FUSED>(-axial_y, j, hi[vector][cell]),
                 };
                 let field = &mut cells[vector][cell];
-                *field = plus_strut::<FUSED, TAPERED>(*field, point, weight);
+                *field = E::plus::<FUSED>(*field, point, weight);
             }
         }
         j += 1.0;
