@@ -19,16 +19,16 @@
 //!
 //! The second table counts, for one layer: looks (a strut is looked at by each band of rows that it may reach in its life),
 //! struts drawn (in two bands where one reaches both), their rows, and fields evaluated (cells, in vectors of eight). Counted in
-//! instructions of the AVX2 path (callgrind), a look takes some 25, a strut drawn 150 to 250, a vector of eight fields 40, or 18
-//! where both ends of a strut are out of reach, and a pixel to pack 2.
+//! instructions of the AVX2 path, a look takes some 25, a strut drawn 75 to cut it with the plane and 100 to 150 to begin its
+//! patch or rows, a vector of eight fields 12 to 19 where no end of the strut is within reach, 26 to 34 with one, 35 to 41 with
+//! both, and a pixel to pack 1.5.
 //!
-//! - Kitten-HR: a million struts of 30 cells each. About 890 instructions a strut: 310 to evaluate 7.6 vectors, most of them
-//!   half empty; 160 to cut it with the plane, 60 to look at it, 40 to pack; the rest to begin patches and rows. Decoding
-//!   and taking in 80,000 struts a layer is about a twentieth. Fuller vectors (two short rows in one) and looking at each strut once
-//!   instead of twice would help most.
-//! - The others: struts of 100 to 2,500 cells, about two fields a pixel, nine tenths of them full evaluations: bound by field
-//!   evaluations, then by packing. Only deciding pixels without evaluating them, certainly inside one strut or certainly
-//!   outside all, would bring more than a factor of two.
+//! - Kitten-HR: a million struts of 30 cells each. About 650 instructions a strut: 230 to evaluate 7.8 vectors, half of them empty
+//!   cells; 85 to cut it, 60 to look at it, 25 to pack; most of the rest to begin patches. Decoding and taking in 80,000 struts a
+//!   layer is about a twentieth. Two guesses wrong a strut, which of the patches and how many rows, cost a sixth of the time. What
+//!   did not help: drawing from left to right, so that the strip's part stays in the first cache (half the misses, the same time).
+//! - The others: struts of 100 to 2,500 cells, about two fields a pixel: bound by field evaluations, then by packing. Deciding
+//!   pixels without evaluating them gains little there: a border crosses every other vector of eight.
 //! - spot: few pixels are near a strut; bound by what is done for every band and by looks.
 
 use std::path::{Path, PathBuf};
