@@ -14,6 +14,8 @@
 
 mod block;
 mod convolution;
+mod path;
+mod pixels;
 pub mod reference;
 mod strip;
 mod union;
@@ -22,9 +24,9 @@ mod weight;
 
 pub use block::{Block, Record};
 pub use convolution::Convolution;
+pub use path::Path;
 pub use strip::{Effort, Grid, Plane, Strip};
 pub use union::Union;
-pub use vector::Path;
 pub use weight::LARGEST_RADIUS_SHARE;
 
 /// The isovalue C: solid where the field reaches it. Weights are proportional to C, so its value is free.

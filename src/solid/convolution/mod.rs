@@ -11,7 +11,8 @@ mod line;
 mod patch;
 mod reach;
 
-use super::vector::{self, Work};
+use super::path::Work;
+use super::pixels::{Coverage, PackBits};
 use super::{Block, Cap, Path, Plane, Shape, Strip, weight};
 use cut::Footprints;
 use line::ConvolutionStrut;
@@ -44,11 +45,11 @@ impl Shape for Convolution {
     }
 
     fn pack_bits(path: Path, strip: &Strip<f32>, row: usize, first_byte: usize, out: &mut [u8]) {
-        path.run(vector::PackBits { cells: strip.pixels(row, first_byte * 8), out });
+        path.run(PackBits { cells: strip.pixels(row, first_byte * 8), out });
     }
 
     fn coverage(path: Path, strip: &Strip<f32>, row: usize, first_pixel: usize, out: &mut [u8]) {
-        path.run(vector::Coverage { around: strip.around(row, first_pixel), out });
+        path.run(Coverage { around: strip.around(row, first_pixel), out });
     }
 }
 

@@ -1,4 +1,4 @@
-//! A small footprint as a patch of one or two vectors a row: all rows begin at the same column, so that nothing has to be
+//! A small footprint as a patch of one to three vectors a row: all rows begin at the same column, so that nothing has to be
 //! found for a row.
 
 use super::cut::Footprints;
