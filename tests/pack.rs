@@ -1,5 +1,7 @@
 //! Packing: what sources mean, and how bad ones are refused.
 
+mod skip;
+
 use std::io::Write;
 use std::num::NonZero;
 use std::path::{Path, PathBuf};
@@ -8,6 +10,7 @@ use std::process::Command;
 use layerd::buildfile::{
     Blend, BlendChoice, BuildFile, Cap, PackError, PackOptions, PackReport, Placement, Strut, pack,
 };
+use skip::skipped;
 use zip::write::SimpleFileOptions;
 
 struct Bench {
@@ -340,7 +343,7 @@ fn real_files_stay_below_ten_bytes_a_strut() {
     let data = std::env::var_os("LAYERD_DATA")
         .map_or(Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
     if !data.is_dir() {
-        eprintln!("skipped: {} is absent", data.display());
+        skipped(&format!("{} is absent (set LAYERD_DATA)", data.display()));
         return;
     }
     let bench = Bench::new();

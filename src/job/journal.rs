@@ -238,7 +238,7 @@ mod tests {
     #[test]
     fn a_full_disk_is_told_once_and_ends_the_journal() {
         let Ok(file) = OpenOptions::new().write(true).open("/dev/full") else {
-            return eprintln!("skipped: no /dev/full");
+            return writeln!(std::io::stderr(), "skipped: no /dev/full").expect("stderr");
         };
         let mut journal = Journal { path: "/dev/full".into(), file, length_bytes: 0, broken: false };
         let full = journal.append(Record::Paused, 0).expect_err("no space").to_string();

@@ -3,6 +3,7 @@
 #![allow(dead_code, unreachable_pub, reason = "each test file uses its part of the bench")]
 
 use std::fs;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
@@ -284,7 +285,7 @@ pub(crate) fn signal(pid: u32, name: &str) {
 }
 
 /// Waits for a condition, with patience.
-pub(crate) fn wait_until(what: &str, mut condition: impl FnMut() -> bool) {
+pub(crate) fn wait_until(what: &str, condition: impl Fn() -> bool) {
     let began = Instant::now();
     while !condition() {
         assert!(began.elapsed() < PATIENCE, "waited in vain for {what}");
@@ -297,7 +298,7 @@ pub(crate) fn real_data(name: &str) -> Option<PathBuf> {
     let default = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
     let path = std::env::var_os("LAYERD_DATA").map_or(default, PathBuf::from).join(name);
     if !path.exists() {
-        eprintln!("skipped: {} is not there (set LAYERD_DATA)", path.display());
+        let _ = writeln!(std::io::stderr(), "skipped: {} is not there (set LAYERD_DATA)", path.display());
         return None;
     }
     Some(path.canonicalize().expect("absolute path"))
