@@ -12,7 +12,7 @@ use slice_part::{HEIGHT, Part, WIDTH, beam, lit, raster, strut};
 
 const UNDECIDED: f64 = 1e-5;
 
-/// Support in pixels from a pixel to half a picture: patches of one and two vectors, rows, and stretches of long rows.
+/// Support in pixels from a pixel to half a picture: patches of one to three vectors, rows, and stretches of long rows.
 const SUPPORTS_PX: [f64; 6] = [1.0, 2.7, 4.5, 9.0, 17.0, 36.0];
 
 /// What a lattice is made of, in units of a thousandth of the support.

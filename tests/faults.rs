@@ -1,7 +1,6 @@
 //! What goes wrong around a print: the operator is told in one message, no light is left on, nothing is exposed twice or left
 //! out, and the next job finds a machine that works.
 
-mod skip;
 mod support;
 
 use std::fs;
@@ -9,8 +8,7 @@ use std::path::Path;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use skip::skipped;
-use support::{Bench, Setup, signal, wait_until};
+use support::{Bench, Setup, signal, skipped, wait_until};
 
 const SMALL: [&str; 10] = ["generate", "bcc", "--struts", "300", "--box", "8,8,3", "--seed", "1", "-o", "part.layerd"];
 

@@ -58,7 +58,7 @@ pub(super) struct Point {
 }
 
 /// A strut's field where certain of its ends may be within reach. Of one kind for all pixels that are evaluated together:
-/// most of them see one end or none, and take half the operations.
+/// most of them see one end or none, which takes fewer operations.
 pub(super) trait Ends {
     /// `field` and the strut's at a pixel; `weight` at the strut's start and its change a unit of length.
     fn plus<const FUSED: bool>(field: f32, point: Point, weight: [f32; 2]) -> f32;

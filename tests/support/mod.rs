@@ -2,13 +2,16 @@
 //! directory of their own.
 #![allow(dead_code, unreachable_pub, reason = "each test file uses its part of the bench")]
 
+#[path = "../skip/mod.rs"]
+mod skip;
+
 use std::fs;
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
+pub(crate) use skip::skipped;
 
 /// Longest any single wait of a test takes; a print that hangs fails instead of stopping the run.
 const PATIENCE: Duration = Duration::from_secs(120);
@@ -298,7 +301,7 @@ pub(crate) fn real_data(name: &str) -> Option<PathBuf> {
     let default = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
     let path = std::env::var_os("LAYERD_DATA").map_or(default, PathBuf::from).join(name);
     if !path.exists() {
-        let _ = writeln!(std::io::stderr(), "skipped: {} is not there (set LAYERD_DATA)", path.display());
+        skipped(&format!("{} is not there (set LAYERD_DATA)", path.display()));
         return None;
     }
     Some(path.canonicalize().expect("absolute path"))

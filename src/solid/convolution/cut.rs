@@ -30,7 +30,7 @@ pub(super) struct Footprints {
     pub(super) hi_base: [f32; LANES],
     pub(super) axial_x: [f32; LANES],
     pub(super) axial_y: [f32; LANES],
-    /// 1 where the lower end, and the upper one, lie within R of the plane; 0 where no cell can see them.
+    /// 0 where the plane is R or more above the lower end, and below the upper one, so that no cell can see it; else 1.
     pub(super) sees_lower: [f32; LANES],
     pub(super) sees_upper: [f32; LANES],
     /// At the strut's lower end, and its change a unit of length.

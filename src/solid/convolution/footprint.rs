@@ -16,7 +16,7 @@ pub(super) fn draw<const FUSED: bool>(cut: &Footprints, lane: usize, strip: &mut
         return;
     }
     let tapered = cut.weight_slope[lane] != 0.0;
-    // Wider footprints are worth finding each row's own cells; in a picture narrower than a vector a patch has no room.
+    // Wider footprints are worth finding each row's own cells; a narrower picture has no room for a patch of three.
     let vectors = if strip.columns() < 2 * LANES { 0 } else { (width as usize).div_ceil(LANES) };
     match (vectors, tapered) {
         (1, _) => draw_patch::<1, FUSED>(cut, lane, strip),
@@ -71,8 +71,7 @@ fn draw_rows<const FUSED: bool, const TAPERED: bool>(cut: &Footprints, lane: usi
         }
     }
     strip.count_rows(row_count, evaluated * LANES);
-    let columns = cut.first_column[lane] as usize..cut.last_column[lane] as usize + LANES;
-    strip.touch(columns);
+    strip.touch(cut.first_column[lane] as usize..cut.last_column[lane] as usize + LANES);
 }
 
 /// Some successive rows.

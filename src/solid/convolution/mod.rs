@@ -2,8 +2,8 @@
 //! the kernel is about 1 and `f32` suffices.
 //!
 //! Eight struts of a block are cut with the plane at once ([`cut`]); most leave a footprint a few R wide, whose rows are found
-//! eight at a time and drawn from one base pixel ([`footprint`]). Long, flat struts and balls go row by row in `f64`
-//! ([`line`]).
+//! eight at a time and drawn from one base pixel ([`footprint`]), or, where it is small, all alike ([`patch`]). Balls, very long
+//! struts and those along the rows go row by row in `f64` ([`line`]).
 
 mod cut;
 mod footprint;
