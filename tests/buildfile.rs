@@ -118,6 +118,7 @@ proptest! {
                 prop_assert!(within(strut.a) && within(strut.b) && strut.a[2] <= strut.b[2], "{:?}", strut);
                 let range = header.radius_range[0]..=header.radius_range[1];
                 prop_assert!(range.contains(&strut.radius_a) && range.contains(&strut.radius_b), "{:?}", strut);
+                prop_assert!(!strut.is_ball() || strut.radius_a == strut.radius_b, "{:?}", strut);
             }
         }
     }
@@ -242,6 +243,61 @@ fn a_lying_index_with_a_true_checksum_is_refused() {
     }
 }
 
+/// Makes the checksum of the header true again.
+fn seal_header(bytes: &mut [u8]) {
+    let length = u32::from_le_bytes(bytes[12..16].try_into().expect("4 bytes")) as usize;
+    let crc = crc32fast::hash(&bytes[20..20 + length]);
+    bytes[16..20].copy_from_slice(&crc.to_le_bytes());
+}
+
+#[test]
+fn a_lying_header_with_a_true_checksum_is_refused() {
+    let directory = tempfile::tempdir().expect("temporary directory");
+    let path = directory.path().join("part.layerd");
+    let strut = Strut { a: [0; 3], b: [0, 0, 500], radius_a: 77, radius_b: 99, caps: Caps::default() };
+    write(&path, &[strut]);
+    let good = std::fs::read(&path).expect("is there");
+    // Behind the prelude, quantum and blend: three lowest and three highest coordinates, least and largest radius.
+    let bounds = 20 + 8 + 4;
+    assert_eq!(good[bounds + 24..bounds + 32], [77, 0, 0, 0, 99, 0, 0, 0], "the test knows the layout");
+    for (at, value, told) in [
+        (24, 0, "radius_range"),
+        (28, 76, "radius_range"),
+        (28, 1 << 30, "radius_range"),
+        (28, 100, "too narrow"),
+        (0, -98, "too narrow"),
+        (20, -200, "too narrow"),
+    ] {
+        let mut bytes = good.clone();
+        bytes[bounds + at..bounds + at + 4].copy_from_slice(&i32::to_le_bytes(value));
+        seal_header(&mut bytes);
+        std::fs::write(&path, bytes).expect("can be written");
+        let error = read(&path).expect_err("a lie").to_string();
+        assert!(error.contains(told), "{value} at {at}: {error}");
+    }
+}
+
+#[test]
+fn a_gap_before_the_first_chunk_is_refused() {
+    let directory = tempfile::tempdir().expect("temporary directory");
+    let path = directory.path().join("part.layerd");
+    lattice(&path, 500);
+    let first = BuildFile::open(&path).expect("is whole").chunks()[0].offset as usize;
+    let mut bytes = std::fs::read(&path).expect("is there");
+    bytes.splice(first..first, [0; 8]);
+    let footer = bytes.len() - 36;
+    let index = u64::from_le_bytes(bytes[footer..footer + 8].try_into().expect("8 bytes")) as usize + 8;
+    bytes[footer..footer + 8].copy_from_slice(&(index as u64).to_le_bytes());
+    bytes[index..index + 8].copy_from_slice(&(first as u64 + 8).to_le_bytes());
+    let crc = crc32fast::hash(&bytes[index..index + 40]);
+    bytes[footer + 12..footer + 16].copy_from_slice(&crc.to_le_bytes());
+    let crc = crc32fast::hash(&bytes[footer..footer + 24]);
+    bytes[footer + 24..footer + 28].copy_from_slice(&crc.to_le_bytes());
+    std::fs::write(&path, bytes).expect("can be written");
+    let error = read(&path).expect_err("eight bytes belong to nothing").to_string();
+    assert!(error.contains(&format!("what is before it ends at {first}")), "{error}");
+}
+
 #[test]
 fn foreign_files_are_named_for_what_they_are() {
     let directory = tempfile::tempdir().expect("temporary directory");
@@ -272,7 +328,11 @@ fn a_writer_refuses_what_no_reader_would_take_and_leaves_nothing() {
     assert!(writer.push(strut(9, 5)).is_err(), "out of order");
     assert!(writer.push(strut(11, 0)).is_err(), "no radius");
     assert!(writer.push(strut(11, 3001)).is_err(), "thicker than announced");
-    drop(writer);
+    let ball = Strut { b: [0, 0, 10], radius_b: 6, ..strut(10, 5) };
+    assert!(writer.push(ball).is_err(), "a ball of two radii");
+    assert!(writer.push(Strut { b: [700, 0, i32::MAX], ..strut(11, 5) }).is_err(), "beyond all coordinates");
+    assert_eq!(writer.finish().expect("the first strut stands").bounds.max, [5, 5, 20], "the others left no mark");
+    std::fs::remove_file(&path).expect("is there");
     let empty = Writer::create(&path, settings(Blend::Union)).expect("can be created");
     assert!(empty.finish().is_err(), "nothing to print");
     let singular = settings(Blend::Convolution { support_um: 3000.0 / 0.95 });

@@ -156,7 +156,11 @@ fn what_is_wrong_is_named_with_a_remedy() {
             &["7..3", "holds no layer"],
         ),
         (&["slice", "part.layerd", "-m", "machine.toml", "-o", "a-file"], 1, &["a-file is a file", "directory"]),
-        (&["slice", "part.layerd", "-m", "machine.toml", "--threads", "0", "-o", "x"], 1, &["0 threads", "1 to 256"]),
+        (
+            &["slice", "part.layerd", "-m", "machine.toml", "--threads", "0", "-o", "x"],
+            2,
+            &["--threads", "0 is not in 1..=256"],
+        ),
     ];
     for (arguments, code, words) in cases {
         let output = layerctl(dir.path(), arguments);

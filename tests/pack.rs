@@ -100,38 +100,6 @@ const BEAM: &str = r#"<b:beams><b:beam v1="0" v2="1"/></b:beams>"#;
 const ITEM: &str = r#"<item objectid="7"/>"#;
 
 #[test]
-fn edge_text_of_any_order_and_any_memory_gives_the_same_file() {
-    let mut bench = Bench::new();
-    let mut lines: Vec<String> = (0..20_000u64)
-        .map(|n| n.wrapping_mul(0x9e37_79b9_7f4a_7c15))
-        .map(|n| {
-            format!("{} {} {} {} {} 77.5 0.2", n % 90, (n >> 8) % 90, (n >> 16) % 90, (n >> 24) % 90, (n >> 32) % 90)
-        })
-        .collect();
-    let text = |lines: &[String]| format!("{} 0.1 0.15 0\n{}\n", lines.len(), lines.join("\n"));
-    let mut bytes = Vec::new();
-    for memory_bytes in [64 << 20, 70_000] {
-        bench.options.memory_bytes = memory_bytes;
-        for _ in 0..2 {
-            lines.reverse();
-            // The source's digest is of its bytes: compare struts and everything but the digest.
-            let (report, struts) = bench.text(&text(&lines)).expect("is fine");
-            bytes.push((
-                struts,
-                report.header.bounds,
-                report.header.node_count,
-                std::fs::read(bench.path("out.layerd")).expect("there"),
-            ));
-        }
-    }
-    assert_eq!(bytes[0], bytes[2], "memory does not matter, bit for bit");
-    assert_eq!(bytes[1], bytes[3], "memory does not matter, bit for bit");
-    assert_eq!((&bytes[0].0, bytes[0].1, bytes[0].2), (&bytes[1].0, bytes[1].1, bytes[1].2), "nor does order");
-    let left: Vec<_> = std::fs::read_dir(bench.directory.path()).expect("there").collect();
-    assert_eq!(left.len(), 2, "source and build file, no temporary files");
-}
-
-#[test]
 fn bad_edge_text_is_refused_with_file_line_and_text() {
     let bench = Bench::new();
     let cases = [

@@ -5,6 +5,7 @@ mod skip;
 use std::fs;
 use std::io::Write;
 use std::num::NonZero;
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
@@ -85,6 +86,7 @@ proptest! {
         lines = (0..lines.len()).map(|number| lines[number * stride % lines.len()].clone()).collect();
         let (again, _) = packed(directory.path(), &text(&lines), &options(kibibytes << 10, threads)).expect("is fine");
         prop_assert!(expected == body(directory.path()), "{} KiB, {} threads", kibibytes, threads);
+        prop_assert_eq!(entries(directory.path()).len(), 2, "source and build file, no temporary files");
         prop_assert_eq!(&first.notes, &again.notes);
         let digest = again.header.source_digest;
         prop_assert_eq!(layerd::buildfile::Header { source_digest: digest, ..first.header }, again.header);
@@ -154,7 +156,15 @@ fn waiting_pack(directory: &Path, announced: usize) -> (Child, fs::File) {
     assert!(made.success());
     let mut command = Command::new(env!("CARGO_BIN_EXE_layerctl"));
     command.arg("pack").arg(&pipe).arg("-o").arg(directory.join("out/part.layerd")).args(["--memory", "1MiB"]);
-    let child = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("starts");
+    let mut child = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("starts");
+    // Without waiting for a reader that may never come; held until the pipe is open for good.
+    let _first = loop {
+        match fs::OpenOptions::new().write(true).custom_flags(libc::O_NONBLOCK).open(&pipe) {
+            Ok(first) => break first,
+            Err(_) => assert!(child.try_wait().expect("is ours").is_none(), "it ended before it read"),
+        }
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    };
     let mut source = fs::OpenOptions::new().write(true).open(&pipe).expect("its reader has opened it");
     writeln!(source, "{announced} 0.1 0.15 0").expect("is read");
     (child, source)
@@ -174,7 +184,8 @@ fn an_interrupted_pack_leaves_the_directory_as_it_was() {
     let (mut child, mut source) = waiting_pack(directory.path(), 2 * lines.len());
     // Three times the memory: when all this was taken, runs have been spilled.
     source.write_all(lines.join("\n").as_bytes()).expect("is read");
-    let interrupted = Command::new("kill").args(["-INT", &child.id().to_string()]).status().expect("kill runs");
+    // The shell's own: small systems have no program of that name.
+    let interrupted = Command::new("sh").args(["-c", &format!("kill -INT {}", child.id())]).status().expect("sh runs");
     assert!(interrupted.success());
     assert!(!child.wait().expect("ends").success());
     assert_eq!(entries(&out), [out.join("part.layerd")], "nothing new");
@@ -203,7 +214,7 @@ fn too_little_space_is_refused_at_the_start_and_its_end_on_the_way_is_told() {
     let directory = tempfile::tempdir().expect("temporary directory");
     let out = directory.path().join("out");
     fs::create_dir(&out).expect("can be made");
-    let Some(_disk) = SmallDisk::mount(&out, "4m") else {
+    let Some(disk) = SmallDisk::mount(&out, "4m") else {
         return skipped("mounting a small disk takes root");
     };
     let lines = lines(150_000, 6);
@@ -213,8 +224,19 @@ fn too_little_space_is_refused_at_the_start_and_its_end_on_the_way_is_told() {
     assert!(error.to_string().contains("4.7 MiB more are needed, but 4.0 MiB are free; make room"), "{error}");
     assert!(error.to_string().contains("out"), "{error}");
 
+    // What an earlier source took is not asked for again.
+    drop(disk);
+    let Some(_disk) = SmallDisk::mount(&out, "6m") else { return };
+    let sources = [&lines[..100_000], &lines[100_000..120_000]].map(|lines| {
+        let input = directory.path().join(format!("{}.txt", lines.len()));
+        fs::write(&input, text(lines)).expect("can be written");
+        input
+    });
+    pack(&sources, &out.join("part.layerd"), &options(512 << 10, 2), &mut |_| {}).expect("there is room for both");
+    fs::remove_file(out.join("part.layerd")).expect("is there");
+
     let (child, mut source) = waiting_pack(directory.path(), 80_000);
-    fs::write(out.join("filler"), vec![0; 3 << 20]).expect("can be written");
+    fs::write(out.join("filler"), vec![0; 5 << 20]).expect("can be written");
     // The pack may be gone before it has taken everything.
     let _ = source.write_all(lines[..80_000].join("\n").as_bytes());
     drop(source);

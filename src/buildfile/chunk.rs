@@ -165,6 +165,9 @@ fn decode_columns(
         check_radii(radius, head.radius_min[1], header.radius_range)?;
         for (strut, radius) in out[first..].iter_mut().zip(&*radius) {
             strut.radius_b = radius + head.radius_min[1];
+            if strut.is_ball() && strut.radius_a != strut.radius_b {
+                return Err(format!("a ball of radii {} and {} quanta", strut.radius_a, strut.radius_b));
+            }
         }
     }
     if head.flags & FLAG_CAPS != 0 {
@@ -188,6 +191,7 @@ fn decode_nodes(head: &Head, bounds: &Bounds, columns: [&[u32]; 3], nodes: &mut 
         check_reach(axis, least, least + extent as i64, bounds)?;
     }
     nodes.clear();
+    nodes.reserve_exact(z.len());
     let mut height = head.node_min[0];
     nodes.extend(z.iter().zip(y).zip(x).map(|((step, y), x)| {
         height = height.wrapping_add_unsigned(*step);

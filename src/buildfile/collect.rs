@@ -68,6 +68,8 @@ pub(super) struct Collector<'a> {
     memory_bytes: u64,
     /// Struts that the sources so far can hold at most.
     expected: u64,
+    /// Whose turn it is, of the lanes, where one thread reads.
+    turn: usize,
 }
 
 /// Everything a build file is written from.
@@ -191,6 +193,7 @@ impl<'a> Collector<'a> {
             directory: directory.into(),
             memory_bytes: options.memory_bytes,
             expected: 0,
+            turn: 0,
         }
     }
 
@@ -205,13 +208,14 @@ impl<'a> Collector<'a> {
     }
 
     /// Announces that a source holds at most so many struts, before the first of them; `progress` takes what temporary space
-    /// they need where they do not fit memory.
+    /// is needed besides what earlier sources took, where memory does not suffice.
     ///
     /// # Errors
     /// Where that space is not free.
     pub(super) fn expect(&mut self, struts: u64, progress: &mut dyn FnMut(PackProgress)) -> Result<(), PackError> {
         self.expected = self.expected.saturating_add(struts);
-        let temporary_bytes = sort::spill_bytes(self.expected, self.memory_bytes, self.lanes.len());
+        let temporary_bytes = sort::spill_bytes(self.expected, self.memory_bytes, self.lanes.len())
+            .saturating_sub(self.lanes[0].sorter.spilled_bytes());
         if temporary_bytes == 0 {
             return Ok(());
         }
@@ -230,12 +234,18 @@ impl<'a> Collector<'a> {
 
     /// As [`Lane::beam`], for sources that are read by one thread.
     pub(super) fn beam(&mut self, beam: &Beam, place: &dyn Fn() -> String) -> Result<(), PackError> {
-        self.lanes[0].beam(beam, place)
+        self.next_lane().beam(beam, place)
     }
 
     /// As [`Lane::ball`], for sources that are read by one thread.
     pub(super) fn ball(&mut self, centre: DVec3, radius: f64, place: &dyn Fn() -> String) -> Result<(), PackError> {
-        self.lanes[0].ball(centre, radius, place)
+        self.next_lane().ball(centre, radius, place)
+    }
+
+    /// In turns, as each lane has its share of the memory.
+    fn next_lane(&mut self) -> &mut Lane<'a> {
+        self.turn = (self.turn + 1) % self.lanes.len();
+        &mut self.lanes[self.turn]
     }
 
     /// Settles blend and notes.
@@ -355,5 +365,35 @@ fn sin_cos_deg(degrees: f64) -> (f64, f64) {
         180.0 => (0.0, -1.0),
         270.0 => (-1.0, 0.0),
         other => other.to_radians().sin_cos(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::model::Placement;
+    use super::*;
+
+    #[test]
+    fn one_reading_thread_fills_the_memory_of_all_lanes() {
+        let options = PackOptions {
+            lattice_only: false,
+            blend: BlendChoice::Union,
+            rotate_deg: [0.0; 3],
+            scale: 1.0,
+            placement: Placement::Centred,
+            quantum_um: 1.0,
+            memory_bytes: 2 << 20,
+            threads: std::num::NonZero::<usize>::MIN.saturating_add(3),
+        };
+        let rules = Rules::new(&options).expect("in range");
+        let directory = tempfile::tempdir().expect("temporary directory");
+        let mut collector = Collector::new(&rules, &options, directory.path());
+        // 2 MiB hold 65,536 of them.
+        for number in 0..60_000 {
+            let (a, b) = (DVec3::new(f64::from(number), 0.0, 0.0), DVec3::new(0.0, 0.0, 9.0));
+            let beam = Beam { a, b, radius_a: 1.0, radius_b: 1.0, caps: Caps::default() };
+            collector.beam(&beam, &|| "the test".into()).expect("is fine");
+        }
+        assert_eq!(collector.lanes[0].sorter.spilled_bytes(), 0);
     }
 }

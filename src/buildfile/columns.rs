@@ -31,6 +31,7 @@ pub(super) fn push(values: &[u32], width: u8, out: &mut Vec<u8>) {
 pub(super) fn take<'a>(bytes: &'a [u8], count: usize, width: u8, out: &mut Vec<u32>) -> Option<&'a [u8]> {
     let (column, rest) = bytes.split_at_checked(count * usize::from(width))?;
     out.clear();
+    out.reserve_exact(count);
     if count == 0 {
         return (width <= 4).then_some(rest);
     }

@@ -4,7 +4,7 @@
 
 use super::model::{Blend, Header};
 use crate::codec;
-use crate::solid::LARGEST_RADIUS_SHARE;
+use crate::solid::{LARGEST_RADIUS, LARGEST_RADIUS_SHARE};
 
 /// First bytes of every build file. The high bit and both line ends show a transfer that took it for text.
 pub(super) const MAGIC: [u8; 8] = *b"\x89LYD\r\n\x1a\n";
@@ -105,8 +105,10 @@ pub(super) fn check_header(header: &Header) -> Result<(), String> {
     if !QUANTA_UM.contains(quantum_um) {
         return Err(format!("quantum_um = {quantum_um}: allowed is 0.001 to 1000"));
     }
-    if *least == 0 || least > most {
-        return Err(format!("radius_range = {least} to {most} quanta: allowed is 1 or more, in ascending order"));
+    if *least == 0 || least > most || *most > LARGEST_RADIUS {
+        return Err(format!(
+            "radius_range = {least} to {most} quanta: allowed is 1 to {LARGEST_RADIUS}, in ascending order"
+        ));
     }
     if let Blend::Convolution { support_um } = blend {
         let largest_um = f64::from(*most) * quantum_um;
@@ -120,8 +122,12 @@ pub(super) fn check_header(header: &Header) -> Result<(), String> {
             return Err(format!("support R = {support_um} µm is beyond the range of coordinates"));
         }
     }
-    if (0..3).any(|axis| bounds.min[axis] > bounds.max[axis]) {
-        return Err(format!("bounds {:?} to {:?} are not in ascending order", bounds.min, bounds.max));
+    let thickness = 2 * i64::from(*most);
+    if (0..3).any(|axis| i64::from(bounds.max[axis]) - i64::from(bounds.min[axis]) < thickness) {
+        return Err(format!(
+            "bounds {:?} to {:?} are too narrow for a radius of {most} quanta on both sides",
+            bounds.min, bounds.max
+        ));
     }
     if let super::model::Placement::At { x_mm, y_mm } = placement
         && !(x_mm.is_finite() && y_mm.is_finite())

@@ -50,9 +50,9 @@ pub enum BlendChoice {
 /// How far packing has come.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PackProgress {
-    /// Said once for each source, before anything is spilled, where the struts so far may not fit memory.
+    /// Said before each source whose struts, with those of the sources before it, may not fit memory.
     Space {
-        /// Temporary space needed beside the build file, at most.
+        /// Temporary space needed beside the build file, at most; without what the sources before it have taken.
         temporary_bytes: u64,
         /// Space needed for the build file itself, about.
         output_bytes: u64,

@@ -92,7 +92,7 @@ impl BuildFile {
         if !metadata.is_file() {
             return Err(BuildFileError::Foreign { path: path.into(), problem: "it is not a regular file".into() });
         }
-        let mut opening = Opening { path, file: &file, file_bytes: metadata.len() };
+        let mut opening = Opening { path, file: &file, file_bytes: metadata.len(), header_end: 0 };
         let header = opening.header()?;
         let (chunks, profile) = opening.index(&header)?;
         Ok(Self { path: path.into(), file, file_bytes: metadata.len(), header, chunks, profile })
@@ -130,6 +130,7 @@ impl BuildFile {
         SCRATCH.with_borrow_mut(|scratch| {
             let ReadScratch { packed, unpacked, columns, decompressor } = scratch;
             packed.clear();
+            packed.reserve_exact(entry.packed_bytes as usize);
             packed.resize(entry.packed_bytes as usize, 0);
             self.file
                 .read_exact_at(packed, entry.offset)
@@ -219,6 +220,8 @@ struct Opening<'a> {
     path: &'a Path,
     file: &'a File,
     file_bytes: u64,
+    /// Where the header ends and the first chunk begins.
+    header_end: u64,
 }
 
 impl Opening<'_> {
@@ -238,6 +241,7 @@ impl Opening<'_> {
                 "it is a build file of version {version}; this layerd reads version {VERSION}"
             )));
         }
+        self.header_end = PRELUDE_BYTES as u64 + u64::from(length);
         let wrong = |problem| self.frame("header", problem);
         if length > HEADER_LIMIT_BYTES || u64::from(length) > self.file_bytes - PRELUDE_BYTES as u64 {
             return Err(wrong(format!("a length of {length} bytes in a file of {}", self.file_bytes)));
@@ -280,7 +284,7 @@ impl Opening<'_> {
             return Err(self.frame("index", "it is corrupt (CRC)".into()));
         }
         let mut chunks: Vec<ChunkEntry> = Vec::with_capacity(footer.chunk_count as usize);
-        let mut check = IndexCheck { end: 0, z_low: i32::MIN, struts: 0, balls: 0 };
+        let mut check = IndexCheck { end: self.header_end, z_low: i32::MIN, struts: 0, balls: 0 };
         for (number, bytes) in bytes.chunks_exact(ChunkEntry::BYTES).enumerate() {
             let entry = codec::decode::<_, { ChunkEntry::BYTES }>(bytes)
                 .map_err(|error| error.to_string())
@@ -330,8 +334,8 @@ struct IndexCheck {
 
 impl IndexCheck {
     fn entry(&mut self, entry: ChunkEntry, header: &Header) -> Result<ChunkEntry, String> {
-        if self.end != 0 && entry.offset != self.end || entry.offset < PRELUDE_BYTES as u64 {
-            return Err(format!("it lies at byte {}, but the one before it ends at {}", entry.offset, self.end));
+        if entry.offset != self.end {
+            return Err(format!("it lies at byte {}, but what is before it ends at {}", entry.offset, self.end));
         }
         self.end = entry.offset.checked_add(u64::from(entry.packed_bytes)).ok_or("its end overflows")?;
         if entry.strut_count == 0 || entry.strut_count as usize > CHUNK_STRUTS || entry.ball_count > entry.strut_count {

@@ -50,6 +50,11 @@ impl Sorter {
         Self { spill, memory_bytes, buffer: Vec::new(), capacity: capacity(memory_bytes, count) }
     }
 
+    /// Bytes of temporary space that the team has taken.
+    pub(super) fn spilled_bytes(&self) -> u64 {
+        self.spill.lock().ranges.last().map_or(0, |range| range.end)
+    }
+
     /// Adds one strut, whose radii are at most [`super::record::RADIUS_LIMIT`].
     ///
     /// # Errors

@@ -14,6 +14,7 @@ use super::nodes::NodeCounter;
 use super::output::Output;
 use super::profile::ProfileBuilder;
 use crate::codec;
+use crate::solid::LARGEST_RADIUS;
 
 /// Compression level of the profile, of which there is one in a file.
 const PROFILE_LEVEL: i32 = 9;
@@ -94,8 +95,9 @@ impl Writer {
         let largest_radius = settings.largest_radius;
         let header = first_header(settings);
         // Stands in the file until the true one, of the same length, is known.
+        let reached = largest_radius.min(LARGEST_RADIUS) as i32;
         let probe = Header {
-            bounds: Bounds { min: [0; 3], max: [0; 3] },
+            bounds: Bounds { min: [-reached; 3], max: [reached; 3] },
             radius_range: [largest_radius; 2],
             strut_count: 1,
             ..header.clone()
@@ -129,17 +131,7 @@ impl Writer {
     /// [`WriteError`] where the strut is out of order or not as [`Strut`] demands, or the file system refuses.
     pub fn push(&mut self, strut: Strut) -> Result<(), WriteError> {
         self.check(&strut)?;
-        for axis in 0..3 {
-            let (a, b) = (strut.a[axis], strut.b[axis]);
-            let least = (i64::from(a) - i64::from(strut.radius_a)).min(i64::from(b) - i64::from(strut.radius_b));
-            let most = (i64::from(a) + i64::from(strut.radius_a)).max(i64::from(b) + i64::from(strut.radius_b));
-            let (Ok(least), Ok(most)) = (i32::try_from(least), i32::try_from(most)) else {
-                return Err(self.refused(format!("{strut:?} reaches beyond ±2³¹ quanta")));
-            };
-            let bounds = &mut self.header.bounds;
-            bounds.min[axis] = bounds.min[axis].min(least);
-            bounds.max[axis] = bounds.max[axis].max(most);
-        }
+        self.header.bounds = self.bounds_with(&strut)?;
         let radii = [strut.radius_a, strut.radius_b];
         let range = &mut self.header.radius_range;
         *range = [range[0].min(radii[0]).min(radii[1]), range[1].max(radii[0]).max(radii[1])];
@@ -183,7 +175,27 @@ impl Writer {
         if radii.iter().any(|&radius| radius == 0 || radius > self.largest_radius) {
             return Err(self.refused(format!("{strut:?}: radii from 1 to {} quanta are allowed", self.largest_radius)));
         }
+        if strut.is_ball() && strut.radius_a != strut.radius_b {
+            return Err(self.refused(format!("{strut:?}: a ball has one radius")));
+        }
         Ok(())
+    }
+
+    /// The bounds of what was added and one strut more.
+    fn bounds_with(&self, strut: &Strut) -> Result<Bounds, WriteError> {
+        let mut bounds = self.header.bounds;
+        for axis in 0..3 {
+            for (node, radius) in [(strut.a, strut.radius_a), (strut.b, strut.radius_b)] {
+                let (Some(least), Some(most)) =
+                    (node[axis].checked_sub_unsigned(radius), node[axis].checked_add_unsigned(radius))
+                else {
+                    return Err(self.refused(format!("{strut:?} reaches beyond ±2³¹ quanta")));
+                };
+                bounds.min[axis] = bounds.min[axis].min(least);
+                bounds.max[axis] = bounds.max[axis].max(most);
+            }
+        }
+        Ok(bounds)
     }
 
     /// Sends the pending struts to be compressed.

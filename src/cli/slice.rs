@@ -4,6 +4,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail, ensure};
+use clap::builder::RangedU64ValueParser;
 use serde::Serialize;
 
 use crate::buildfile::{Blend, BuildFile, Header};
@@ -32,7 +33,7 @@ pub struct SliceArgs {
     #[arg(long)]
     pub antialias: bool,
     /// Threads that compute; default one for each core
-    #[arg(long)]
+    #[arg(long, value_name = "N", value_parser = RangedU64ValueParser::<usize>::new().range(1..=Slicer::MOST_THREADS as u64))]
     pub threads: Option<usize>,
     /// Directory for the pictures and manifest.json; made where it is missing
     #[arg(long, short)]

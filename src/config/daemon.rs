@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 
 use super::{ConfigError, OutOfRange, parse, read_text, within};
+use crate::slice::Slicer;
 
 /// Settings of `layerd`. Relative paths are taken from the directory of the file they stand in.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -55,7 +56,7 @@ impl DaemonConfig {
 
     fn check(&self) -> Result<(), OutOfRange> {
         within("memory_budget (bytes)", self.memory_budget, 8 << 20, 1 << 40)?;
-        within("threads", self.threads.unwrap_or(1), 1, 256)
+        within("threads", self.threads.unwrap_or(1), 1, Slicer::MOST_THREADS)
     }
 }
 

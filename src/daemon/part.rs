@@ -57,7 +57,7 @@ fn mebibytes(bytes: u64) -> String {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PrintMemory {
     slicer_bytes: u64,
-    /// The picture, the encoder's output, and the line.
+    /// The picture, the encoder's output, a layer that waits for room in the queue, and the line.
     buffer_bytes: u64,
     /// At least two layers wait, or one waits and one is on the line.
     least_queue_bytes: u64,
@@ -69,7 +69,7 @@ impl PrintMemory {
         let raw_bytes = plan.depth.stride_bytes(plan.raster.width_px) as u64 * u64::from(plan.raster.height_px);
         Self {
             slicer_bytes: Slicer::memory_bytes(file, plan, threads),
-            buffer_bytes: raw_bytes + encoding::largest_encoded_bytes(plan.depth, raw_bytes) + LINK_BYTES,
+            buffer_bytes: raw_bytes + 2 * encoding::largest_encoded_bytes(plan.depth, raw_bytes) + LINK_BYTES,
             least_queue_bytes: 2 * raw_bytes + (64 << 10),
         }
     }

@@ -16,11 +16,11 @@ pub struct Mirror {
 /// The machine's picture and build height, as far as geometry must know them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Raster {
-    /// Pixels a row.
+    /// Pixels a row, 1 to [`Raster::MOST_PX`].
     pub width_px: u32,
-    /// Rows.
+    /// Rows, 1 to [`Raster::MOST_PX`].
     pub height_px: u32,
-    /// Pixel pitch along x and y, micrometres.
+    /// Pixel pitch along x and y, micrometres; greater than 0.
     pub pixel_um: [f64; 2],
     /// Largest part height, micrometres.
     pub build_height_um: f64,
@@ -28,9 +28,30 @@ pub struct Raster {
     pub mirror: Mirror,
 }
 
+impl Raster {
+    /// Most pixels along a side: four times the largest projectors; rows and columns are reckoned in `f32` to a 50th.
+    pub const MOST_PX: u32 = 1 << 15;
+
+    fn check(&self) -> Result<(), PlanError> {
+        let Self { width_px, height_px, pixel_um, .. } = *self;
+        let is_size = |side_px: u32| (1..=Self::MOST_PX).contains(&side_px);
+        let is_pitch = |pitch_um: f64| pitch_um.is_finite() && pitch_um > 0.0;
+        if is_size(width_px) && is_size(height_px) && pixel_um.into_iter().all(is_pitch) {
+            return Ok(());
+        }
+        Err(PlanError::BadRaster(*self))
+    }
+}
+
 /// Why a part cannot be sliced for a machine.
 #[derive(Debug, thiserror::Error)]
 pub enum PlanError {
+    /// A picture of no size, or too large.
+    #[error(
+        "a picture of {} × {} pixels of {:?} µm: allowed are 1 to {} pixels along a side, of a pitch greater than 0",
+        .0.width_px, .0.height_px, .0.pixel_um, Raster::MOST_PX
+    )]
+    BadRaster(Raster),
     /// The part leaves the build volume.
     #[error("{0}")]
     OutsideVolume(String),
@@ -76,8 +97,10 @@ impl SlicePlan {
     /// Places a part on a raster.
     ///
     /// # Errors
-    /// [`PlanError::OutsideVolume`] where the part's bounds leave the build area or height: it names axis and excess.
+    /// [`PlanError`] where the raster or the layer height is out of range, the part's bounds leave the build area or height (it
+    /// names axis and excess), or there would be too many layers.
     pub fn new(header: &Header, raster: Raster, depth: Depth, layer_height_um: f64) -> Result<Self, PlanError> {
+        raster.check()?;
         if !(1.0..=1000.0).contains(&layer_height_um) {
             return Err(PlanError::BadLayerHeight(layer_height_um));
         }

@@ -62,7 +62,7 @@ struct Machinery<S: Shape> {
 const _: () = assert!(Blend::ISOVALUE == ISOVALUE);
 
 impl Slicer {
-    /// More threads than bands of any picture would only wait.
+    /// More than the cores of any host that drives a printer; each takes the memory of a strip and of a chunk.
     pub const MOST_THREADS: usize = 256;
 
     /// A slicer whose first layer will be `first_layer`; what it needs is charged to `budget` now.

@@ -35,11 +35,16 @@ pub(super) struct Sweep {
 type Ends = fn(radii: [u32; 2], caps: [solid::Cap; 2], is_ball: bool, quantum: f64) -> [u32; 2];
 
 /// A chunk read.
-#[derive(Default)]
 struct Slot {
     chunk: usize,
     struts: Vec<Strut>,
     problem: Option<anyhow::Error>,
+}
+
+impl Slot {
+    fn empty() -> Self {
+        Self { chunk: 0, struts: Vec::with_capacity(CHUNK_STRUTS), problem: None }
+    }
 }
 
 /// From y in quanta to the picture's rows.
@@ -80,7 +85,7 @@ impl Sweep {
             quantum: quantum_um / unit_um,
             most_active: usize::try_from(source.peak_active()).unwrap_or(usize::MAX),
             active: ActiveSet::new(plan.raster.height_px as usize, least_rows),
-            slots: (0..threads).map(|_| Slot::default()).collect(),
+            slots: (0..threads).map(|_| Slot::empty()).collect(),
             filled: 0,
             slot: 0,
             next_strut: 0,
@@ -93,7 +98,7 @@ impl Sweep {
 
     /// Bytes a sweep takes at most: the active set, the chunks being read and the source's own.
     pub(super) fn memory_bytes(source: &dyn StrutSource, plan: &SlicePlan, least_rows: usize, threads: usize) -> u64 {
-        let chunks = (threads * CHUNK_STRUTS * size_of::<Strut>()) as u64;
+        let chunks = ((CHUNK_STRUTS * size_of::<Strut>()) as u64).saturating_mul(threads as u64);
         let active = ActiveSet::memory_bytes(source.peak_active(), plan.raster.height_px as usize, least_rows);
         active.saturating_add(chunks).saturating_add(source.memory_bytes(threads))
     }

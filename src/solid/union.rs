@@ -110,7 +110,8 @@ impl UnionStrut {
         let (low, high) = (y1.min(y2) - radius, y1.max(y2) + radius);
         let (one, two) = ((low - grid.y0) / grid.dy, (high - grid.y0) / grid.dy);
         // One row more on both sides: sub-rows lie up to half a row from the row's centre.
-        Some([one.min(two).floor() as i32 - 1, one.max(two).ceil() as i32 + 1])
+        // A float beyond i32 saturates: such rows lie outside every picture.
+        Some([(one.min(two).floor() as i32).saturating_sub(1), (one.max(two).ceil() as i32).saturating_add(1)])
     }
 
     /// Intervals of x (from `a`) in which the line at (y, z) from `a` lies in the body, the cap at `a`, the cap at `b`.

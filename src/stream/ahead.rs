@@ -1,7 +1,8 @@
 //! A thread that computes layers ahead of the printer, and the bounded queue of those it has finished.
 //!
 //! The queue is bounded twice: in bytes, by what was charged to the memory budget for it, and in layers. A layer's bytes are
-//! free again only when its [`Room`] is dropped, so a layer being uploaded still counts.
+//! free again only when its [`Room`] is dropped, so a layer being uploaded still counts. One more layer may wait for room: whoever
+//! produces layers charges it with its own buffers.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
