@@ -110,6 +110,9 @@ fn pause_lifts_clear_and_resume_goes_on() {
     let position = acts.iter().rev().find_map(|act| act["position_um"].as_i64()).expect("a position");
     assert!(position >= 30_000, "the plate stands at {position} µm, not clear");
     let exposed = bench.exposed_layers().len();
+    let device = bench.json(&["device"]);
+    let last = serde_json::json!({"job": id.to_string(), "layer": exposed - 1});
+    assert_eq!(device["state"]["last_exposed"], last, "{device}");
     std::thread::sleep(Duration::from_millis(200));
     assert_eq!(bench.exposed_layers().len(), exposed, "nothing is exposed while paused");
     bench.ok(&["resume"]);
@@ -134,6 +137,41 @@ fn stop_ends_after_the_layer_and_the_next_job_prints() {
     assert!(job["layers_done"].as_u64() < job["layers_total"].as_u64());
     bench.wait_for(second, &["completed"]);
     assert_eq!(bench.job(third)["layers_done"], 0, "what was aborted while it waited is not printed");
+}
+
+/// The machine would drive the new job's plate, and the old part, into the vat.
+#[test]
+fn a_queued_job_begins_only_on_a_word_given_when_it_is_next() {
+    let mut bench = Bench::start(Setup { confirm_plate: true, ..Setup::default() });
+    bench.ok(&SMALL);
+    let [first, second, third] = [(); 3].map(|()| bench.start_job("part.layerd"));
+    let refused = |bench: &Bench, id: u64, told: &str| {
+        let output = bench.layerctl(&["resume", &id.to_string()]);
+        let text = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(!output.status.success() && text.contains(told), "{text}");
+        assert!(bench.ok(&["jobs"]).contains(told), "`jobs` says it, too");
+    };
+    refused(&bench, second, &format!("waits for the end of job {first}"));
+    bench.wait_for(first, &["completed"]);
+    refused(&bench, third, &format!("waits for job {second}, which is before it"));
+    let begun = bench.acts().len();
+    bench.ok(&["resume", &second.to_string()]);
+    wait_until("some layers", || bench.job(second)["layers_done"].as_u64() >= Some(3));
+    assert!(bench.acts().len() > begun);
+    bench.kill_daemon();
+    bench.start_daemon();
+    let status = bench.json(&["status"]);
+    assert_eq!(status["active"]["state"], "interrupted", "an interrupted job holds the machine: {status}");
+    refused(&bench, third, &format!("waits for job {second}, which is interrupted"));
+    bench.ok(&["abort", &second.to_string()]);
+    wait_until("the third job's turn", || {
+        bench.job(third)["reason"].as_str().is_some_and(|reason| reason.contains("waits for a clear plate"))
+    });
+    let begun = bench.acts().iter().filter(|act| act["event"] == "light_on").count();
+    std::thread::sleep(Duration::from_millis(300));
+    assert_eq!(bench.acts().iter().filter(|act| act["event"] == "light_on").count(), begun, "nothing begins by itself");
+    bench.ok(&["resume", &third.to_string()]);
+    bench.wait_for(third, &["completed"]);
 }
 
 #[test]

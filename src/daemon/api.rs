@@ -27,7 +27,7 @@ pub struct Status {
     pub machine: String,
     /// The line to the device.
     pub link: LinkView,
-    /// The job that holds the machine.
+    /// The job that holds the machine: it prints, or is interrupted and its part is on the plate.
     pub active: Option<JobView>,
     /// Jobs behind it, the next one first.
     pub queue: Vec<JobView>,

@@ -44,9 +44,10 @@ impl Snapshot {
         }
     }
 
-    /// The job that holds the machine.
+    /// The job that holds the machine: the one that prints, or an interrupted one whose part is on the plate.
     pub fn active(&self) -> Option<&JobView> {
-        self.jobs.iter().find(|job| job.state.is_active())
+        let prints = self.jobs.iter().find(|job| job.state.is_active());
+        prints.or_else(|| self.jobs.iter().find(|job| job.state == JobState::Interrupted))
     }
 
     /// The job of that id.

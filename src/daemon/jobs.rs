@@ -104,27 +104,55 @@ impl Jobs {
         self.queue.retain(|queued| *queued != id);
     }
 
-    /// The job whose turn it is, out of the queue; `None` where none waits or the first must wait, with the reason in its
-    /// view.
-    pub(super) fn take_next(&mut self) -> Option<u32> {
+    /// The job whose turn it is, out of the queue; `None` where none waits or the first must wait. From now on its part is on
+    /// the plate: what was said of the plate before holds for no other job where `awaits_plate`.
+    pub(super) fn take_next(&mut self, awaits_plate: bool) -> Option<u32> {
         let id = *self.queue.front()?;
-        let interrupted = self.interrupted();
-        let job = self.jobs.get_mut(&id).filter(|job| !job.ordered)?;
-        let obstacle = match interrupted {
-            Some(other) => Some(format!(
+        let job = self.jobs.get(&id)?;
+        if job.ordered || job.awaits_plate || self.interrupted().is_some() {
+            return None;
+        }
+        self.queue.pop_front();
+        for other in &self.queue {
+            if let Some(job) = self.jobs.get_mut(other) {
+                job.awaits_plate = awaits_plate;
+            }
+        }
+        Some(id)
+    }
+
+    /// What a queued job waits for besides a word that the plate is clear; `holder` has the machine.
+    pub(super) fn ahead_of(&self, id: u32, holder: Option<u32>) -> Option<String> {
+        let first = self.queue.front().filter(|first| **first != id);
+        match (holder, self.interrupted(), first) {
+            (Some(holder), ..) => Some(format!("waits for the end of job {holder}")),
+            (None, Some(other), _) => Some(format!(
                 "waits for job {other}, which is interrupted and whose part is on the plate: `layerctl resume {other}` or \
                  `layerctl abort {other}` first"
             )),
-            None if job.awaits_plate => {
-                Some(format!("waits for a clear plate: take the last part off, then `layerctl resume {id}`"))
-            }
-            None => None,
-        };
-        job.view.reason.clone_from(&obstacle);
-        if obstacle.is_some() {
-            return None;
+            (None, None, Some(first)) => Some(format!("waits for job {first}, which is before it in the queue")),
+            (None, None, None) => None,
         }
-        self.queue.pop_front()
+    }
+
+    /// Writes into every queued job's view what it waits for; returns those where that changed.
+    pub(super) fn explain(&mut self, holder: Option<u32>) -> Vec<u32> {
+        let mut changed = Vec::new();
+        for id in self.queue.clone() {
+            let ahead = self.ahead_of(id, holder);
+            let Some(job) = self.jobs.get_mut(&id) else { continue };
+            let reason = match (ahead, job.awaits_plate) {
+                (None, true) => {
+                    Some(format!("waits for a clear plate: take the last part off, then `layerctl resume {id}`"))
+                }
+                (ahead, _) => ahead,
+            };
+            if job.view.reason != reason {
+                job.view.reason = reason;
+                changed.push(id);
+            }
+        }
+        changed
     }
 
     /// Forgets jobs whose records the spool has deleted.

@@ -48,7 +48,7 @@ impl Printer {
             Command::Stop(id) => self.steer(&id, EngineCommand::Stop),
             Command::Resume { id, in_doubt } => self.resume(&id, in_doubt),
             Command::Abort(Some(id)) => self.steer(&id, EngineCommand::Abort),
-            Command::Abort(None) => match self.running.as_ref().map(|running| running.job).or(self.opening) {
+            Command::Abort(None) => match self.holder() {
                 Some(id) => self.steer(&id.to_string(), EngineCommand::Abort),
                 None => Err(CommandError::new(409, "no job is active, so there is nothing to abort")),
             },
@@ -77,17 +77,14 @@ impl Printer {
     pub(super) fn accepted(&mut self, result: Result<Box<Job>, CommandError>, reply: Reply) {
         let answer = result.map(|mut job| {
             // Started with nothing before it, the operator has just seen the plate; behind another job nobody has.
-            let alone = self.running.is_none()
-                && self.opening.is_none()
-                && self.jobs.queue_is_empty()
-                && self.jobs.interrupted().is_none();
+            let alone = self.holder().is_none() && self.jobs.queue_is_empty() && self.jobs.interrupted().is_none();
             job.awaits_plate = self.setting.machine.confirm_plate && !alone;
-            let (id, view) = (job.directory.id, job.view.clone());
+            let id = job.directory.id;
             self.jobs.accept(*job);
             self.publish_job(id);
-            view
+            id
         });
-        let _ = reply.send(answer);
+        let _ = reply.send(answer.and_then(|id| self.view(id)));
     }
 
     /// Pause, stop or abort.
@@ -121,17 +118,22 @@ impl Printer {
             Some(InDoubt::Exposed) => ResumeChoice::AssumeExposed,
             Some(InDoubt::Repeat) => ResumeChoice::Repeat,
         };
-        let job = self.waiting(id)?;
-        match job.view.state {
-            JobState::Queued if job.awaits_plate => {
-                job.awaits_plate = false;
-                job.view.reason = None;
-                self.publish_job(id);
-                Ok(Step::Done(id))
-            }
+        match self.waiting(id)?.view.state {
+            JobState::Queued => self.plate_is_clear(id),
             JobState::Interrupted => Ok(Step::Change(id, Change::Resume(choice))),
             state => Err(wrong_state(id, state, EngineCommand::Resume)),
         }
+    }
+
+    /// The operator's word for a queued job. It counts only once the job is next: whoever says it earlier cannot have looked.
+    fn plate_is_clear(&mut self, id: u32) -> Result<Step, CommandError> {
+        if let Some(ahead) = self.jobs.ahead_of(id, self.holder()) {
+            let text = format!("job {id} {ahead}; what is on the plate then is not known yet");
+            return Err(CommandError::new(409, text));
+        }
+        self.waiting(id)?.awaits_plate = false;
+        self.publish_job(id);
+        Ok(Step::Done(id))
     }
 
     /// Gives the order to the engine if the job is the running one; says whether it is.

@@ -219,9 +219,10 @@ impl Printer {
     }
 
     fn open_next(&mut self) {
-        let Some(id) = self.jobs.take_next() else { return };
+        let Some(id) = self.jobs.take_next(self.setting.machine.confirm_plate) else { return };
         let Some(job) = self.jobs.get_mut(id) else { return };
         job.view.state = JobState::Checking;
+        job.view.reason = None;
         let (directory, choice) = (job.directory.clone(), std::mem::take(&mut job.choice));
         let (threads, limit_bytes) = (self.setting.threads, self.budget.limit_bytes());
         let background = self.background.clone();
@@ -344,8 +345,18 @@ impl Printer {
         self.publish();
     }
 
+    /// The job that has the machine, or is about to.
+    pub(super) fn holder(&self) -> Option<u32> {
+        self.running.as_ref().map(|running| running.job).or(self.opening)
+    }
+
     /// Writes what subscribers and `status` read.
     pub(super) fn publish(&mut self) {
+        for id in self.jobs.explain(self.holder()) {
+            if let Some(job) = self.jobs.get(id) {
+                let _ = self.desk.events.send(News::Job(Box::new(job.view.clone())));
+            }
+        }
         let line = view::line(&self.link.statistics(), self.reconnects, self.link.busy_share());
         let budget = view::budget(&self.budget);
         let (device, jobs) = (self.device.clone(), self.jobs.views());

@@ -27,7 +27,8 @@ impl Printer {
             LinkEvent::Session(HostEvent::Message(message)) => {
                 let event = self.driver().map(|driver| driver.handle(message));
                 if let Some(event) = event {
-                    view::device_told(&mut self.device, &event, &self.jobs);
+                    let holder = self.holder();
+                    view::device_told(&mut self.device, &event, &self.jobs, holder);
                     self.with_engine(|running| running.driver_event(event, now_us));
                 }
             }

@@ -49,12 +49,15 @@ pub(super) fn device_connected(view: &mut DeviceView, capabilities: &Capabilitie
     view.state = Some(state_view(state, jobs));
 }
 
-/// A device said what became of something.
-pub(super) fn device_told(view: &mut DeviceView, event: &DriverEvent, jobs: &Jobs) {
+/// A device said what became of something; `holder` is the job that has the machine.
+pub(super) fn device_told(view: &mut DeviceView, event: &DriverEvent, jobs: &Jobs, holder: Option<u32>) {
     let state = view.state.get_or_insert_with(DeviceStateView::default);
     match event {
         DriverEvent::StateKnown(known) => *state = state_view(known, jobs),
         DriverEvent::ActDone(Outcome::Arrived { position_um }) => state.position_um = Some(*position_um),
+        DriverEvent::ActDone(Outcome::Exposed { layer, .. }) => {
+            state.last_exposed = holder.map(|job| ExposureView { job: job.to_string(), layer: *layer });
+        }
         DriverEvent::Fault(fault) => state.fault = fault.as_ref().map(|fault| fault.text.clone()),
         _ => {}
     }

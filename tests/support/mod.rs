@@ -34,6 +34,8 @@ pub(crate) struct Setup {
     pub memory_budget: &'static str,
     /// Grey edges.
     pub antialias: bool,
+    /// Whether a queued job waits for the operator's word that the plate is clear.
+    pub confirm_plate: bool,
     /// Further arguments of `layerctl simulate dlp`.
     pub simulate: Vec<String>,
 }
@@ -49,6 +51,7 @@ impl Default for Setup {
             time_scale: 50,
             memory_budget: "64MiB",
             antialias: false,
+            confirm_plate: false,
             simulate: Vec::new(),
         }
     }
@@ -86,9 +89,19 @@ impl Bench {
     }
 
     fn write_configuration(&self) {
-        let Setup { size_px, pixel_um, layer_height_um, exposure_ms, baud, memory_budget, antialias, .. } = &self.setup;
+        let Setup {
+            size_px,
+            pixel_um,
+            layer_height_um,
+            exposure_ms,
+            baud,
+            memory_budget,
+            antialias,
+            confirm_plate,
+            ..
+        } = &self.setup;
         let machine = format!(
-            "name = \"bench\"\nkind = \"dlp\"\nwidth_px = {}\nheight_px = {}\nconfirm_plate = false\npixel_um = [{pixel_um:?}, {pixel_um:?}]\n\
+            "name = \"bench\"\nkind = \"dlp\"\nwidth_px = {}\nheight_px = {}\nconfirm_plate = {confirm_plate}\npixel_um = [{pixel_um:?}, {pixel_um:?}]\n\
              build_height_um = 200000.0\nclear_height_um = 30000.0\n[link]\npath = \"device\"\nbaud = {baud}\n",
             size_px[0], size_px[1],
         );
