@@ -13,8 +13,8 @@
 //! |---------------|-------------------------------------------------------------------|
 //! | [`buildfile`] | the build file: import, sort out of core, write, stream, seek     |
 //! | [`solid`]     | what is inside at a point: convolution struts, exact union        |
-//! | [`mod@slice`] | the sweep plane: active set, tiles, rasteriser → a layer          |
-//! | [`stream`]    | computing ahead: workers, memory budget, queue of finished layers |
+//! | [`mod@slice`] | the sweep plane: active set, strips, drawing → a layer            |
+//! | [`stream`]    | computing ahead: thread, memory budget, queue of finished layers  |
 //! | [`link`]      | the wire: frames, reliable session with credit, serial transport  |
 //! | [`device`]    | drivers, layer encodings and the simulated devices                |
 //! | [`job`]       | the life of a job: states, journal, resume                        |

@@ -81,8 +81,10 @@ fn what_is_wrong_on_this_side_is_told_before_anything_is_sent() {
 
 #[test]
 fn help_teaches_by_examples() {
-    let commands = ["start", "status", "watch", "jobs", "device", "pause", "resume", "stop", "abort", "demo"];
-    for command in commands {
+    let commands =
+        ["start", "status", "watch", "jobs", "device", "pause", "resume", "stop", "abort", "demo", "simulate"];
+    let offline = ["pack", "generate", "info", "check", "slice"];
+    for command in commands.into_iter().chain(offline) {
         let output = layerctl(&[command, "--help"], Path::new("/nonexistent"));
         let help = String::from_utf8_lossy(&output.stdout).into_owned();
         assert!(output.status.success() && help.contains("Examples:") && help.contains("layerctl "), "{help}");

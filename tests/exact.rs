@@ -87,7 +87,7 @@ fn check(lattice: &Lattice) -> Result<(), TestCaseError> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(30))]
+    #![proptest_config(ProptestConfig { cases: 30, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
     fn hostile_lattices_agree_with_the_reference(lattice in lattice()) {

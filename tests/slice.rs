@@ -55,7 +55,7 @@ fn union_excess(strut: &Strut, p: [f64; 3]) -> f64 {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(12))]
+    #![proptest_config(ProptestConfig { cases: 12, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
     fn a_union_is_exact(struts in prop::collection::vec(any_strut(), 1..10)) {

@@ -9,12 +9,11 @@ use super::chunk::node_key;
 use super::format::QUANTA_UM;
 use super::model::{Blend, Caps, Strut};
 use super::pack::{BlendChoice, EXPECTED_STRUT_BYTES, PackError, PackOptions, PackProgress};
-use super::record::RADIUS_LIMIT;
 use super::sort::{self, Sorter};
-use crate::solid::LARGEST_RADIUS_SHARE;
+use crate::solid::{LARGEST_RADIUS, LARGEST_RADIUS_SHARE};
 
 /// Support R as a multiple of the largest radius where none is named: keeps every radius at or below 2R/3.
-const SUPPORT_FACTOR: f64 = 1.5;
+pub(super) const SUPPORT_FACTOR: f64 = 1.5;
 
 /// Farthest coordinate of a node, quanta: radii add to a node's place, and half the range leaves room for them.
 const COORDINATE_LIMIT: f64 = (i32::MAX / 2) as f64;
@@ -112,12 +111,12 @@ impl Rules {
 
     fn radius(&self, radius_mm: f64, place: &dyn Fn() -> String) -> Result<u32, PackError> {
         let quanta = radius_mm * self.scale * 1000.0 / self.quantum_um;
-        if !(0.5..=f64::from(RADIUS_LIMIT)).contains(&quanta) {
+        if !(0.5..=f64::from(LARGEST_RADIUS)).contains(&quanta) {
             let problem = format!(
                 "a radius of {radius_mm} mm, scaled by {}; allowed is {} to {} mm at a quantum of {} µm (--quantum)",
                 self.scale,
                 self.quantum_um / 2000.0,
-                (f64::from(RADIUS_LIMIT) * self.quantum_um / 1000.0).floor(),
+                (f64::from(LARGEST_RADIUS) * self.quantum_um / 1000.0).floor(),
                 self.quantum_um
             );
             return Err(PackError::input(place(), problem));
@@ -310,8 +309,8 @@ impl<'a> Collector<'a> {
             let stated_mm = stated_mm * self.rules.scale;
             if (stated_mm - support_mm).abs() > 1e-9 {
                 self.notes.push(format!(
-                    "{place} states a convolution radius of {stated_mm} mm; the support used is R = {support_mm} mm \
-                     (name another with --support)"
+                    "{place} states a convolution radius of {stated_mm} mm, which files in the wild mean otherwise; the support \
+                     used is R = {support_mm} mm (name another, above the thickest radius, with --support)"
                 ));
             }
         }

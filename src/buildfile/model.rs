@@ -8,18 +8,13 @@ use bincode::{Decode, Encode};
 /// How overlapping struts become one solid.
 #[derive(Clone, Copy, Debug, PartialEq, Encode, Decode)]
 pub enum Blend {
-    /// Convolution surface (Liu et al. 2021, §3): solid where the summed field reaches [`Blend::ISOVALUE`].
+    /// Convolution surface (Liu et al. 2021, §3): solid where the summed field reaches [`ISOVALUE`](crate::solid::ISOVALUE).
     Convolution {
         /// Kernel support R in micrometres, one for the whole part; greater than every strut radius / 0.95.
         support_um: f64,
     },
     /// Exact union of beams and balls, as the 3MF beam lattice extension specifies.
     Union,
-}
-
-impl Blend {
-    /// The isovalue C. Weights are proportional to it, so the solid does not depend on its value.
-    pub const ISOVALUE: f64 = 1.0;
 }
 
 /// The shape of one end of a strut under [`Blend::Union`]; a convolution surface rounds its ends by itself.
@@ -95,8 +90,8 @@ pub struct Header {
     pub quantum_um: f64,
     /// How struts are joined.
     pub blend: Blend,
-    /// Bounds of all struts with their radii: what stands on the plate. A blend may bulge past them at a node by less than
-    /// its support minus the largest radius.
+    /// Bounds of all struts with their radii: what stands on the plate. A blend may bulge past them by less than its
+    /// support minus the least radius.
     pub bounds: Bounds,
     /// Least and largest strut radius, quanta.
     pub radius_range: [u32; 2],
@@ -104,7 +99,7 @@ pub struct Header {
     pub strut_count: u64,
     /// Number of balls.
     pub ball_count: u64,
-    /// Number of distinct nodes, or 0 where the importer could not know (out-of-core import of unindexed text).
+    /// Number of distinct nodes, or 0 where too many were open at once to be counted.
     pub node_count: u64,
     /// Where the part stands.
     pub placement: Placement,

@@ -6,7 +6,8 @@ use std::hash::{BuildHasher, Hasher, RandomState};
 use super::chunk::node_key;
 use super::model::Strut;
 
-/// Most upper nodes remembered, about 8 MB; where more wait at once, the count is left unknown.
+/// Most upper nodes remembered, about 8 MB. Then those below the sweep are forgotten; where more than half as many stay, the
+/// count is left unknown, as the rest would be filled and searched again too soon.
 const WAITING_LIMIT: usize = 1 << 18;
 
 /// A node is counted when first seen, as an upper end or as a lower one.

@@ -4,8 +4,6 @@
 //! intervals that begin and that end in it; so the number active anywhere inside a slab is at most all that began up to its
 //! end less all that ended before its start. Slabs grow as the part does, pairwise, which keeps that bound exact per slab.
 
-use std::ops::Range;
-
 /// Most slabs: 64 KiB before compression, and still one slab for every one or two layers of a usual print.
 pub(super) const SLAB_LIMIT: usize = 4096;
 
@@ -48,63 +46,33 @@ impl ProfileBuilder {
     }
 }
 
-/// Upper bounds of the active set, read from a file.
-#[derive(Debug)]
-pub(super) struct Profile {
-    start: i64,
-    height: i64,
-    active: Vec<u64>,
-}
+/// Largest profile in bytes.
+pub(super) const LIMIT_BYTES: usize = 16 + 16 * SLAB_LIMIT;
 
-impl Profile {
-    /// Largest profile in bytes.
-    pub(super) const LIMIT_BYTES: usize = 16 + 16 * SLAB_LIMIT;
-
-    /// Reads a profile of `total` struts.
-    ///
-    /// # Errors
-    /// A text that says how the bytes contradict themselves or `total`.
-    pub(super) fn from_bytes(bytes: &[u8], total: u64) -> Result<Self, String> {
-        let words: Vec<u64> = bytes.as_chunks::<8>().0.iter().map(|word| u64::from_le_bytes(*word)).collect();
-        let [start, height, counts @ ..] = words.as_slice() else { return Err("it is cut short".into()) };
-        if !bytes.len().is_multiple_of(16) || counts.len() > 2 * SLAB_LIMIT {
-            return Err(format!("{} bytes are no whole number of slabs", bytes.len()));
-        }
-        let (start, height) = (*start as i64, *height as i64);
-        if !(1..=1 << 32).contains(&height) || !(-(1 << 33)..=1 << 33).contains(&start) {
-            return Err(format!("slabs of {height} quanta from {start}"));
-        }
-        let (begins, ends) = counts.split_at(counts.len() / 2);
-        let lying = || format!("its slabs do not count {total} struts");
-        let (mut begun, mut ended) = (0u64, 0u64);
-        let mut active = Vec::with_capacity(begins.len());
-        for (begin, end) in begins.iter().zip(ends) {
-            begun = begun.checked_add(*begin).ok_or_else(lying)?;
-            active.push(begun - ended);
-            ended = ended.checked_add(*end).filter(|ended| *ended <= begun).ok_or_else(lying)?;
-        }
-        if begun != total || ended != total {
-            return Err(lying());
-        }
-        Ok(Self { start, height, active })
+/// Most struts active at any one z, from a profile of `total` struts.
+///
+/// # Errors
+/// A text that says how the bytes contradict themselves or `total`.
+pub(super) fn peak_active(bytes: &[u8], total: u64) -> Result<u64, String> {
+    let words: Vec<u64> = bytes.as_chunks::<8>().0.iter().map(|word| u64::from_le_bytes(*word)).collect();
+    let [start, height, counts @ ..] = words.as_slice() else { return Err("it is cut short".into()) };
+    if !bytes.len().is_multiple_of(16) || counts.len() > 2 * SLAB_LIMIT {
+        return Err(format!("{} bytes are no whole number of slabs", bytes.len()));
     }
-
-    /// Most struts active at any one z.
-    pub(super) fn peak(&self) -> u64 {
-        self.active.iter().copied().max().unwrap_or(0)
+    let (start, height) = (*start as i64, *height as i64);
+    if !(1..=1 << 32).contains(&height) || !(-(1 << 33)..=1 << 33).contains(&start) {
+        return Err(format!("slabs of {height} quanta from {start}"));
     }
-
-    /// Most struts that can be active in any slab that `z`, in quanta, touches.
-    pub(super) fn bound(&self, z: Range<f64>) -> u64 {
-        let slab = |z: f64| (z - self.start as f64) / self.height as f64;
-        let first = slab(z.start).floor().max(0.0) as usize;
-        // An end is inside its slab up to the next whole quantum.
-        let past = (slab(z.end).floor() + 1.0).clamp(0.0, self.active.len() as f64) as usize;
-        self.active.get(first..past.max(first)).unwrap_or(&[]).iter().copied().max().unwrap_or(0)
+    let (begins, ends) = counts.split_at(counts.len() / 2);
+    let lying = || format!("its slabs do not count {total} struts");
+    let (mut begun, mut ended, mut peak) = (0u64, 0u64, 0);
+    for (begin, end) in begins.iter().zip(ends) {
+        begun = begun.checked_add(*begin).ok_or_else(lying)?;
+        peak = peak.max(begun - ended);
+        ended = ended.checked_add(*end).filter(|ended| *ended <= begun).ok_or_else(lying)?;
     }
-
-    /// Heap bytes held.
-    pub(super) fn memory_bytes(&self) -> usize {
-        self.active.capacity() * size_of::<u64>()
+    if begun != total || ended != total {
+        return Err(lying());
     }
+    Ok(peak)
 }

@@ -2,7 +2,6 @@
 
 use std::cell::RefCell;
 use std::fs::File;
-use std::ops::Range;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
@@ -10,7 +9,7 @@ use super::chunk::{self, CHUNK_STRUTS, UNPACKED_LIMIT_BYTES};
 use super::format::{self, Footer, HEADER_LIMIT_BYTES, MAGIC, PRELUDE_BYTES, VERSION};
 use super::index::ChunkEntry;
 use super::model::{Header, Strut};
-use super::profile::Profile;
+use super::profile;
 use crate::codec;
 
 /// A build file that cannot be used; every text names the file.
@@ -64,7 +63,7 @@ pub struct BuildFile {
     file_bytes: u64,
     header: Header,
     chunks: Vec<ChunkEntry>,
-    profile: Profile,
+    peak_active: u64,
 }
 
 /// Buffers one thread needs to read chunks.
@@ -94,8 +93,8 @@ impl BuildFile {
         }
         let mut opening = Opening { path, file: &file, file_bytes: metadata.len(), header_end: 0 };
         let header = opening.header()?;
-        let (chunks, profile) = opening.index(&header)?;
-        Ok(Self { path: path.into(), file, file_bytes: metadata.len(), header, chunks, profile })
+        let (chunks, peak_active) = opening.index(&header)?;
+        Ok(Self { path: path.into(), file, file_bytes: metadata.len(), header, chunks, peak_active })
     }
 
     /// The file's name as it was opened.
@@ -162,13 +161,7 @@ impl BuildFile {
     /// Most struts active at any one z: those with `z_low − reach ≤ z ≤ z_high + reach`. An upper bound, exact but for
     /// struts that begin and end in the same of at most 4096 slabs of the part's height.
     pub fn peak_active(&self) -> u64 {
-        self.profile.peak()
-    }
-
-    /// Most struts that can be active at any z of this range, micrometres. An upper bound, as [`BuildFile::peak_active`].
-    pub fn active_bound(&self, z_um: Range<f64>) -> u64 {
-        let quantum_um = self.header.quantum_um;
-        self.profile.bound(z_um.start / quantum_um..z_um.end / quantum_um)
+        self.peak_active
     }
 
     /// Bytes this value holds for as long as it is open.
@@ -177,7 +170,6 @@ impl BuildFile {
             + self.path.capacity()
             + self.header.source_name.capacity()
             + self.chunks.capacity() * size_of::<ChunkEntry>()
-            + self.profile.memory_bytes()
     }
 
     /// Bytes each thread that reads chunks holds besides, at most: packed and unpacked bytes, node table and columns, and
@@ -256,7 +248,7 @@ impl Opening<'_> {
         Ok(header)
     }
 
-    fn index(&mut self, header: &Header) -> Result<(Vec<ChunkEntry>, Profile), BuildFileError> {
+    fn index(&mut self, header: &Header) -> Result<(Vec<ChunkEntry>, u64), BuildFileError> {
         let mut tail = [0; Footer::BYTES];
         let footer_offset = self.file_bytes.checked_sub(Footer::BYTES as u64);
         let footer_offset = footer_offset.ok_or_else(|| self.frame("footer", "the file is cut short".into()))?;
@@ -274,8 +266,8 @@ impl Opening<'_> {
             return Err(self.frame("footer", problem));
         };
         let chunks = self.chunks(&footer, header)?;
-        let profile = self.profile(&footer, profile_offset, header)?;
-        Ok((chunks, profile))
+        let peak_active = self.peak_active(&footer, profile_offset, header)?;
+        Ok((chunks, peak_active))
     }
 
     fn chunks(&mut self, footer: &Footer, header: &Header) -> Result<Vec<ChunkEntry>, BuildFileError> {
@@ -296,19 +288,19 @@ impl Opening<'_> {
         Ok(chunks)
     }
 
-    fn profile(&self, footer: &Footer, offset: u64, header: &Header) -> Result<Profile, BuildFileError> {
+    fn peak_active(&self, footer: &Footer, offset: u64, header: &Header) -> Result<u64, BuildFileError> {
         let wrong = |problem| self.frame("profile", problem);
         // 64 KiB of counts never grow when packed but for a few bytes of frame.
-        if footer.profile_bytes as usize > 2 * Profile::LIMIT_BYTES {
+        if footer.profile_bytes as usize > 2 * profile::LIMIT_BYTES {
             return Err(wrong(format!("{} bytes are too many", footer.profile_bytes)));
         }
         let packed = self.read(offset, footer.profile_bytes as usize)?;
         if crc32fast::hash(&packed) != footer.profile_crc {
             return Err(wrong("it is corrupt (CRC)".into()));
         }
-        let bytes = zstd::bulk::decompress(&packed, Profile::LIMIT_BYTES)
+        let bytes = zstd::bulk::decompress(&packed, profile::LIMIT_BYTES)
             .map_err(|error| wrong(format!("it does not decompress: {error}")))?;
-        Profile::from_bytes(&bytes, header.strut_count + header.ball_count).map_err(wrong)
+        profile::peak_active(&bytes, header.strut_count + header.ball_count).map_err(wrong)
     }
 
     /// Reads `length` bytes, which the caller has checked to lie within the file.

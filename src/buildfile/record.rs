@@ -1,10 +1,10 @@
 //! A strut as the sort keeps it: 32 bytes, in memory and in runs, whose order as numbers is the order of struts in a file.
 
 use super::model::{Cap, Caps, Strut};
+use crate::solid::LARGEST_RADIUS;
 
-/// Largest radius of a strut that can be sorted, quanta: two radii and two caps share eight bytes. Half the range of
-/// coordinates leaves radii room round every node, too.
-pub(super) const RADIUS_LIMIT: u32 = (1 << 30) - 1;
+// Two radii and two caps share eight bytes.
+const _: () = assert!(LARGEST_RADIUS < 1 << 30);
 
 /// One strut: (z, y, x) of node a, then of node b, then both radii and caps, the weightiest first.
 ///
@@ -24,9 +24,9 @@ impl Record {
     /// Comes after every strut: no cap has the code 3.
     pub(super) const END: Self = Self { high: u128::MAX, low: u128::MAX };
 
-    /// The record of a strut, whose radii are at most [`RADIUS_LIMIT`].
+    /// The record of a strut, whose radii are at most [`LARGEST_RADIUS`].
     pub(super) fn of(strut: &Strut) -> Self {
-        debug_assert!(strut.radius_a.max(strut.radius_b) <= RADIUS_LIMIT, "checked before: {strut:?}");
+        debug_assert!(strut.radius_a.max(strut.radius_b) <= LARGEST_RADIUS, "checked before: {strut:?}");
         let Strut { a, b, radius_a, radius_b, caps } = strut;
         let join = |words: [u32; 4]| words.into_iter().fold(0, |joined: u128, word| joined << 32 | u128::from(word));
         let attributes = u64::from(*radius_a) << 34 | u64::from(*radius_b) << 4 | (caps.a as u64) << 2 | caps.b as u64;
@@ -43,8 +43,8 @@ impl Record {
         Strut {
             a: [word(high, 1), word(high, 2), word(high, 3)],
             b: [word(low, 2), word(low, 3), word(high, 0)],
-            radius_a: (low >> 34) as u32 & RADIUS_LIMIT,
-            radius_b: (low >> 4) as u32 & RADIUS_LIMIT,
+            radius_a: (low >> 34) as u32 & LARGEST_RADIUS,
+            radius_b: (low >> 4) as u32 & LARGEST_RADIUS,
             caps: Caps { a: cap(low >> 2 & 3), b: cap(low & 3) },
         }
     }
@@ -93,8 +93,8 @@ mod tests {
         for (n, z) in ends.into_iter().enumerate() {
             for (m, y) in ends.into_iter().enumerate() {
                 let caps = Caps { a: cap(n as u128 % 3), b: cap(m as u128 % 3) };
-                struts.push(Strut { a: [y, 5, z], b: [z, y, i32::MAX], radius_a: 1, radius_b: RADIUS_LIMIT, caps });
-                struts.push(Strut { a: [5, y, z], b: [y, z, 7], radius_a: RADIUS_LIMIT, radius_b: 1, caps });
+                struts.push(Strut { a: [y, 5, z], b: [z, y, i32::MAX], radius_a: 1, radius_b: LARGEST_RADIUS, caps });
+                struts.push(Strut { a: [5, y, z], b: [y, z, 7], radius_a: LARGEST_RADIUS, radius_b: 1, caps });
             }
         }
         let key = |strut: &Strut| {

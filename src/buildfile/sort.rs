@@ -55,7 +55,7 @@ impl Sorter {
         self.spill.lock().ranges.last().map_or(0, |range| range.end)
     }
 
-    /// Adds one strut, whose radii are at most [`super::record::RADIUS_LIMIT`].
+    /// Adds one strut, whose radii are at most [`crate::solid::LARGEST_RADIUS`].
     ///
     /// # Errors
     /// Where a run cannot be written.

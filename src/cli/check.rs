@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 use anyhow::bail;
 use serde::Serialize;
 
-use super::mib;
 use super::slice::{Setting, default_threads};
+use super::{duration_text, mib};
 use crate::buildfile::BuildFile;
 use crate::config::{Recipe, byte_size};
 use crate::daemon::PrintMemory;
@@ -19,14 +19,21 @@ use crate::stream::MemoryBudget;
 
 /// Says before a print whether it fits the machine, the memory and the line.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  layerctl check lattice.layerd --machine lcd-4k-35um --recipe fine
+  layerctl check lattice.layerd -m my-machine.toml --budget 96MiB --json | jq .fits
+
+A machine or recipe is a path or a name, looked for in $LAYERD_CONFIG_DIR, /etc/layerd and config, under machines/ or
+recipes/, and among those built in.")]
 pub struct CheckArgs {
     /// Build file (.layerd)
     pub file: PathBuf,
     /// Machine: a name, or the path of a TOML file
-    #[arg(long, short)]
+    #[arg(long, short, value_name = "NAME|PATH")]
     pub machine: String,
     /// Recipe: a name, or the path of a TOML file
-    #[arg(long, short, default_value = "default")]
+    #[arg(long, short, value_name = "NAME|PATH", default_value = "default")]
     pub recipe: String,
     /// Memory the daemon may use
     #[arg(long, default_value = "64MiB", value_parser = byte_size::parse)]
@@ -69,6 +76,8 @@ struct Size {
     memory_needed_bytes: u64,
     memory_budget_bytes: u64,
     device_ms_normal_layer: f64,
+    /// If the device never waits.
+    print_time_s: u64,
 }
 
 /// From layers computed here.
@@ -144,6 +153,7 @@ fn judge(
         memory_needed_bytes,
         memory_budget_bytes: budget,
         device_ms_normal_layer: device_ms(&recipe, plan.layer_count),
+        print_time_s: ((0..plan.layer_count).map(|layer| device_ms(&recipe, layer)).sum::<f64>() / 1e3) as u64,
     };
     drop(file);
     tell_size(&size);
@@ -279,6 +289,7 @@ fn size_text(size: &Size) -> String {
             mib(size.memory_budget_bytes)
         ),
         format!("device          {:.1} ms a normal layer", size.device_ms_normal_layer),
+        format!("print time      {}, where the device never waits", duration_text(size.print_time_s)),
     ]
     .join("\n")
 }
@@ -296,7 +307,10 @@ fn verdict_text(findings: &Findings) -> String {
         ));
         lines.push(format!("line            {:.1} ms a layer, at most {:.1}", times.line_ms_mean, times.line_ms_max));
     }
-    lines.extend(findings.problems.iter().map(|problem| format!("note            {problem}")));
+    if findings.fits {
+        // What makes a print impossible is told as the error that it is.
+        lines.extend(findings.problems.iter().map(|problem| format!("note            {problem}")));
+    }
     lines.push(format!(
         "verdict         {}",
         match (findings.fits, findings.problems.is_empty()) {

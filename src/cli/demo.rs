@@ -46,7 +46,7 @@ pub(super) struct DemoArgs {
 enum Kind {
     /// Resin and a projector.
     Dlp,
-    /// Metal powder and a laser.
+    /// Metal powder and a laser: not simulated yet.
     Slm,
 }
 

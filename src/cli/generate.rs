@@ -9,6 +9,11 @@ use crate::buildfile::{self, BuildFile, GenerateOptions, Height, Kind};
 
 /// Generate a lattice for demos and benchmarks.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  layerctl generate bcc --struts 3600 -o bcc.layerd
+  layerctl generate octet --struts 20000 --box 60,40,30 --radius 0.4 -o octet.layerd
+  layerctl generate random --struts 1000000 --footprint 70,40 --active 20000 -o large.layerd")]
 pub struct GenerateArgs {
     /// bcc: body-centred cubic; octet: octet truss; random: edges of an irregular tetrahedral mesh, 14 struts at each inner
     /// node, radii varying by a factor of three.

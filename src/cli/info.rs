@@ -9,6 +9,10 @@ use crate::buildfile::{Blend, BuildFile, Placement};
 
 /// Say what is in a build file.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  layerctl info lattice.layerd
+  layerctl info lattice.layerd --json | jq .peak_active")]
 pub struct InfoArgs {
     /// The build file.
     #[arg(value_name = "FILE")]

@@ -7,7 +7,7 @@ use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use tokio::signal::unix::{SignalKind, signal};
 
-use crate::config::{FlowControl, Machine};
+use crate::config::{ConfigText, FlowControl, Folder, Machine, find};
 use crate::device::sim::{FAULT_HELP, FaultSpec, SimulateOptions, Statistics, run as simulate};
 use crate::link::message::{Capabilities, DeviceKind, Encoding};
 
@@ -38,9 +38,9 @@ pub struct SimulateArgs {
     /// How many times faster than real the device's clock runs: exposures, moves, `t_ms` in the log.
     #[arg(long, value_name = "X", default_value_t = 1.0, value_parser = time_scale)]
     time_scale: f64,
-    /// Machine file whose picture and travel the device has; without it 960 × 540 pixels of 40 µm, 60 mm travel.
-    #[arg(long, value_name = "FILE")]
-    machine: Option<PathBuf>,
+    /// Machine, a name or a path, whose picture and travel the device has; without it 960 × 540 pixels of 40 µm, 60 mm travel.
+    #[arg(long, value_name = "NAME|PATH")]
+    machine: Option<String>,
     /// Receive window it declares, bytes.
     #[arg(long, value_name = "BYTES", default_value_t = 4096, value_parser = clap::value_parser!(u32).range(1024..=1 << 20))]
     window: u32,
@@ -53,7 +53,7 @@ pub struct SimulateArgs {
 enum Kind {
     /// Resin printer with a projector.
     Dlp,
-    /// Laser machine.
+    /// Laser machine: not simulated yet.
     Slm,
 }
 
@@ -64,7 +64,7 @@ fn time_scale(text: &str) -> Result<f64, String> {
 
 fn after_help() -> String {
     format!(
-        "Faults:\n{FAULT_HELP}\n\nExample:\n  layerctl simulate dlp --link /tmp/printer -o exposed --baud 3000000 \\\n    \
+        "Faults:\n{FAULT_HELP}\n\nExamples:\n  layerctl simulate dlp --link /tmp/printer -o exposed --baud 3000000 \\\n    \
          --fault drop=0.01 --fault corrupt=0.01 --fault duplicate=0.01 --fault disconnect=3 --seed 7 --time-scale 20"
     )
 }
@@ -77,7 +77,7 @@ pub fn run(args: SimulateArgs) -> anyhow::Result<()> {
     if matches!(args.device, Kind::Slm) {
         bail!("there is no simulated slm yet; `layerctl simulate dlp` simulates a resin printer");
     }
-    let machine = args.machine.as_deref().map(Machine::load).transpose()?;
+    let machine = args.machine.as_deref().map(read_machine).transpose()?;
     let options = SimulateOptions {
         capabilities: capabilities(&args, machine.as_ref()),
         escaped: machine.is_some_and(|machine| machine.link.flow_control == FlowControl::XonXoff),
@@ -107,6 +107,11 @@ pub fn run(args: SimulateArgs) -> anyhow::Result<()> {
 fn say(line: &str) {
     let mut stdout = std::io::stdout().lock();
     let _ = writeln!(stdout, "{line}").and_then(|()| stdout.flush());
+}
+
+fn read_machine(machine: &str) -> anyhow::Result<Machine> {
+    let ConfigText { path, text } = find(Folder::Machines, machine)?;
+    Ok(Machine::parse(&path, &text)?)
 }
 
 fn capabilities(args: &SimulateArgs, machine: Option<&Machine>) -> Capabilities {

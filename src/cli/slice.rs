@@ -10,18 +10,26 @@ use serde::Serialize;
 use crate::buildfile::{Blend, BuildFile, Header};
 use crate::config::{ConfigText, Folder, Machine, Recipe, find};
 use crate::slice::{Bitmap, Depth, Mirror, SlicePlan, Slicer, write_png};
+use crate::solid::ISOVALUE;
 use crate::stream::MemoryBudget;
 
 /// Writes the layers a print would send as pictures.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  layerctl slice lattice.layerd --machine lcd-4k-35um --recipe fine -o layers
+  layerctl slice lattice.layerd -m sim-dlp --layers 100..110 --antialias -o some
+
+A machine or recipe is a path or a name, looked for in $LAYERD_CONFIG_DIR, /etc/layerd and config, under machines/ or
+recipes/, and among those built in.")]
 pub struct SliceArgs {
     /// Build file (.layerd)
     pub file: PathBuf,
     /// Machine: a name, or the path of a TOML file
-    #[arg(long, short)]
+    #[arg(long, short, value_name = "NAME|PATH")]
     pub machine: String,
     /// Recipe: a name, or the path of a TOML file; gives layer height and antialiasing
-    #[arg(long, short, default_value = "default")]
+    #[arg(long, short, value_name = "NAME|PATH", default_value = "default")]
     pub recipe: String,
     /// Layer height in micrometres instead of the recipe's
     #[arg(long, value_name = "UM")]
@@ -101,8 +109,8 @@ pub fn run(args: SliceArgs) -> anyhow::Result<()> {
     let budget = MemoryBudget::new(Slicer::memory_bytes(&file, &plan, threads));
     let mut bitmap = Bitmap::new(machine.width_px, machine.height_px, depth);
     let mut slicer = Slicer::new(file, plan, threads, range.start, &budget)?;
-    let bar = indicatif::ProgressBar::new(u64::from(range.end - range.start))
-        .with_style(indicatif::ProgressStyle::with_template("{bar:40} {pos}/{len} layers, {eta} left")?);
+    let bar = super::progress_bar("{bar:40} {pos}/{len} layers, {eta} left");
+    bar.set_length(u64::from(range.end - range.start));
     for _ in range {
         let Some(layer) = slicer.next_layer(&mut bitmap)? else { bail!("the layers ended too early") };
         let name = format!("layer_{layer:06}.png");
@@ -112,7 +120,15 @@ pub fn run(args: SliceArgs) -> anyhow::Result<()> {
         bar.inc(1);
     }
     bar.finish_and_clear();
-    manifest.write(&output.join("manifest.json"))
+    manifest.write(&output.join("manifest.json"))?;
+    let others = manifest.other_pictures(&output)?;
+    if others > 0 {
+        eprintln!(
+            "note: {others} more pictures of layers are in {}, of another slice; manifest.json does not name them",
+            output.display()
+        );
+    }
+    super::print(&format!("{} layers and manifest.json in {}", manifest.layers.len(), output.display()))
 }
 
 fn cannot_write(path: &Path) -> String {
@@ -166,12 +182,22 @@ impl Manifest {
             origin_mm: plan.origin_um.map(|x| x / 1000.0),
             mirror: plan.raster.mirror,
             layer_height_um: plan.layer_height_um,
-            isovalue: Blend::ISOVALUE,
+            isovalue: ISOVALUE,
             support_mm,
             blend,
             source_digest: header.source_digest.iter().map(|byte| format!("{byte:02x}")).collect(),
             layers: Vec::new(),
         }
+    }
+
+    /// Pictures of layers in a directory that the manifest does not name.
+    fn other_pictures(&self, directory: &Path) -> anyhow::Result<usize> {
+        let is_picture = |name: &str| name.starts_with("layer_") && name.ends_with(".png");
+        let mut found = 0;
+        for entry in std::fs::read_dir(directory).with_context(|| format!("cannot read {}", directory.display()))? {
+            found += usize::from(entry?.file_name().to_str().is_some_and(is_picture));
+        }
+        Ok(found.saturating_sub(self.layers.len()))
     }
 
     fn write(&self, path: &Path) -> anyhow::Result<()> {

@@ -17,8 +17,8 @@ pub struct DaemonConfig {
     /// Directory of jobs and journals; default `/var/lib/layerd`.
     #[serde(default = "default_spool")]
     pub spool: PathBuf,
-    /// Ceiling of the print path's memory, e.g. `"64MiB"`.
-    #[serde(with = "byte_size")]
+    /// Ceiling of the print path's memory, e.g. `"96MiB"`; default 64 MiB.
+    #[serde(with = "byte_size", default = "default_memory_budget")]
     pub memory_budget: u64,
     /// Threads that compute layers; default one for each core.
     #[serde(default)]
@@ -38,6 +38,10 @@ fn default_socket() -> PathBuf {
 
 fn default_spool() -> PathBuf {
     "/var/lib/layerd".into()
+}
+
+fn default_memory_budget() -> u64 {
+    64 << 20
 }
 
 impl DaemonConfig {

@@ -264,6 +264,7 @@ impl Printer {
         let abort = std::mem::take(&mut self.abort_opening);
         match result {
             Ok(opened) => {
+                tracing::info!(job = id, "job begins");
                 let mut running = Running::new(id, *opened, self.background.clone(), now_us);
                 if abort {
                     running.command(crate::job::Command::Abort, now_us);

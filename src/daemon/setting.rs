@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::Context;
 
-use crate::config::{DaemonConfig, Machine, Recipe};
+use crate::config::{ConfigError, DaemonConfig, Machine, Recipe};
 
 /// What does not change while the daemon runs.
 pub struct Setting {
@@ -28,9 +28,14 @@ impl Setting {
     /// # Errors
     /// Names the file, the key, the value and what is allowed.
     pub fn load(config: &Path) -> anyhow::Result<Self> {
-        let config = DaemonConfig::load(config)?;
-        let machine = Machine::load(&config.machine)?;
-        let recipe = Recipe::load(&config.recipe)?;
+        let place = config;
+        let config = DaemonConfig::load(place).map_err(|error| match error {
+            ConfigError::Read { .. } => anyhow::anyhow!("{error}; --config names another configuration"),
+            error => error.into(),
+        })?;
+        let named = |key: &str| format!("`{key}` in {}", place.display());
+        let machine = Machine::load(&config.machine).with_context(|| named("machine"))?;
+        let recipe = Recipe::load(&config.recipe).with_context(|| named("recipe"))?;
         let read =
             |path: &Path| std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()));
         let (machine_text, recipe_text) = (read(&config.machine)?, read(&config.recipe)?);

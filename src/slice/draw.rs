@@ -6,9 +6,13 @@ use super::{Bitmap, Depth, SliceError, SlicePlan};
 use crate::solid::{Effort, Path, Plane, Shape, Strip};
 use crate::stream::{Charge, MemoryBudget};
 
-/// Twice the strip's rows save a tenth of the instructions, as each strut is looked at and cut by fewer bands; that outweighs
-/// what no longer fits a level-2 cache of 512 KiB. Twice as many again gain nothing.
+/// Bytes of a strip at most, where its rows are not too long for one group. Compared with half as much it saves a tenth of the
+/// instructions, as each strut is looked at and cut by fewer bands; that outweighs what no longer fits a level-2 cache of 512 KiB.
+/// Twice as much gains nothing.
 const STRIP_BYTES: usize = 768 << 10;
+
+/// Groups of rows in a strip at most: a picture of few pixels would otherwise be one band, and leave other threads nothing.
+const MOST_GROUPS: usize = 8;
 
 /// Shapes set up rows in eights.
 const ROW_GROUP: usize = 8;
@@ -42,7 +46,7 @@ impl<S: Shape> Drawing<S> {
     pub(super) fn rows_per_band(plan: &SlicePlan) -> usize {
         let row_bytes = plan.raster.width_px as usize * size_of::<S::Cell>();
         let groups = STRIP_BYTES / (row_bytes * ROW_GROUP);
-        groups.clamp(1, 8) * ROW_GROUP - 2 * halo::<S>(plan.depth)
+        groups.clamp(1, MOST_GROUPS) * ROW_GROUP - 2 * halo::<S>(plan.depth)
     }
 
     /// What drawing has taken so far.

@@ -2,7 +2,7 @@
 //!
 //! A [`SlicePlan`] places a part on a machine's raster; a [`Slicer`] moves the plane upwards through a [`StrutSource`], keeps
 //! the active set and draws layer after layer, band by band, on as many threads as it is given. A layer depends on part and
-//! plan alone: not on threads, instruction set, or the layer the sweep began with.
+//! plan alone: not on threads, on which of a processor's instruction sets is used, or on the layer the sweep began with.
 
 mod active;
 mod bitmap;

@@ -161,7 +161,7 @@ fn check_volume(raster: &Raster, low_um: [f64; 3], high_um: [f64; 3], corner_um:
         } else {
             let scale = (0..3).map(|k| volume[k] / size[k]).fold(1.0, f64::min);
             format!(
-                "pack it smaller, with `--scale {:.3}` at most, or turned with `--rotate`",
+                "pack it at most {:.3} times as large as now (`--scale`), or turned (`--rotate`)",
                 (scale * 1000.0).floor() / 1000.0
             )
         };

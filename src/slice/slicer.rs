@@ -5,7 +5,7 @@ use super::sweep::Sweep;
 use super::workers::Workers;
 use super::{Bitmap, Depth, SlicePlan, StrutSource};
 use crate::buildfile::Blend;
-use crate::solid::{Convolution, Effort, Grid, ISOVALUE, LARGEST_RADIUS_SHARE, Path, Plane, Shape, Union};
+use crate::solid::{Convolution, Effort, Grid, LARGEST_RADIUS_SHARE, Path, Plane, Shape, Union};
 use crate::stream::{BudgetExceeded, MemoryBudget};
 
 /// Why a layer could not be computed.
@@ -59,8 +59,6 @@ struct Machinery<S: Shape> {
     workers: Workers,
 }
 
-const _: () = assert!(Blend::ISOVALUE == ISOVALUE);
-
 impl Slicer {
     /// More than the cores of any host that drives a printer; each takes the memory of a strip and of a chunk.
     pub const MOST_THREADS: usize = 256;
@@ -79,7 +77,7 @@ impl Slicer {
         Self::on_path(Path::detect(), source, plan, threads, first_layer, budget)
     }
 
-    /// The same on a given instruction set: layers are equal bit for bit on every one.
+    /// The same on a given instruction set: layers are equal bit for bit on every one of [`Path::available`].
     ///
     /// # Errors
     /// As [`Slicer::new`].

@@ -1,6 +1,6 @@
 //! Which instruction set the inner loops run on: written once, compiled for several, chosen at run time.
 //!
-//! Only `+ − × √`, fused multiply-add, comparisons and selects, lane by lane in a fixed order: IEEE 754 makes every one of
+//! Only `+ − × ÷ √`, fused multiply-add, comparisons and selects, lane by lane in a fixed order: IEEE 754 makes every one of
 //! them exact to the last bit, so every path of a processor gives equal bits. Whether products are fused with sums is the same
 //! for all of them: where the processor can, always, else never; emulated, it would cost more than all the rest.
 

@@ -43,9 +43,9 @@ pub struct Effort {
     pub looks: u64,
     /// Of those, struts that reached the band in this plane; one that reaches two bands counts twice.
     pub drawn: u64,
-    /// Rows of struts drawn.
+    /// Rows of footprints drawn, those of long struts once for each 64 cells; 0 of a union.
     pub rows: u64,
-    /// Fields evaluated, whole vectors counted.
+    /// Fields evaluated, whole vectors counted; 0 of a union.
     pub evaluations: u64,
 }
 

@@ -189,6 +189,14 @@ mod tests {
         }
     }
 
+    /// Waits until so many layers were computed; never more, as long as none is taken.
+    async fn until(made: &AtomicU32, count: u32) {
+        while made.load(Ordering::SeqCst) < count {
+            tokio::time::sleep(Duration::from_millis(1)).await;
+        }
+        assert_eq!(made.load(Ordering::SeqCst), count);
+    }
+
     #[tokio::test]
     async fn layers_come_in_order_and_the_queue_holds_no_more_than_its_bytes() {
         let budget = MemoryBudget::new(10 << 10);
@@ -196,13 +204,13 @@ mod tests {
         let mut ahead = Ahead::start(&budget, 4 << 10, counting(20, 1 << 10, Arc::clone(&made))).expect("fits");
         assert_eq!(budget.used_bytes(), 4 << 10);
         let held = ahead.next().await.expect("computed").expect("first");
-        tokio::time::sleep(Duration::from_millis(50)).await;
         // One held by us, three waiting, one computed and waiting for room.
-        assert_eq!(made.load(Ordering::SeqCst), 5);
+        until(&made, 5).await;
         assert_eq!(held.layer, 0);
         drop(held);
         for expected in 1..20 {
             assert_eq!(ahead.next().await.expect("computed").expect("a layer").layer, expected);
+            assert!(made.load(Ordering::SeqCst) <= expected + 1 + 5, "four with room, one that waits for it");
         }
         assert!(ahead.next().await.expect("ended well").is_none());
         drop(ahead);
@@ -212,9 +220,10 @@ mod tests {
     #[tokio::test]
     async fn stop_gives_the_memory_back_while_the_thread_waits_for_room() {
         let budget = MemoryBudget::new(4 << 10);
-        let ahead = Ahead::start(&budget, 4 << 10, counting(u32::MAX, 1 << 10, Arc::default())).expect("fits");
+        let made = Arc::new(AtomicU32::new(0));
+        let ahead = Ahead::start(&budget, 4 << 10, counting(u32::MAX, 1 << 10, Arc::clone(&made))).expect("fits");
         assert!(Ahead::start(&budget, 1, counting(1, 1, Arc::default())).is_err(), "the budget is taken");
-        tokio::time::sleep(Duration::from_millis(20)).await;
+        until(&made, 5).await;
         ahead.stop().await;
         assert_eq!(budget.used_bytes(), 0);
     }

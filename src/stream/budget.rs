@@ -49,9 +49,22 @@ impl MemoryBudget {
     /// # Errors
     /// [`BudgetExceeded`] where they are not free; nothing is taken then.
     pub fn charge(&self, what: &'static str, bytes: u64) -> Result<Charge, BudgetExceeded> {
-        let mut charge = Charge { account: Arc::clone(&self.account), bytes: 0 };
-        charge.grow(what, bytes)?;
-        Ok(charge)
+        let account = &self.account;
+        let taken = account.used_bytes.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |used| {
+            used.checked_add(bytes).filter(|sum| *sum <= account.limit_bytes)
+        });
+        match taken {
+            Ok(before) => {
+                account.peak_bytes.fetch_max(before + bytes, Ordering::Relaxed);
+                Ok(Charge { account: Arc::clone(account), bytes })
+            }
+            Err(used) => Err(BudgetExceeded {
+                what,
+                need_bytes: bytes,
+                free_bytes: account.limit_bytes - used,
+                limit_bytes: account.limit_bytes,
+            }),
+        }
     }
 
     /// The ceiling in bytes.
@@ -70,48 +83,9 @@ impl MemoryBudget {
     }
 }
 
-impl Charge {
-    /// Bytes held by this charge.
-    pub fn bytes(&self) -> u64 {
-        self.bytes
-    }
-
-    /// Takes `bytes` more.
-    ///
-    /// # Errors
-    /// [`BudgetExceeded`] where they are not free; the charge is unchanged then.
-    pub fn grow(&mut self, what: &'static str, bytes: u64) -> Result<(), BudgetExceeded> {
-        let account = &self.account;
-        let taken = account.used_bytes.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |used| {
-            used.checked_add(bytes).filter(|sum| *sum <= account.limit_bytes)
-        });
-        match taken {
-            Ok(before) => {
-                account.peak_bytes.fetch_max(before + bytes, Ordering::Relaxed);
-                self.bytes += bytes;
-                Ok(())
-            }
-            Err(used) => Err(BudgetExceeded {
-                what,
-                need_bytes: bytes,
-                free_bytes: account.limit_bytes - used,
-                limit_bytes: account.limit_bytes,
-            }),
-        }
-    }
-
-    /// Gives back all but `bytes`; does nothing where fewer are held.
-    pub fn shrink_to(&mut self, bytes: u64) {
-        if let Some(surplus) = self.bytes.checked_sub(bytes) {
-            self.account.used_bytes.fetch_sub(surplus, Ordering::Relaxed);
-            self.bytes = bytes;
-        }
-    }
-}
-
 impl Drop for Charge {
     fn drop(&mut self) {
-        self.shrink_to(0);
+        self.account.used_bytes.fetch_sub(self.bytes, Ordering::Relaxed);
     }
 }
 
@@ -122,14 +96,14 @@ mod tests {
     #[test]
     fn a_charge_is_given_back_and_the_peak_is_kept() {
         let budget = MemoryBudget::new(100);
-        let mut first = budget.charge("first", 60).expect("fits");
+        let first = budget.charge("first", 60).expect("fits");
         let refused = budget.charge("second", 41).expect_err("60 + 41 > 100");
         assert_eq!(refused, BudgetExceeded { what: "second", need_bytes: 41, free_bytes: 40, limit_bytes: 100 });
-        assert!(first.grow("first", u64::MAX).is_err(), "an overflowing request is refused");
-        first.grow("first", 40).expect("fits exactly");
-        first.shrink_to(10);
-        assert_eq!((budget.used_bytes(), budget.peak_bytes()), (10, 100));
+        assert!(budget.charge("second", u64::MAX).is_err(), "an overflowing request is refused");
+        let second = budget.charge("second", 40).expect("fits exactly");
         drop(first);
+        assert_eq!((budget.used_bytes(), budget.peak_bytes()), (40, 100));
+        drop(second);
         assert_eq!(budget.used_bytes(), 0);
     }
 }

@@ -1,7 +1,8 @@
 //! The struts of a lattice, by hash: node and strut are known from their place in the grid, so none is held in memory.
 
-use super::{Kind, SUPPORT_FACTOR};
+use super::Kind;
 use crate::buildfile::chunk::node_key;
+use crate::buildfile::collect::SUPPORT_FACTOR;
 use crate::buildfile::model::{Caps, Strut};
 
 /// How far a node of [`Kind::Random`] leaves its grid point along each axis, in grid steps: below a half, so that struts of

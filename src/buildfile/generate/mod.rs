@@ -20,9 +20,6 @@ const LAYER_MEMORY_BYTES: u64 = 64 << 20;
 
 const QUANTUM_UM: f64 = 1.0;
 
-/// Kernel support as a multiple of the largest radius, as for imported lattices.
-const SUPPORT_FACTOR: f64 = 1.5;
-
 /// What is repeated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {

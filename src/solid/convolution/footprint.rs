@@ -5,8 +5,8 @@ use super::{ENDLESS, MARGIN, patch};
 use crate::solid::Strip;
 use crate::solid::vector::{self, BothEnds, LANE, LANES, NoEnd, OneEnd, Stretch, greater, lesser, multiply_add};
 
-/// Rows found at once.
-const ROWS: usize = 8;
+/// Rows found at once, numbered as lanes are.
+const ROWS: usize = LANES;
 
 /// Adds the field of one lane's strut to a strip.
 #[inline(always)]
@@ -134,7 +134,7 @@ fn rows<const FUSED: bool>(cut: &Footprints, lane: usize, skipped: usize) -> Row
         let any = (most_q + margin > 0.0) & (first <= last);
         rows.first[row] = integer(first - first_i) + first_column;
         rows.first_i[row] = first;
-        rows.vectors[row] = ((integer(last - first) >> 3) + 1) & -i32::from(any);
+        rows.vectors[row] = ((integer(last - first) >> LANES.ilog2()) + 1) & -i32::from(any);
         rows.q[row] = q;
         rows.slope[row] = slope;
         rows.lo[row] = lo;

@@ -15,14 +15,15 @@ const MARGIN_PX: f32 = 0.02;
 /// Beyond this length, in R, `f32` is too coarse to tell where the plane meets a strut.
 const LONGEST: f32 = 64.0;
 
-/// Of a strut that rises less than this part of its length, and of a ball, the ellipse that a plane cuts from it bounds nothing.
+/// Of a strut that rises less than its length divided by this, and of a ball, the ellipse that a plane cuts from it bounds nothing.
 const FLAT: f32 = 32.0;
 
 /// Footprints up to this wide and high, in R, are drawn from one base cell in `f32`: no term of the quadratic exceeds 16
 /// there, so that q is right to some 10⁻⁶. Of a lattice of struts some 5 R long nearly all are that small.
 const COMPACT: f32 = 8.0;
 
-/// A strut runs along the rows where the square of the sine of its angle with them is below this.
+/// A strut runs along the rows where the square of the sine of its angle with them is below this: a row's cells within reach
+/// are found by dividing by it, which must not magnify `f32`'s rounding beyond the margin.
 const ALONG_ROWS: f32 = 0.05;
 
 /// Stands for 1/0.
