@@ -34,6 +34,7 @@ pub mod device;
 mod disk;
 pub mod job;
 pub mod link;
+mod output;
 mod random;
 pub mod slice;
 pub mod solid;

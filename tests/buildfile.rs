@@ -276,6 +276,50 @@ fn a_lying_header_with_a_true_checksum_is_refused() {
     }
 }
 
+/// Struts that reading alone cannot convict: `verify`, before a print, compares them with what the frame says.
+#[test]
+fn what_the_struts_contradict_is_found_by_verify() {
+    let directory = tempfile::tempdir().expect("temporary directory");
+    let path = directory.path().join("part.layerd");
+    let up = |x: i32| Strut { a: [x, 0, 0], b: [x, 0, 500], radius_a: 77, radius_b: 99, caps: Caps::default() };
+    write(&path, &[up(0), up(9)]);
+    let verified = || BuildFile::open(&path).and_then(|file| file.verify());
+    verified().expect("as written");
+    let good = std::fs::read(&path).expect("is there");
+    let bounds = 20 + 8 + 4;
+    for (at, value, told) in [(8, -400, "header"), (20, 900, "header"), (24, 76, "header"), (12, 109, "header")] {
+        let mut bytes = good.clone();
+        bytes[bounds + at..bounds + at + 4].copy_from_slice(&i32::to_le_bytes(value));
+        seal_header(&mut bytes);
+        std::fs::write(&path, bytes).expect("can be written");
+        let error = verified().expect_err("a lie").to_string();
+        assert!(error.contains(told) && error.contains("pack the part again"), "{value} at {at}: {error}");
+    }
+    // A profile that has the first strut end before the second begins.
+    let words: [i64; 6] = [-99, 1024, 1, 1, 1, 1];
+    let lying: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+    replace_profile(&path, &good, &lying);
+    assert_eq!(BuildFile::open(&path).expect("its sums are right").peak_active(), 1);
+    let error = verified().expect_err("both are active at once").to_string();
+    assert!(error.contains("promises 1 active struts at most, but there are 2"), "{error}");
+}
+
+/// Writes `file`, a whole build file, with another profile and true checksums.
+fn replace_profile(path: &Path, file: &[u8], profile: &[u8]) {
+    let footer = file.len() - 36;
+    let profile_bytes = u32::from_le_bytes(file[footer + 16..footer + 20].try_into().expect("4 bytes")) as usize;
+    let mut bytes = file[..footer - profile_bytes].to_vec();
+    let packed = zstd::bulk::compress(profile, 1).expect("can be packed");
+    bytes.extend(&packed);
+    let mut tail = file[footer..].to_vec();
+    tail[16..20].copy_from_slice(&(packed.len() as u32).to_le_bytes());
+    tail[20..24].copy_from_slice(&crc32fast::hash(&packed).to_le_bytes());
+    let crc = crc32fast::hash(&tail[..24]);
+    tail[24..28].copy_from_slice(&crc.to_le_bytes());
+    bytes.extend(tail);
+    std::fs::write(path, bytes).expect("can be written");
+}
+
 #[test]
 fn a_gap_before_the_first_chunk_is_refused() {
     let directory = tempfile::tempdir().expect("temporary directory");
@@ -309,6 +353,9 @@ fn foreign_files_are_named_for_what_they_are() {
     std::fs::write(&path, bytes).expect("can be written");
     assert!(read(&path).expect_err("unknown version").to_string().contains("version 9"));
     assert!(read(directory.path()).expect_err("a directory").to_string().contains("not a regular file"));
+    let pipe = directory.path().join("pipe");
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().expect("mkfifo runs").success());
+    assert!(read(&pipe).expect_err("nobody writes to it").to_string().contains("not a regular file"));
 }
 
 #[test]

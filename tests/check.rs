@@ -116,6 +116,47 @@ fn the_daemon_needs_what_check_says() {
 }
 
 #[test]
+fn a_part_that_begins_dark_is_told() {
+    let dir = bench("", &[]);
+    // The lower end of a lone strut prints shorter than it is.
+    fs::write(dir.path().join("part.txt"), "1 0.9\n2 2 0 2 2 6\n").expect("written");
+    assert!(layerctl(dir.path(), &["pack", "part.txt", "-o", "part.layerd"]).status.success());
+    let found = json(&check(dir.path(), &["--json"]));
+    let dark = found["dark_bottom_layers"].as_u64().expect("a number");
+    assert!((3..9).contains(&dark), "{found}");
+    let told = check(dir.path(), &[]);
+    let text = String::from_utf8_lossy(&told.stdout).into_owned();
+    assert!(told.status.success() && text.contains(&format!("the lowest {dark} layers are dark")), "{text}");
+    assert!(layerctl(dir.path(), &["pack", "part.txt", "--blend", "union", "-o", "part.layerd"]).status.success());
+    assert_eq!(json(&check(dir.path(), &["--json"]))["dark_bottom_layers"], 0);
+}
+
+#[test]
+fn pictures_of_an_earlier_slice_are_told_and_its_manifest_goes_first() {
+    let dir = bench("", &[]);
+    assert!(slice(dir.path(), &["--layers", "10..20", "-o", "layers"]).status.success());
+    let again = slice(dir.path(), &["--layers", "12..15", "-o", "layers"]);
+    assert!(again.status.success() && stderr(&again).contains("7 more pictures"), "{}", stderr(&again));
+    let layers = dir.path().join("layers");
+    // A directory where a picture should be ends it on the way.
+    fs::remove_file(layers.join("layer_000011.png")).expect("is there");
+    fs::create_dir(layers.join("layer_000011.png")).expect("made");
+    assert_eq!(slice(dir.path(), &["--layers", "10..20", "-o", "layers"]).status.code(), Some(1));
+    assert!(!layers.join("manifest.json").exists(), "it would describe other pictures");
+}
+
+#[test]
+fn names_in_files_do_not_reach_the_terminal_as_commands() {
+    let dir = bench("", &[]);
+    fs::copy(dir.path().join("part.txt"), dir.path().join("\u{1b}[31m\nred.txt")).expect("copied");
+    assert!(layerctl(dir.path(), &["pack", "\u{1b}[31m\nred.txt", "-o", "part.layerd"]).status.success());
+    let told = layerctl(dir.path(), &["info", "part.layerd"]).stdout;
+    assert!(!told.contains(&0x1b) && String::from_utf8_lossy(&told).contains("[31m red.txt"), "{told:?}");
+    let told = layerctl(dir.path(), &["info", "\u{1b}[2J.layerd"]).stderr;
+    assert!(!told.contains(&0x1b) && !told.is_empty(), "{told:?}");
+}
+
+#[test]
 fn a_part_that_does_not_fit_the_machine_is_told_as_json_too() {
     let dir = bench("", &["--scale", "3"]);
     let output = check(dir.path(), &["--json"]);

@@ -17,7 +17,11 @@ fn stderr(output: &Output) -> String {
 
 #[test]
 fn wrong_usage_is_exit_code_2() {
-    let wrong: [&[&str]; 7] = [
+    let wrong: [&[&str]; 11] = [
+        &["pack", "Cargo.toml", "-o", "x.layerd", "--scale", "-1"],
+        &["pack", "x.txt", "-o", "x.layerd", "--support", "1", "--blend", "union"],
+        &["generate", "bcc", "--struts", "0", "-o", "/nonexistent/x.layerd"],
+        &["generate", "bcc", "--struts", "9", "--radius", "-1", "-o", "/nonexistent/x.layerd"],
         &[],
         &["launch"],
         &["start"],

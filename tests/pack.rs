@@ -144,6 +144,19 @@ fn radius_and_support_follow_the_rule() {
     assert!(found.contains("in.txt:3") && found.contains("0.42") && found.contains("--support"), "{found}");
 }
 
+/// Legal, and rarely meant: one thick post sets the support of a fine lattice.
+#[test]
+fn a_support_that_is_wide_for_the_radii_is_told() {
+    let mut bench = Bench::new();
+    let thin: String = (0..9).map(|x| format!("{x} 0 0 {x} 1 1 0.1\n")).collect();
+    bench.options.blend = BlendChoice::Convolution { support_mm: None };
+    let (report, _) = bench.text(&format!("9 0.1 0 0\n{thin}")).expect("is fine");
+    assert!(!report.notes.join("").contains("swell"), "{:?}", report.notes);
+    let (report, _) = bench.text(&format!("10 0.1 0 0\n{thin}20 0 0 20 0 9 1\n")).expect("is fine");
+    let notes = report.notes.join("\n");
+    assert!(notes.contains("R = 1.5 mm is 8 times the mean radius") && notes.contains("--support"), "{notes}");
+}
+
 #[test]
 fn a_quantum_bounds_the_error_along_each_axis_and_how_far_coordinates_reach() {
     let mut bench = Bench::new();

@@ -173,7 +173,9 @@ fn a_part_outside_the_volume_is_refused_with_axis_excess_and_remedy() {
     let text = refused(&[strut([0, 0, 0], [0, 1780, 0], 10, 10)]);
     assert!(text.contains("along y") && text.contains("0.120 mm") && text.contains("--rotate 0,0,90"), "{text}");
     let text = refused(&[strut([0, 0, 0], [0, 0, 100_000], 10, 10)]);
-    assert!(text.contains("along z") && text.contains("--scale 0.499"), "{text}");
+    assert!(text.contains("along z") && text.contains("at most 0.499 times as large"), "{text}");
+    let text = refused(&[strut([0, 0, 0], [0, 0, 100_000_000], 10, 10)]);
+    assert!(text.contains("more than a thousand times too large"), "{text}");
     let mut placed = header(&[strut([0, 0, 0], [500, 0, 0], 10, 10)], Blend::Union);
     placed.placement = Placement::At { x_mm: 0.2, y_mm: 0.5 };
     let error = SlicePlan::new(&placed, raster(Mirror::default()), Depth::Bit, 50.0).expect_err("outside").to_string();

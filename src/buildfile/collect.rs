@@ -15,6 +15,10 @@ use crate::solid::{LARGEST_RADIUS, LARGEST_RADIUS_SHARE};
 /// Support R as a multiple of the largest radius where none is named: keeps every radius at or below 2R/3.
 pub(super) const SUPPORT_FACTOR: f64 = 1.5;
 
+/// R as a multiple of the mean radius beyond which it is told: a strut's field then falls so slowly (to 0.7 C at twice its
+/// radius) that all within R of it swells it.
+const WIDE_SUPPORT: f64 = 5.0;
+
 /// Farthest coordinate of a node, quanta: radii add to a node's place, and half the range leaves room for them.
 const COORDINATE_LIMIT: f64 = (i32::MAX / 2) as f64;
 
@@ -48,6 +52,8 @@ pub(super) struct Lane<'a> {
 #[derive(Clone, Copy, Debug, Default)]
 struct Tally {
     largest_radius: u32,
+    /// Of both ends, to tell the mean.
+    radius_sum: u64,
     count: u64,
     /// Beams whose ends fall on one quantum.
     short_count: u64,
@@ -172,6 +178,7 @@ impl Lane<'_> {
 
     fn push(&mut self, strut: Strut) -> Result<(), PackError> {
         self.tally.largest_radius = self.tally.largest_radius.max(strut.radius_a).max(strut.radius_b);
+        self.tally.radius_sum += u64::from(strut.radius_a) + u64::from(strut.radius_b);
         self.tally.count += 1;
         let sorted = self.sorter.push(strut);
         sorted.map_err(|source| PackError::Sort { directory: self.directory.clone(), source })
@@ -252,7 +259,7 @@ impl<'a> Collector<'a> {
     /// # Errors
     /// Where no strut was found.
     pub(super) fn finish(mut self, inputs: &[PathBuf]) -> Result<Collected, PackError> {
-        let Tally { largest_radius, count, short_count, capped_count } = self.tally();
+        let Tally { largest_radius, radius_sum, count, short_count, capped_count } = self.tally();
         let quantum_mm = self.rules.quantum_um / 1000.0;
         if count == 0 {
             return Err(self.nothing(inputs, short_count));
@@ -263,6 +270,17 @@ impl<'a> Collector<'a> {
                 let default_um = SUPPORT_FACTOR * f64::from(largest_radius) * self.rules.quantum_um;
                 let support_um = support_mm.map_or(default_um, |support_mm| support_mm * 1000.0);
                 self.note_supports(support_um / 1000.0);
+                let mean_radius_um = radius_sum as f64 / (2 * count) as f64 * self.rules.quantum_um;
+                if support_um > WIDE_SUPPORT * mean_radius_um {
+                    self.notes.push(format!(
+                        "R = {} mm is {:.0} times the mean radius: struts within R of one another swell into one body, and \
+                         short ones print thin or not at all. Look at it with `layerctl slice`; --support names another R, \
+                         above the thickest radius of {} mm, and --blend union has none",
+                        support_um / 1000.0,
+                        support_um / mean_radius_um,
+                        f64::from(largest_radius) * quantum_mm
+                    ));
+                }
                 Blend::Convolution { support_um }
             }
         };
@@ -285,6 +303,7 @@ impl<'a> Collector<'a> {
     fn tally(&self) -> Tally {
         self.lanes.iter().fold(Tally::default(), |sum, Lane { tally, .. }| Tally {
             largest_radius: sum.largest_radius.max(tally.largest_radius),
+            radius_sum: sum.radius_sum + tally.radius_sum,
             count: sum.count + tally.count,
             short_count: sum.short_count + tally.short_count,
             capped_count: sum.capped_count + tally.capped_count,

@@ -137,6 +137,9 @@ pub(super) fn check_header(header: &Header) -> Result<(), String> {
     if header.strut_count.checked_add(header.ball_count).is_none_or(|total| total == 0) {
         return Err(format!("{} struts and {} balls: nothing to print", header.strut_count, header.ball_count));
     }
+    if header.node_count / 2 > header.strut_count.saturating_add(header.ball_count) {
+        return Err(format!("{} nodes are more than its struts have ends", header.node_count));
+    }
     if header.source_name.len() > SOURCE_NAME_LIMIT_BYTES {
         return Err(format!("its source name is longer than {SOURCE_NAME_LIMIT_BYTES} bytes"));
     }

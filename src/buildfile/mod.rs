@@ -14,7 +14,6 @@ mod index;
 mod merge;
 mod model;
 mod nodes;
-mod output;
 mod pack;
 mod packer;
 mod profile;

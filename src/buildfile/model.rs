@@ -69,6 +69,22 @@ pub struct Bounds {
     pub max: [i32; 3],
 }
 
+impl Bounds {
+    /// Of nothing.
+    pub(super) const EMPTY: Self = Self { min: [i32::MAX; 3], max: [i32::MIN; 3] };
+
+    /// Of one strut more, with its radii; `None` where it reaches beyond ±2³¹ quanta.
+    pub(super) fn with(mut self, strut: &Strut) -> Option<Self> {
+        for (node, radius) in [(strut.a, strut.radius_a), (strut.b, strut.radius_b)] {
+            for (axis, at) in node.into_iter().enumerate() {
+                self.min[axis] = self.min[axis].min(at.checked_sub_unsigned(radius)?);
+                self.max[axis] = self.max[axis].max(at.checked_add_unsigned(radius)?);
+            }
+        }
+        Some(self)
+    }
+}
+
 /// Where the part stands on the plate.
 #[derive(Clone, Copy, Debug, PartialEq, Encode, Decode)]
 pub enum Placement {
@@ -116,5 +132,10 @@ impl Header {
             Blend::Convolution { support_um } => support_um,
             Blend::Union => f64::from(self.radius_range[1]) * self.quantum_um,
         }
+    }
+
+    /// The same in whole quanta, rounded up: activity may only be stated too early and too late.
+    pub(super) fn reach_quanta(&self) -> i64 {
+        (self.reach_um() / self.quantum_um).ceil() as i64
     }
 }

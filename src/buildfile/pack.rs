@@ -10,6 +10,7 @@ use super::merge::Merge;
 use super::model::{Header, Placement};
 use super::sort;
 use super::writer::{WriteError, Writer, WriterSettings};
+use crate::output::Output;
 
 /// Bytes of a strut in a build file: what a large file takes at most in practice.
 pub(super) const EXPECTED_STRUT_BYTES: u64 = 10;
@@ -147,9 +148,11 @@ pub fn pack(
         Some(parent) if parent != Path::new("") => parent,
         _ => Path::new("."),
     };
+    let rules = Rules::new(options)?;
+    // Whether it can be written is told before the sources are read.
+    Output::create(output).map_err(|source| WriteError::Io { path: output.into(), source })?;
     let total = inputs.iter().map(|path| check_input(path, output)).sum::<Result<u64, _>>()?;
     let sources = inputs.iter().map(|path| Source::of(path)).collect::<Result<Vec<_>, _>>()?;
-    let rules = Rules::new(options)?;
     let mut collector = Collector::new(&rules, options, directory);
     let mut before = 0;
     for (path, source) in inputs.iter().zip(sources) {

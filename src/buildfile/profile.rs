@@ -34,6 +34,17 @@ impl ProfileBuilder {
         self.slabs[last][1] += 1;
     }
 
+    /// Most struts active at any one z.
+    pub(super) fn peak_active(&self) -> u64 {
+        let (mut begun, mut ended, mut peak) = (0, 0, 0);
+        for [begins, ends] in &self.slabs {
+            begun += begins;
+            peak = peak.max(begun - ended);
+            ended += ends;
+        }
+        peak
+    }
+
     /// Bytes of the finished profile: i64 start, i64 slab height, then all begins and all ends as u64.
     pub(super) fn to_bytes(&self) -> Vec<u8> {
         let mut bytes = Vec::with_capacity(16 + 16 * self.slabs.len());
@@ -60,7 +71,7 @@ pub(super) fn peak_active(bytes: &[u8], total: u64) -> Result<u64, String> {
         return Err(format!("{} bytes are no whole number of slabs", bytes.len()));
     }
     let (start, height) = (*start as i64, *height as i64);
-    if !(1..=1 << 32).contains(&height) || !(-(1 << 33)..=1 << 33).contains(&start) {
+    if !(1..=1 << 32).contains(&height) || height.count_ones() != 1 || !(-(1 << 33)..=1 << 33).contains(&start) {
         return Err(format!("slabs of {height} quanta from {start}"));
     }
     let (begins, ends) = counts.split_at(counts.len() / 2);

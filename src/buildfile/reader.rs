@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 use super::chunk::{self, CHUNK_STRUTS, UNPACKED_LIMIT_BYTES};
 use super::format::{self, Footer, HEADER_LIMIT_BYTES, MAGIC, PRELUDE_BYTES, VERSION};
 use super::index::ChunkEntry;
-use super::model::{Header, Strut};
-use super::profile;
+use super::model::{Bounds, Header, Strut};
+use super::profile::{self, ProfileBuilder};
 use crate::codec;
 
 /// A build file that cannot be used; every text names the file.
@@ -86,11 +86,12 @@ impl BuildFile {
     /// [`BuildFileError`] says what is wrong and where.
     pub fn open(path: &Path) -> Result<Self, BuildFileError> {
         let read_error = |source| BuildFileError::Read { path: path.into(), source };
-        let file = File::open(path).map_err(read_error)?;
-        let metadata = file.metadata().map_err(read_error)?;
+        // Before it is opened: a pipe that nobody writes to would be waited for.
+        let metadata = std::fs::metadata(path).map_err(read_error)?;
         if !metadata.is_file() {
             return Err(BuildFileError::Foreign { path: path.into(), problem: "it is not a regular file".into() });
         }
+        let file = File::open(path).map_err(read_error)?;
         let mut opening = Opening { path, file: &file, file_bytes: metadata.len(), header_end: 0 };
         let header = opening.header()?;
         let (chunks, peak_active) = opening.index(&header)?;
@@ -145,17 +146,42 @@ impl BuildFile {
         })
     }
 
-    /// Reads every chunk once and throws its struts away: whoever prints the file wants to know of damage in the middle
-    /// before the first layer. Takes about as long as reading the file.
+    /// Reads every chunk once and compares what the header and the profile say with its struts: whoever prints the file wants
+    /// to know of damage in the middle before the first layer. Takes about as long as reading the file.
     ///
     /// # Errors
-    /// [`BuildFileError`] names the first damaged chunk.
+    /// [`BuildFileError`] names the first damaged chunk, or what the struts contradict.
     pub fn verify(&self) -> Result<(), BuildFileError> {
+        let Header { bounds, radius_range, .. } = self.header;
+        let frame = |part, problem| BuildFileError::Frame { path: self.path.clone(), part, problem };
+        let reach = self.header.reach_quanta();
+        let (mut found, mut radii, mut profile) = (Bounds::EMPTY, [u32::MAX, 0], ProfileBuilder::default());
         let mut struts = Vec::new();
-        (0..self.chunks.len()).try_for_each(|index| {
+        for index in 0..self.chunks.len() {
             struts.clear();
-            self.read_chunk(index, &mut struts)
-        })
+            self.read_chunk(index, &mut struts)?;
+            for strut in &struts {
+                let beyond = || frame("header", format!("{strut:?} reaches beyond ±2³¹ quanta"));
+                found = found.with(strut).ok_or_else(beyond)?;
+                let [least, most] = [strut.radius_a.min(strut.radius_b), strut.radius_a.max(strut.radius_b)];
+                radii = [radii[0].min(least), radii[1].max(most)];
+                profile.add(i64::from(strut.a[2]) - reach, i64::from(strut.b[2]) + reach);
+            }
+        }
+        if (found, radii) != (bounds, radius_range) {
+            return Err(frame(
+                "header",
+                format!("it says {bounds:?} and radii {radius_range:?}, but the struts have {found:?} and {radii:?}"),
+            ));
+        }
+        let (promised, peak) = (self.peak_active, profile.peak_active());
+        if peak > promised {
+            return Err(frame(
+                "profile",
+                format!("it promises {promised} active struts at most, but there are {peak}"),
+            ));
+        }
+        Ok(())
     }
 
     /// Most struts active at any one z: those with `z_low − reach ≤ z ≤ z_high + reach`. An upper bound, exact but for

@@ -105,12 +105,12 @@ impl Sorter {
 /// # Errors
 /// Where runs cannot be written or read.
 pub(super) fn finish(mut team: Vec<Sorter>, progress: &mut dyn FnMut(u64, u64)) -> io::Result<Merge> {
-    std::thread::scope(|scope| {
-        let settling: Vec<_> = team.iter_mut().map(|sorter| scope.spawn(|| sorter.settle())).collect();
-        settling
-            .into_iter()
-            .try_for_each(|thread| thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
-    })?;
+    if let [alone] = team.as_mut_slice() {
+        // Without a thread: whoever sorts many small parts would wait for its start each time.
+        alone.settle()?;
+    } else {
+        settle_all(&mut team)?;
+    }
     let Some(Sorter { spill, memory_bytes, .. }) = team.first() else { return Ok(Merge::of_memory(Vec::new())) };
     if !spill.is_used() {
         return Ok(Merge::of_memory(team.into_iter().map(|sorter| sorter.buffer).collect()));
@@ -137,6 +137,16 @@ pub(super) fn finish(mut team: Vec<Sorter>, progress: &mut dyn FnMut(u64, u64)) 
         before += bytes;
         spill = Arc::new(next);
     }
+}
+
+/// [`Sorter::settle`] of all, side by side.
+fn settle_all(team: &mut [Sorter]) -> io::Result<()> {
+    std::thread::scope(|scope| {
+        let settling: Vec<_> = team.iter_mut().map(|sorter| scope.spawn(|| sorter.settle())).collect();
+        settling
+            .into_iter()
+            .try_for_each(|thread| thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+    })
 }
 
 /// Bytes of temporary space that sorting so many struts takes at most: 0 where they fit the memory of any one of the team.

@@ -11,9 +11,9 @@ use super::format::{self, Footer};
 use super::index::ChunkEntry;
 use super::model::{Blend, Bounds, Header, Placement, Strut};
 use super::nodes::NodeCounter;
-use super::output::Output;
 use super::profile::ProfileBuilder;
 use crate::codec;
+use crate::output::Output;
 use crate::solid::LARGEST_RADIUS;
 
 /// Compression level of the profile, of which there is one in a file.
@@ -109,8 +109,7 @@ impl Writer {
         file.write_all(&front).map_err(io_error)?;
         Ok(Self {
             path: path.into(),
-            // Rounded up: activity may only be stated too early and too late.
-            reach: (probe.reach_um() / header.quantum_um).ceil() as i64,
+            reach: probe.reach_quanta(),
             largest_radius,
             header,
             file,
@@ -131,7 +130,8 @@ impl Writer {
     /// [`WriteError`] where the strut is out of order or not as [`Strut`] demands, or the file system refuses.
     pub fn push(&mut self, strut: Strut) -> Result<(), WriteError> {
         self.check(&strut)?;
-        self.header.bounds = self.bounds_with(&strut)?;
+        let bounds = self.header.bounds.with(&strut);
+        self.header.bounds = bounds.ok_or_else(|| self.refused(format!("{strut:?} reaches beyond ±2³¹ quanta")))?;
         let radii = [strut.radius_a, strut.radius_b];
         let range = &mut self.header.radius_range;
         *range = [range[0].min(radii[0]).min(radii[1]), range[1].max(radii[0]).max(radii[1])];
@@ -179,23 +179,6 @@ impl Writer {
             return Err(self.refused(format!("{strut:?}: a ball has one radius")));
         }
         Ok(())
-    }
-
-    /// The bounds of what was added and one strut more.
-    fn bounds_with(&self, strut: &Strut) -> Result<Bounds, WriteError> {
-        let mut bounds = self.header.bounds;
-        for axis in 0..3 {
-            for (node, radius) in [(strut.a, strut.radius_a), (strut.b, strut.radius_b)] {
-                let (Some(least), Some(most)) =
-                    (node[axis].checked_sub_unsigned(radius), node[axis].checked_add_unsigned(radius))
-                else {
-                    return Err(self.refused(format!("{strut:?} reaches beyond ±2³¹ quanta")));
-                };
-                bounds.min[axis] = bounds.min[axis].min(least);
-                bounds.max[axis] = bounds.max[axis].max(most);
-            }
-        }
-        Ok(bounds)
     }
 
     /// Sends the pending struts to be compressed.
@@ -262,7 +245,7 @@ fn first_header(settings: WriterSettings) -> Header {
     Header {
         quantum_um,
         blend,
-        bounds: Bounds { min: [i32::MAX; 3], max: [i32::MIN; 3] },
+        bounds: Bounds::EMPTY,
         radius_range: [u32::MAX, 0],
         strut_count: 0,
         ball_count: 0,

@@ -91,6 +91,8 @@ struct Times {
     compute_ms_max: f64,
     line_ms_mean: f64,
     line_ms_max: f64,
+    /// Layers at the bottom in which nothing is lit.
+    dark_bottom_layers: u32,
     /// Ranges of layers, first to last, round samples where computing or the line takes longer than the device.
     late_layers: Vec<[u32; 2]>,
 }
@@ -168,11 +170,13 @@ fn judge(
     }
     let samples = measure(path, &plan, threads, &recipe, f64::from(machine.link.baud))?;
     let late_layers = late_layers(&samples, plan.layer_count);
-    let problems = if late_layers.is_empty() { Vec::new() } else { vec![late_text(&late_layers)] };
-    Ok(Findings { fits: true, problems, size: Some(size), times: Some(times(&samples, late_layers)) })
+    let dark = dark_bottom_layers(path, &plan, threads)?;
+    let late = (!late_layers.is_empty()).then(|| late_text(&late_layers));
+    let problems = (dark > 0).then(|| dark_text(dark)).into_iter().chain(late).collect();
+    Ok(Findings { fits: true, problems, size: Some(size), times: Some(times(&samples, dark, late_layers)) })
 }
 
-fn times(samples: &[Sample], late_layers: Vec<[u32; 2]>) -> Times {
+fn times(samples: &[Sample], dark_bottom_layers: u32, late_layers: Vec<[u32; 2]>) -> Times {
     Times {
         sampled_layers: samples.len(),
         encoded_bytes_mean: mean(samples, |sample| sample.bytes as f64) as u64,
@@ -181,6 +185,7 @@ fn times(samples: &[Sample], late_layers: Vec<[u32; 2]>) -> Times {
         compute_ms_max: most(samples, |sample| sample.compute_ms),
         line_ms_mean: mean(samples, |sample| sample.line_ms),
         line_ms_max: most(samples, |sample| sample.line_ms),
+        dark_bottom_layers,
         late_layers,
     }
 }
@@ -227,6 +232,30 @@ fn measure(
     }
     samples.sort_by_key(|sample| sample.layer);
     Ok(samples)
+}
+
+/// Layers below the first that has anything lit; where none was found in [`SAMPLING_TIME`], those looked at.
+fn dark_bottom_layers(file: &std::path::Path, plan: &SlicePlan, threads: usize) -> anyhow::Result<u32> {
+    let source = BuildFile::open(file)?;
+    let budget = MemoryBudget::new(Slicer::memory_bytes(&source, plan, threads));
+    let mut slicer = Slicer::new(source, plan.clone(), threads, 0, &budget)?;
+    let mut bitmap = Bitmap::new(plan.raster.width_px, plan.raster.height_px, plan.depth);
+    let began = Instant::now();
+    let mut dark = 0;
+    while slicer.next_layer(&mut bitmap)?.is_some() && bitmap.data().iter().all(|byte| *byte == 0) {
+        dark += 1;
+        if began.elapsed() > SAMPLING_TIME {
+            break;
+        }
+    }
+    Ok(dark)
+}
+
+fn dark_text(layers: u32) -> String {
+    format!(
+        "the lowest {layers} layers are dark, so nothing holds to the plate: the ends of lone struts print shorter than they \
+         are. Let the part stand on nodes where struts meet, or pack it with `--blend union`"
+    )
 }
 
 /// Time the device spends on a layer: exposure, waits, lift and retract.
@@ -313,10 +342,11 @@ fn verdict_text(findings: &Findings) -> String {
     }
     lines.push(format!(
         "verdict         {}",
-        match (findings.fits, findings.problems.is_empty()) {
+        match (findings.fits, findings.times.as_ref()) {
+            (true, Some(times)) if times.dark_bottom_layers > 0 => "fits, but begins dark",
+            (true, Some(times)) if !times.late_layers.is_empty() => "fits; the device will wait for some layers",
+            (true, _) => "fits; the device never waits",
             (false, _) => "does not fit",
-            (true, true) => "fits; the device never waits",
-            (true, false) => "fits; the device will wait for some layers",
         }
     ));
     lines.join("\n")

@@ -32,7 +32,7 @@ pub struct GenerateArgs {
     #[arg(long, value_name = "A", requires = "footprint")]
     active: Option<u64>,
     /// Strut radius, millimetres; of `random` the mean [default: a tenth of a cell's least edge].
-    #[arg(long, value_name = "R")]
+    #[arg(long, value_name = "R", allow_negative_numbers = true)]
     radius: Option<f64>,
     /// Seed of all that is left to chance.
     #[arg(long, value_name = "S", default_value_t = 0)]

@@ -102,7 +102,8 @@ impl Summary {
                 Placement::Centred => None,
                 Placement::At { x_mm, y_mm } => Some([x_mm, y_mm]),
             },
-            source: header.source_name.clone(),
+            // On one line, whatever the file says.
+            source: header.source_name.replace(char::is_control, " "),
             source_sha256: header.source_digest.iter().map(|byte| format!("{byte:02x}")).collect(),
         }
     }

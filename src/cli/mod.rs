@@ -21,6 +21,8 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
+use crate::buildfile::PackError;
+
 /// Prints implicit geometry just in time: pack a part, check it, start it, watch it.
 #[derive(Debug, Parser)]
 #[command(name = "layerctl", version, propagate_version = true, after_help = EXAMPLES)]
@@ -108,7 +110,9 @@ pub fn run() -> ExitCode {
         Ok(ending) => ending.into(),
         Err(error) => {
             report(&error);
-            ExitCode::from(1)
+            // An option's value is wrong usage, whoever finds it.
+            let is_usage = matches!(error.downcast_ref(), Some(PackError::Option(_)));
+            ExitCode::from(if is_usage { 2 } else { 1 })
         }
     }
 }
@@ -145,13 +149,26 @@ fn done((): ()) -> Ending {
 /// `error: …` and each cause that its text does not already contain.
 pub fn report(error: &anyhow::Error) {
     let mut told = error.to_string();
-    eprintln!("error: {told}");
+    eprintln!("error: {}", plain(&told));
     for cause in error.chain().skip(1).map(ToString::to_string) {
         if !told.contains(&cause) {
-            eprintln!("  because: {cause}");
+            eprintln!("  because: {}", plain(&cause));
             told.push_str(&cause);
         }
     }
+}
+
+/// Text with control characters, which names in files may hold and a terminal would obey, written as in Rust; lines stay.
+fn plain(text: &str) -> String {
+    let mut plain = String::with_capacity(text.len());
+    for character in text.chars() {
+        match character {
+            '\n' => plain.push(character),
+            _ if character.is_control() => plain.extend(character.escape_default()),
+            _ => plain.push(character),
+        }
+    }
+    plain
 }
 
 /// Runs a conversation with the daemon on this thread.
@@ -167,7 +184,8 @@ fn print_json(value: &impl serde::Serialize) -> anyhow::Result<()> {
 /// A line on stdout; a closed pipe is an error, not a panic.
 fn print(text: &str) -> anyhow::Result<()> {
     use std::io::Write;
-    writeln!(std::io::stdout().lock(), "{text}").map_err(|error| anyhow::anyhow!("cannot write to stdout: {error}"))
+    writeln!(std::io::stdout().lock(), "{}", plain(text))
+        .map_err(|error| anyhow::anyhow!("cannot write to stdout: {error}"))
 }
 
 /// A bar on stderr, of an indicatif template; invisible where that is no terminal.

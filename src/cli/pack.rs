@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 
 use super::progress_bar;
-use crate::buildfile::{self, BlendChoice, BuildFile, PackOptions, PackProgress, Placement};
+use crate::buildfile::{self, BlendChoice, BuildFile, PackError, PackOptions, PackProgress, Placement};
 use crate::config::byte_size;
 
 /// Least memory of the sort; below it merging takes too many passes.
@@ -39,19 +39,19 @@ pub struct PackArgs {
     #[arg(long, value_enum, default_value = "convolution")]
     blend: BlendArg,
     /// Kernel support R of the convolution [default: 1.5 times the largest radius].
-    #[arg(long, value_name = "MM")]
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     support: Option<f64>,
     /// Turn about x, then y, then z, degrees.
     #[arg(long, value_name = "X,Y,Z", value_parser = numbers::<3>, default_value = "0,0,0", allow_hyphen_values = true)]
     rotate: [f64; 3],
     /// Scale lengths and radii by this factor.
-    #[arg(long, value_name = "F", default_value_t = 1.0)]
+    #[arg(long, value_name = "F", default_value_t = 1.0, allow_negative_numbers = true)]
     scale: f64,
     /// Middle of the part on the plate, millimetres from its corner [default: the plate's middle].
     #[arg(long, value_name = "X,Y", value_parser = numbers::<2>, allow_hyphen_values = true)]
     at: Option<[f64; 2]>,
     /// Length of one quantum, micrometres, 0.001 to 1000: coordinates and radii are rounded to whole ones.
-    #[arg(long, value_name = "UM", default_value_t = 1.0)]
+    #[arg(long, value_name = "UM", default_value_t = 1.0, allow_negative_numbers = true)]
     quantum: f64,
     /// Memory for the out-of-core sort.
     #[arg(long, value_name = "SIZE", value_parser = memory, default_value = "256MiB")]
@@ -73,7 +73,10 @@ pub fn run(args: PackArgs) -> anyhow::Result<()> {
     let blend = match (blend, support) {
         (BlendArg::Convolution, support_mm) => BlendChoice::Convolution { support_mm },
         (BlendArg::Union, None) => BlendChoice::Union,
-        (BlendArg::Union, Some(_)) => anyhow::bail!("--support belongs to --blend convolution; a union has no kernel"),
+        (BlendArg::Union, Some(_)) => {
+            let text = "--support belongs to --blend convolution; a union has no kernel";
+            return Err(PackError::Option(text.into()).into());
+        }
     };
     let options = PackOptions {
         lattice_only,
@@ -90,7 +93,7 @@ pub fn run(args: PackArgs) -> anyhow::Result<()> {
     display.bar.finish_and_clear();
     let report = report?;
     for note in &report.notes {
-        eprintln!("note: {note}");
+        eprintln!("note: {}", super::plain(note));
     }
     super::print(&super::info::Summary::of(&BuildFile::open(&output)?).to_string())
 }

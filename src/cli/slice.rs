@@ -1,5 +1,6 @@
 //! `layerctl slice`: the very layers a print would send, as PNG, with a manifest to check them against the mathematics.
 
+use std::io::Write;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -9,6 +10,7 @@ use serde::Serialize;
 
 use crate::buildfile::{Blend, BuildFile, Header};
 use crate::config::{ConfigText, Folder, Machine, Recipe, find};
+use crate::output::Output;
 use crate::slice::{Bitmap, Depth, Mirror, SlicePlan, Slicer, write_png};
 use crate::solid::ISOVALUE;
 use crate::stream::MemoryBudget;
@@ -32,7 +34,7 @@ pub struct SliceArgs {
     #[arg(long, short, value_name = "NAME|PATH", default_value = "default")]
     pub recipe: String,
     /// Layer height in micrometres instead of the recipe's
-    #[arg(long, value_name = "UM")]
+    #[arg(long, value_name = "UM", allow_negative_numbers = true)]
     pub layer_height: Option<f64>,
     /// Layers A to before B, e.g. 100..200, ..10 or 2990..; default all
     #[arg(long, value_name = "A..B", value_parser = parse_layers)]
@@ -104,6 +106,14 @@ pub fn run(args: SliceArgs) -> anyhow::Result<()> {
 
     ensure!(!output.is_file(), "{} is a file; -o wants a directory for the pictures", output.display());
     std::fs::create_dir_all(&output).with_context(|| format!("cannot make the directory {}", output.display()))?;
+    let manifest_path = output.join("manifest.json");
+    // An earlier one would describe other pictures, if this ends on the way.
+    match std::fs::remove_file(&manifest_path) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+            return Err(error).with_context(|| cannot_write(&manifest_path));
+        }
+        _ => {}
+    }
     let mut manifest = Manifest::new(file.header(), &plan);
     // Offline there is no printer to keep within bounds for: the slicer may have what its own estimate says.
     let budget = MemoryBudget::new(Slicer::memory_bytes(&file, &plan, threads));
@@ -120,7 +130,7 @@ pub fn run(args: SliceArgs) -> anyhow::Result<()> {
         bar.inc(1);
     }
     bar.finish_and_clear();
-    manifest.write(&output.join("manifest.json"))?;
+    manifest.write(&manifest_path)?;
     let others = manifest.other_pictures(&output)?;
     if others > 0 {
         eprintln!(
@@ -201,14 +211,13 @@ impl Manifest {
     }
 
     fn write(&self, path: &Path) -> anyhow::Result<()> {
-        let part = path.with_extension("json.part");
         let text = serde_json::to_string_pretty(self)?;
-        let written = std::fs::write(&part, text).and_then(|()| std::fs::rename(&part, path));
-        if written.is_err() {
-            // The first error is the one to tell; the part may not even exist.
-            let _ = std::fs::remove_file(&part);
-        }
-        written.with_context(|| cannot_write(path))
+        let write = || {
+            let output = Output::create(path)?;
+            output.file().write_all(text.as_bytes())?;
+            output.publish()
+        };
+        write().with_context(|| cannot_write(path))
     }
 }
 

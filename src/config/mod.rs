@@ -6,6 +6,7 @@ mod lookup;
 mod machine;
 mod recipe;
 
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 pub use daemon::{DEFAULT_SOCKET, DaemonConfig, byte_size};
@@ -66,12 +67,14 @@ const LARGEST_FILE_BYTES: u64 = 1 << 20;
 
 fn read_text(path: &Path) -> Result<String, ConfigError> {
     let read = || {
-        let length = std::fs::metadata(path)?.len();
-        if length > LARGEST_FILE_BYTES {
-            let message = format!("{length} bytes are too many for a configuration file");
+        let mut text = String::new();
+        // Not by its length: a device has none, and no end either.
+        std::fs::File::open(path)?.take(LARGEST_FILE_BYTES + 1).read_to_string(&mut text)?;
+        if text.len() as u64 > LARGEST_FILE_BYTES {
+            let message = format!("more than {LARGEST_FILE_BYTES} bytes are too many for a configuration file");
             return Err(std::io::Error::new(std::io::ErrorKind::InvalidData, message));
         }
-        std::fs::read_to_string(path)
+        Ok(text)
     };
     read().map_err(|source| ConfigError::Read { path: path.into(), source })
 }

@@ -27,6 +27,8 @@ pub(super) async fn receive(incoming: &Path, headers: &HeaderMap, body: &mut Bod
         text(headers, NAME_HEADER, LONGEST_NAME_BYTES)?.filter(|name| !name.trim().is_empty()).ok_or_else(|| {
             CommandError::new(400, format!("the header {NAME_HEADER} is missing: how is the job called?"))
         })?;
+    // A file's name may hold line breaks; a list of jobs has a line for each.
+    let name = name.replace(char::is_control, " ");
     let recipe_text = text(headers, RECIPE_HEADER, LARGEST_RECIPE_BYTES)?;
     let recipe_name = text(headers, RECIPE_NAME_HEADER, LONGEST_NAME_BYTES)?;
     let space = free_bytes(incoming)?.saturating_sub(disk::RESERVE_BYTES);

@@ -160,10 +160,12 @@ fn check_volume(raster: &Raster, low_um: [f64; 3], high_um: [f64; 3], corner_um:
             "it fits turned: pack it with `--rotate 0,0,90`".to_owned()
         } else {
             let scale = (0..3).map(|k| volume[k] / size[k]).fold(1.0, f64::min);
-            format!(
-                "pack it at most {:.3} times as large as now (`--scale`), or turned (`--rotate`)",
-                (scale * 1000.0).floor() / 1000.0
-            )
+            match (scale * 1000.0).floor() / 1000.0 {
+                0.0 => "it is more than a thousand times too large: was its unit of length meant?".to_owned(),
+                scale => {
+                    format!("pack it at most {scale:.3} times as large as now (`--scale`), or turned (`--rotate`)")
+                }
+            }
         };
         return outside(format!(
             "the part measures {:.3} mm along {name}, the build volume {:.3} mm: {:.3} mm too much; {remedy}",

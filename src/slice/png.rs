@@ -11,23 +11,20 @@ use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder};
 
 use super::{Bitmap, Depth};
+use crate::output::Output;
 
-/// Writes a layer as 8-bit grey. The file appears whole or not at all: it is written beside its place and renamed.
+/// Writes a layer as 8-bit grey. The file appears whole or not at all, whatever ends the program.
 ///
 /// # Errors
 /// Whatever the file system says; nothing is left behind then.
 pub fn write_png(path: &Path, bitmap: &Bitmap) -> io::Result<()> {
-    let part = path.with_extension("png.part");
-    let written = encode(&part, bitmap).and_then(|()| std::fs::rename(&part, path));
-    if written.is_err() {
-        // The first error is the one to tell; the part may not even exist.
-        let _ = std::fs::remove_file(&part);
-    }
-    written
+    let output = Output::create(path)?;
+    encode(output.file(), bitmap)?;
+    output.publish()
 }
 
-fn encode(path: &Path, bitmap: &Bitmap) -> io::Result<()> {
-    let mut file = BufWriter::new(File::create(path)?);
+fn encode(file: &File, bitmap: &Bitmap) -> io::Result<()> {
+    let mut file = BufWriter::new(file);
     // Layers are long runs: the fast setting with the filter against the row above is both quick and small.
     let encoder = PngEncoder::new_with_quality(&mut file, CompressionType::Fast, FilterType::Up);
     let (width_px, height_px) = (bitmap.width_px(), bitmap.height_px());

@@ -170,7 +170,7 @@ fn number(field: &str) -> Result<f64, String> {
 }
 
 fn text(line: &[u8]) -> Result<&str, String> {
-    std::str::from_utf8(line).map_err(|_| "the line is not text".into())
+    std::str::from_utf8(line).map_err(|_| "the line is not text; a compressed file must be unpacked first".into())
 }
 
 fn quote(text: &str) -> String {

@@ -1,4 +1,4 @@
-//! A file that appears whole or not at all: written without a name where the file system can, synced, then renamed.
+//! A file that appears whole or not at all: written without a name where the file system can, then renamed.
 
 use std::fs::{File, OpenOptions};
 use std::io;
@@ -11,7 +11,7 @@ use tempfile::NamedTempFile;
 
 /// A file on its way to `path`.
 #[derive(Debug)]
-pub(super) struct Output {
+pub(crate) struct Output {
     path: PathBuf,
     directory: PathBuf,
     target: Target,
@@ -30,7 +30,7 @@ impl Output {
     ///
     /// # Errors
     /// Where `path` names a directory or something else than a file, or its directory cannot be written to.
-    pub(super) fn create(path: &Path) -> io::Result<Self> {
+    pub(crate) fn create(path: &Path) -> io::Result<Self> {
         if std::fs::metadata(path).is_ok_and(|metadata| !metadata.is_file()) {
             return Err(io::Error::other("it exists and is not a file; name a file to write"));
         }
@@ -50,14 +50,19 @@ impl Output {
             Ok(file) => Target::Unnamed(file),
             Err(_) => {
                 let mut builder = tempfile::Builder::new();
-                Target::Named(builder.prefix(".layerd-").suffix(".tmp").tempfile_in(&directory)?)
+                let named = builder.prefix(".layerd-").suffix(".tmp").tempfile_in(&directory);
+                Target::Named(named.map_err(|error| {
+                    // Its text names the passing file, which means nothing to anybody.
+                    let text = format!("the directory {} cannot be written to ({})", directory.display(), error.kind());
+                    io::Error::new(error.kind(), text)
+                })?)
             }
         };
         Ok(Self { path: path.into(), directory, target })
     }
 
     /// The open file.
-    pub(super) fn file(&self) -> &File {
+    pub(crate) fn file(&self) -> &File {
         match &self.target {
             Target::Unnamed(file) => file,
             Target::Named(file) => file.as_file(),
@@ -68,17 +73,26 @@ impl Output {
     ///
     /// # Errors
     /// Nothing stays behind then, and a file that had the name before is as it was.
-    pub(super) fn persist(self) -> io::Result<()> {
+    pub(crate) fn persist(self) -> io::Result<()> {
         self.file().sync_all()?;
+        let directory = File::open(&self.directory)?;
+        self.publish()?;
+        directory.sync_all()
+    }
+
+    /// Gives the file its name, without waiting for the disk.
+    ///
+    /// # Errors
+    /// As [`Output::persist`].
+    pub(crate) fn publish(self) -> io::Result<()> {
         match self.target {
-            Target::Unnamed(file) => link(&file, &self.directory, &self.path)?,
+            Target::Unnamed(file) => link(&file, &self.directory, &self.path),
             Target::Named(file) => {
                 let mode = Mode::from_raw_mode(0o644);
                 rustix::fs::fchmod(file.as_file(), mode)?;
-                file.persist(&self.path).map_err(|error| error.error)?;
+                file.persist(&self.path).map(|_| ()).map_err(|error| error.error)
             }
         }
-        File::open(&self.directory)?.sync_all()
     }
 }
 
