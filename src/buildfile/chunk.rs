@@ -17,7 +17,8 @@ use super::model::{Bounds, Cap, Caps, Header, Strut};
 /// tightly, enough that a chunk's own cost (40 bytes of index, 38 of head, the compressor's tables) vanishes.
 pub const CHUNK_STRUTS: usize = 8192;
 
-/// Most bytes of a chunk once unpacked: the format's own limit.
+/// Most bytes of a chunk once unpacked: three times what 8192 struts take in the widest columns; compressed it may be twice as long,
+/// though no compressor makes it so.
 pub(super) const UNPACKED_LIMIT_BYTES: u32 = 1 << 20;
 
 const HEAD_BYTES: usize = 38;

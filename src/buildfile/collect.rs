@@ -19,6 +19,9 @@ pub(super) const SUPPORT_FACTOR: f64 = 1.5;
 /// radius) that all within R of it swells it.
 const WIDE_SUPPORT: f64 = 5.0;
 
+/// Radii of fewer quanta are told: rounding changes them by more than 5 %.
+const COARSE_RADIUS: u32 = 10;
+
 /// Farthest coordinate of a node, quanta: radii add to a node's place, and half the range leaves room for them.
 const COORDINATE_LIMIT: f64 = (i32::MAX / 2) as f64;
 
@@ -52,6 +55,7 @@ pub(super) struct Lane<'a> {
 #[derive(Clone, Copy, Debug, Default)]
 struct Tally {
     largest_radius: u32,
+    least_radius: Option<u32>,
     /// Of both ends, to tell the mean.
     radius_sum: u64,
     count: u64,
@@ -178,6 +182,7 @@ impl Lane<'_> {
 
     fn push(&mut self, strut: Strut) -> Result<(), PackError> {
         self.tally.largest_radius = self.tally.largest_radius.max(strut.radius_a).max(strut.radius_b);
+        self.tally.least_radius = self.tally.least_radius.into_iter().chain([strut.radius_a, strut.radius_b]).min();
         self.tally.radius_sum += u64::from(strut.radius_a) + u64::from(strut.radius_b);
         self.tally.count += 1;
         let sorted = self.sorter.push(strut);
@@ -259,7 +264,7 @@ impl<'a> Collector<'a> {
     /// # Errors
     /// Where no strut was found.
     pub(super) fn finish(mut self, inputs: &[PathBuf]) -> Result<Collected, PackError> {
-        let Tally { largest_radius, radius_sum, count, short_count, capped_count } = self.tally();
+        let Tally { largest_radius, least_radius, radius_sum, count, short_count, capped_count } = self.tally();
         let quantum_mm = self.rules.quantum_um / 1000.0;
         if count == 0 {
             return Err(self.nothing(inputs, short_count));
@@ -284,6 +289,13 @@ impl<'a> Collector<'a> {
                 Blend::Convolution { support_um }
             }
         };
+        if let Some(least_radius) = least_radius.filter(|radius| *radius < COARSE_RADIUS) {
+            self.notes.push(format!(
+                "the thinnest radius is {least_radius} quanta of {quantum_mm} mm: rounding has changed it by up to {} %; name a \
+                 smaller --quantum",
+                50 / least_radius
+            ));
+        }
         if short_count > 0 {
             self.notes.push(format!(
                 "{short_count} struts shorter than the file's resolution of {quantum_mm} mm were left out"
@@ -303,6 +315,7 @@ impl<'a> Collector<'a> {
     fn tally(&self) -> Tally {
         self.lanes.iter().fold(Tally::default(), |sum, Lane { tally, .. }| Tally {
             largest_radius: sum.largest_radius.max(tally.largest_radius),
+            least_radius: sum.least_radius.into_iter().chain(tally.least_radius).min(),
             radius_sum: sum.radius_sum + tally.radius_sum,
             count: sum.count + tally.count,
             short_count: sum.short_count + tally.short_count,

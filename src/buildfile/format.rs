@@ -15,16 +15,17 @@ pub(super) const END_MAGIC: [u8; 8] = *b"LYD-END\n";
 /// The version this code writes, and the only one it reads.
 pub(super) const VERSION: u32 = 1;
 
-/// Lengths a quantum may have, micrometres.
+/// Lengths a quantum may have, micrometres: from what no printer can tell to what no part can spare, and coordinates of 2³⁰ of
+/// them still reach 1 m.
 pub(super) const QUANTA_UM: std::ops::RangeInclusive<f64> = 1e-3..=1e3;
 
 /// Magic, version, header length, header CRC.
 pub(super) const PRELUDE_BYTES: usize = 20;
 
-/// Largest header.
+/// Largest header: ten times what one with the longest source name takes.
 pub(super) const HEADER_LIMIT_BYTES: u32 = 4096;
 
-/// Most bytes of a source name.
+/// Most bytes of a source name: what file systems allow.
 pub(super) const SOURCE_NAME_LIMIT_BYTES: usize = 255;
 
 /// Prelude and header.

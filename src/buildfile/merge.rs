@@ -7,11 +7,11 @@ use std::os::unix::fs::FileExt;
 use std::sync::Arc;
 
 use super::model::Strut;
-use super::record::Record;
+use super::sort_key::SortKey;
 
 /// One sorted run as it is read: records in memory, then what is left of it in a file.
 struct Run {
-    records: Vec<Record>,
+    records: Vec<SortKey>,
     /// The next of `records`.
     next: usize,
     /// Bytes of the file that are still to be read.
@@ -22,8 +22,8 @@ struct Run {
 pub(super) struct Merge {
     file: Option<Arc<File>>,
     runs: Vec<Run>,
-    /// Each run's least record that was not taken yet; [`Record::END`] behind its last.
-    heads: Vec<Record>,
+    /// Each run's least record that was not taken yet; [`SortKey::END`] behind its last.
+    heads: Vec<SortKey>,
     /// Node n has the children 2n and 2n + 1, and leaf k, at runs.len() + k, is run k. A node holds the run that lost there;
     /// node 0 holds the winner.
     tree: Vec<u32>,
@@ -33,11 +33,11 @@ pub(super) struct Merge {
 
 impl Merge {
     /// Merges sorted runs in memory.
-    pub(super) fn of_memory(runs: Vec<Vec<Record>>) -> Self {
+    pub(super) fn of_memory(runs: Vec<Vec<SortKey>>) -> Self {
         let runs = runs.into_iter().map(|records| Run { records, next: 0, left: 0..0 }).collect();
         let mut merge =
             Self { file: None, runs, heads: Vec::new(), tree: Vec::new(), bytes: Vec::new(), buffer_records: 0 };
-        merge.heads = merge.runs.iter().map(|run| run.records.first().copied().unwrap_or(Record::END)).collect();
+        merge.heads = merge.runs.iter().map(|run| run.records.first().copied().unwrap_or(SortKey::END)).collect();
         merge.build();
         merge
     }
@@ -47,7 +47,7 @@ impl Merge {
     /// # Errors
     /// Where a run cannot be read.
     pub(super) fn of_file(file: Arc<File>, runs: &[Range<u64>], buffer_bytes: usize) -> io::Result<Self> {
-        let buffer_records = (buffer_bytes / Record::BYTES).max(1);
+        let buffer_records = (buffer_bytes / SortKey::BYTES).max(1);
         let runs = runs.iter().map(|range| Run { records: Vec::new(), next: 0, left: range.clone() });
         let mut merge = Self {
             file: Some(file),
@@ -68,16 +68,16 @@ impl Merge {
     /// Bytes of all records that were not taken yet, as a run holds them.
     pub(super) fn bytes_left(&self) -> u64 {
         let left =
-            |run: &Run| (run.records.len() - run.next) as u64 * Record::BYTES as u64 + run.left.end - run.left.start;
+            |run: &Run| (run.records.len() - run.next) as u64 * SortKey::BYTES as u64 + run.left.end - run.left.start;
         self.runs.iter().map(left).sum()
     }
 
-    /// Takes the least record; [`Record::END`] where none is left.
+    /// Takes the least record; [`SortKey::END`] where none is left.
     ///
     /// # Errors
     /// Where a run cannot be read.
-    pub(super) fn next_record(&mut self) -> io::Result<Record> {
-        let Some(&winner) = self.tree.first() else { return Ok(Record::END) };
+    pub(super) fn next_record(&mut self) -> io::Result<SortKey> {
+        let Some(&winner) = self.tree.first() else { return Ok(SortKey::END) };
         let winner = winner as usize;
         let least = self.heads[winner];
         let run = &mut self.runs[winner];
@@ -91,22 +91,22 @@ impl Merge {
     }
 
     /// Reads on in a run whose records are used up, and returns its head.
-    fn refill(&mut self, number: usize) -> io::Result<Record> {
+    fn refill(&mut self, number: usize) -> io::Result<SortKey> {
         let run = &mut self.runs[number];
         run.next = 0;
         run.records.clear();
         let Some(file) = self.file.as_ref().filter(|_| !run.left.is_empty()) else {
             // Memory runs are large: what was taken makes room.
             run.records = Vec::new();
-            return Ok(Record::END);
+            return Ok(SortKey::END);
         };
-        let length = (run.left.end - run.left.start).min((self.buffer_records * Record::BYTES) as u64);
+        let length = (run.left.end - run.left.start).min((self.buffer_records * SortKey::BYTES) as u64);
         self.bytes.resize(length as usize, 0);
         file.read_exact_at(&mut self.bytes, run.left.start)?;
         run.left.start += length;
-        run.records.reserve_exact(self.bytes.len() / Record::BYTES);
-        run.records.extend(self.bytes.as_chunks().0.iter().map(Record::from_bytes));
-        Ok(run.records.first().copied().unwrap_or(Record::END))
+        run.records.reserve_exact(self.bytes.len() / SortKey::BYTES);
+        run.records.extend(self.bytes.as_chunks().0.iter().map(SortKey::from_bytes));
+        Ok(run.records.first().copied().unwrap_or(SortKey::END))
     }
 
     /// Plays the whole tournament.
@@ -148,7 +148,7 @@ impl Iterator for Merge {
 
     fn next(&mut self) -> Option<Self::Item> {
         match self.next_record() {
-            Ok(record) => (record != Record::END).then(|| Ok(record.strut())),
+            Ok(record) => (record != SortKey::END).then(|| Ok(record.strut())),
             Err(error) => Some(Err(error)),
         }
     }

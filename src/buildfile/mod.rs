@@ -18,8 +18,8 @@ mod pack;
 mod packer;
 mod profile;
 mod reader;
-mod record;
 mod sort;
+mod sort_key;
 mod writer;
 
 pub use chunk::CHUNK_STRUTS;

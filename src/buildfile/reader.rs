@@ -364,7 +364,7 @@ impl IndexCheck {
         }
         if entry.packed_bytes > 2 * UNPACKED_LIMIT_BYTES || entry.unpacked_bytes > UNPACKED_LIMIT_BYTES {
             return Err(format!(
-                "{} bytes, {} unpacked: a chunk has at most {UNPACKED_LIMIT_BYTES}",
+                "{} bytes, {} unpacked: a chunk has at most {UNPACKED_LIMIT_BYTES} unpacked, and twice as many packed",
                 entry.packed_bytes, entry.unpacked_bytes
             ));
         }

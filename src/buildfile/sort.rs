@@ -13,7 +13,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use super::merge::Merge;
 use super::model::Strut;
-use super::record::Record;
+use super::sort_key::SortKey;
 
 /// Least buffer for each run of a merge: below it, seeking costs more than reading. Sets how many runs are merged at once.
 const RUN_BUFFER_BYTES: usize = 16 << 10;
@@ -24,12 +24,15 @@ const RUN_BUFFER_LIMIT_BYTES: usize = 1 << 20;
 /// Records turned into bytes at once when a run is written.
 const WRITE_RECORDS: usize = 2048;
 
+/// Records a buffer begins with: 128 KiB.
+const FIRST_RECORDS: usize = 4096;
+
 /// Sorts struts into file order within a number of bytes.
 pub(super) struct Sorter {
     spill: Arc<Spill>,
     /// Bytes of the whole team.
     memory_bytes: usize,
-    buffer: Vec<Record>,
+    buffer: Vec<SortKey>,
     capacity: usize,
 }
 
@@ -65,10 +68,10 @@ impl Sorter {
         }
         if self.buffer.len() == self.buffer.capacity() {
             // In steps, as most parts are small; a large block grows by moving its pages, not its bytes.
-            let wanted = (2 * self.buffer.len()).clamp(4096, self.capacity.max(4096));
+            let wanted = (2 * self.buffer.len()).max(FIRST_RECORDS).min(self.capacity);
             self.buffer.reserve_exact(wanted - self.buffer.len());
         }
-        self.buffer.push(Record::of(&strut));
+        self.buffer.push(SortKey::of(&strut));
         Ok(())
     }
 
@@ -157,8 +160,8 @@ pub(super) fn spill_bytes(struts: u64, memory_bytes: u64, team: usize) -> u64 {
     // Each of the team may leave one run that is not full.
     match runs.saturating_add(team - 1) {
         _ if runs <= 1 => 0,
-        runs if runs <= fan_in(memory_size(memory_bytes)) => struts.saturating_mul(Record::BYTES as u64),
-        _ => struts.saturating_mul(2 * Record::BYTES as u64),
+        runs if runs <= fan_in(memory_size(memory_bytes)) => struts.saturating_mul(SortKey::BYTES as u64),
+        _ => struts.saturating_mul(2 * SortKey::BYTES as u64),
     }
 }
 
@@ -169,7 +172,7 @@ fn memory_size(memory_bytes: u64) -> usize {
 
 /// Records that each of a team may hold.
 fn capacity(memory_bytes: usize, team: usize) -> usize {
-    (memory_bytes / team / size_of::<Record>()).max(1)
+    (memory_bytes / team / size_of::<SortKey>()).max(1)
 }
 
 /// Runs that can be merged at once. One buffer more takes bytes from the file before they are records.
@@ -231,12 +234,12 @@ impl Spill {
     }
 
     /// Writes sorted records as a run of their own. Threads write at the same time, each to its own place.
-    fn write_run(&self, records: &[Record]) -> io::Result<()> {
+    fn write_run(&self, records: &[SortKey]) -> io::Result<()> {
         if records.is_empty() {
             return Ok(());
         }
-        let (file, mut offset) = self.reserve((records.len() * Record::BYTES) as u64)?;
-        let mut bytes = Vec::with_capacity(WRITE_RECORDS * Record::BYTES);
+        let (file, mut offset) = self.reserve((records.len() * SortKey::BYTES) as u64)?;
+        let mut bytes = Vec::with_capacity(WRITE_RECORDS * SortKey::BYTES);
         for part in records.chunks(WRITE_RECORDS) {
             bytes.clear();
             part.iter().for_each(|record| bytes.extend_from_slice(&record.to_bytes()));
@@ -250,16 +253,16 @@ impl Spill {
     fn append(&self, merge: &mut Merge, progress: &mut dyn FnMut(u64)) -> io::Result<()> {
         let (file, first) = self.reserve(merge.bytes_left())?;
         let mut offset = first;
-        let mut bytes = Vec::with_capacity(WRITE_RECORDS * Record::BYTES);
+        let mut bytes = Vec::with_capacity(WRITE_RECORDS * SortKey::BYTES);
         loop {
             let record = merge.next_record()?;
-            if record == Record::END || bytes.len() == bytes.capacity() {
+            if record == SortKey::END || bytes.len() == bytes.capacity() {
                 file.write_all_at(&bytes, offset)?;
                 offset += bytes.len() as u64;
                 bytes.clear();
                 progress(offset);
             }
-            if record == Record::END {
+            if record == SortKey::END {
                 return Ok(());
             }
             bytes.extend_from_slice(&record.to_bytes());

@@ -101,6 +101,7 @@ impl SlicePlan {
     /// names axis and excess), or there would be too many layers.
     pub fn new(header: &Header, raster: Raster, depth: Depth, layer_height_um: f64) -> Result<Self, PlanError> {
         raster.check()?;
+        // From what no mechanism can step to what no resin cures through.
         if !(1.0..=1000.0).contains(&layer_height_um) {
             return Err(PlanError::BadLayerHeight(layer_height_um));
         }

@@ -120,7 +120,8 @@ impl Numbers {
             count => return Err(format!("{count} fields; a strut is `x1 y1 z1 x2 y2 z2 [radius]`")),
         };
         if radius <= 0.0 {
-            return Err(format!("radius {radius}; it must be greater than 0"));
+            let whose = if self.count == FIELDS { "" } else { ", from the first line" };
+            return Err(format!("radius {radius}{whose}; it must be greater than 0"));
         }
         let (a, b) = (DVec3::new(x1, y1, z1), DVec3::new(x2, y2, z2));
         if a == b {

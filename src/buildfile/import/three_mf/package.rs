@@ -12,7 +12,7 @@ use crate::buildfile::pack::PackError;
 /// Unpacked bytes for each byte of the file: ten times what the most regular lattices reach; deflate itself ends at 1032.
 const RATIO_LIMIT: u64 = 200;
 
-/// Unpacked bytes that are always allowed.
+/// Unpacked bytes that are always allowed, however well they were compressed: a part of half a million beams.
 const FREE_BYTES: u64 = 64 << 20;
 
 /// An open package.

@@ -7,7 +7,8 @@ use glam::{DAffine3, DVec3};
 
 use super::xml::{Element, Space, Step, Xml};
 
-/// Deepest nesting of components.
+/// Deepest nesting of components: assemblies of assemblies, deeper than anybody draws them; the placing walks it on a list, not
+/// the stack.
 const DEPTH_LIMIT: usize = 32;
 
 /// Most objects, components and items together, and most visits in placing them: components of components multiply.

@@ -1,4 +1,4 @@
-//! A strut as the sort keeps it: 32 bytes, in memory and in runs, whose order as numbers is the order of struts in a file.
+//! A strut as the sort keeps it, all of it a key: 32 bytes, in memory and in runs, whose order as numbers is the order of struts in a file.
 
 use super::model::{Cap, Caps, Strut};
 use crate::solid::LARGEST_RADIUS;
@@ -10,14 +10,14 @@ const _: () = assert!(LARGEST_RADIUS < 1 << 30);
 ///
 /// The order is total, so that a build file does not depend on the order of its source.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct Record {
+pub(super) struct SortKey {
     /// a.z, a.y, a.x, b.z from the weightiest bits on, each with its sign turned so that it ascends.
     high: u128,
     /// b.y, b.x, then 30 bits each of radius a and b and 2 bits each of cap a and b.
     low: u128,
 }
 
-impl Record {
+impl SortKey {
     /// Bytes of a record in a run.
     pub(super) const BYTES: usize = 32;
 
@@ -102,12 +102,12 @@ mod tests {
             ([a[2], a[1], a[0], b[2], b[1], b[0]], [radius_a, radius_b], [caps.a as u8, caps.b as u8])
         };
         for one in &struts {
-            let record = Record::of(one);
+            let record = SortKey::of(one);
             assert_eq!(record.strut(), *one);
-            assert_eq!(Record::from_bytes(&record.to_bytes()), record);
-            assert!(record < Record::END);
+            assert_eq!(SortKey::from_bytes(&record.to_bytes()), record);
+            assert!(record < SortKey::END);
             for other in &struts {
-                assert_eq!(record.cmp(&Record::of(other)), key(one).cmp(&key(other)));
+                assert_eq!(record.cmp(&SortKey::of(other)), key(one).cmp(&key(other)));
             }
         }
     }
