@@ -72,7 +72,8 @@ impl Output {
     /// Syncs the file, gives it its name and syncs the directory.
     ///
     /// # Errors
-    /// Nothing stays behind then, and a file that had the name before is as it was.
+    /// Nothing stays behind then, and a file that had the name before is as it was; unless only the directory could not be synced
+    /// at the very end.
     pub(crate) fn persist(self) -> io::Result<()> {
         self.file().sync_all()?;
         let directory = File::open(&self.directory)?;
@@ -83,7 +84,7 @@ impl Output {
     /// Gives the file its name, without waiting for the disk.
     ///
     /// # Errors
-    /// As [`Output::persist`].
+    /// Nothing stays behind then, and a file that had the name before is as it was.
     pub(crate) fn publish(self) -> io::Result<()> {
         match self.target {
             Target::Unnamed(file) => link(&file, &self.directory, &self.path),

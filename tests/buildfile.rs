@@ -355,6 +355,8 @@ fn foreign_files_are_named_for_what_they_are() {
     assert!(read(directory.path()).expect_err("a directory").to_string().contains("not a regular file"));
     let pipe = directory.path().join("pipe");
     assert!(std::process::Command::new("mkfifo").arg(&pipe).status().expect("mkfifo runs").success());
+    // A reader that opens it would wait; this end lets it go on, and fail.
+    let _writer = std::fs::OpenOptions::new().read(true).write(true).open(&pipe).expect("is there");
     assert!(read(&pipe).expect_err("nobody writes to it").to_string().contains("not a regular file"));
 }
 

@@ -68,6 +68,7 @@ fn empty_snapshot() -> Snapshot {
         device: DeviceView::default(),
         budget: Default::default(),
         line: Default::default(),
+        jobs_ended: 0,
         jobs: Vec::new(),
     }
 }

@@ -179,7 +179,7 @@ fn a_quantum_bounds_the_error_along_each_axis_and_how_far_coordinates_reach() {
     }
     bench.options.quantum_um = 250.0;
     let (report, _) = bench.text("1 0.4 0 0\n0 0 0 0 0 5\n").expect("is fine");
-    assert!(report.notes.join("").contains("2 quanta of 0.25 mm: rounding has changed it by up to 25 %"), "{report:?}");
+    assert!(report.notes.join("").contains("2 quanta of 0.25 mm: rounding has changed it by up to 33 %"), "{report:?}");
     bench.options.quantum_um = 0.001;
     let found = said(bench.text("1 0.1 0 0\n0 0 0 2000 1 1\n"));
     assert!(found.contains("in.txt:2") && found.contains("0.001 µm") && found.contains("--quantum"), "{found}");

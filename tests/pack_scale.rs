@@ -226,7 +226,7 @@ fn too_little_space_is_refused_at_the_start_and_its_end_on_the_way_is_told() {
 
     // What an earlier source took is not asked for again.
     drop(disk);
-    let Some(_disk) = SmallDisk::mount(&out, "6m") else { return };
+    let _disk = SmallDisk::mount(&out, "6m").expect("could be mounted a moment ago");
     let sources = [&lines[..100_000], &lines[100_000..120_000]].map(|lines| {
         let input = directory.path().join(format!("{}.txt", lines.len()));
         fs::write(&input, text(lines)).expect("can be written");

@@ -2,6 +2,7 @@
 
 mod support;
 
+use std::io::{Read, Write};
 use std::time::Duration;
 
 use support::{Bench, Setup, real_data, signal, wait_until};
@@ -144,7 +145,9 @@ fn stop_ends_after_the_layer_and_the_next_job_prints() {
 fn a_queued_job_begins_only_on_a_word_given_when_it_is_next() {
     let mut bench = Bench::start(Setup { confirm_plate: true, ..Setup::default() });
     bench.ok(&SMALL);
-    let [first, second, third] = [(); 3].map(|()| bench.start_job("part.layerd"));
+    let first = bench.start_job("part.layerd");
+    bench.ok(&["pause"]);
+    let [second, third] = [(); 2].map(|()| bench.start_job("part.layerd"));
     let refused = |bench: &Bench, id: u64, told: &str| {
         let output = bench.layerctl(&["resume", &id.to_string()]);
         let text = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -152,12 +155,15 @@ fn a_queued_job_begins_only_on_a_word_given_when_it_is_next() {
         assert!(bench.ok(&["jobs"]).contains(told), "`jobs` says it, too");
     };
     refused(&bench, second, &format!("waits for the end of job {first}"));
+    bench.wait_for(first, &["paused"]);
+    bench.ok(&["resume"]);
     bench.wait_for(first, &["completed"]);
     refused(&bench, third, &format!("waits for job {second}, which is before it"));
     let begun = bench.acts().len();
     bench.ok(&["resume", &second.to_string()]);
-    wait_until("some layers", || bench.job(second)["layers_done"].as_u64() >= Some(3));
-    assert!(bench.acts().len() > begun);
+    wait_until("its first layers", || bench.acts().len() > begun);
+    bench.ok(&["pause"]);
+    bench.wait_for(second, &["paused"]);
     bench.kill_daemon();
     bench.start_daemon();
     let status = bench.json(&["status"]);
@@ -172,6 +178,31 @@ fn a_queued_job_begins_only_on_a_word_given_when_it_is_next() {
     assert_eq!(bench.acts().iter().filter(|act| act["event"] == "light_on").count(), begun, "nothing begins by itself");
     bench.ok(&["resume", &third.to_string()]);
     bench.wait_for(third, &["completed"]);
+}
+
+/// Whoever asked for it saw the plate before the other job's part hung there.
+#[test]
+fn a_job_that_arrives_while_another_ends_does_not_begin_by_itself() {
+    let bench = Bench::start(Setup { confirm_plate: true, ..Setup::default() });
+    bench.ok(&SMALL);
+    let first = bench.start_job("part.layerd");
+    let part = std::fs::read(bench.path("part.layerd")).expect("is there");
+    let mut upload = std::os::unix::net::UnixStream::connect(bench.path("control.sock")).expect("the daemon listens");
+    let head =
+        format!("POST /v1/jobs HTTP/1.1\r\nHost: x\r\nx-layerd-name: late\r\nContent-Length: {}\r\n\r\n", part.len());
+    upload.write_all(head.as_bytes()).expect("is taken");
+    upload.write_all(&part[..100]).expect("is taken");
+    bench.wait_for(first, &["completed"]);
+    upload.write_all(&part[100..]).expect("is taken");
+    let mut answer = [0; 12];
+    upload.read_exact(&mut answer).expect("an answer");
+    assert_eq!(&answer, b"HTTP/1.1 201");
+    let late = first + 1;
+    wait_until("its reason", || {
+        bench.job(late)["reason"].as_str().is_some_and(|reason| reason.contains("waits for a clear plate"))
+    });
+    bench.ok(&["resume", &late.to_string()]);
+    bench.wait_for(late, &["completed"]);
 }
 
 #[test]

@@ -19,7 +19,7 @@ pub(super) const SUPPORT_FACTOR: f64 = 1.5;
 /// radius) that all within R of it swells it.
 const WIDE_SUPPORT: f64 = 5.0;
 
-/// Radii of fewer quanta are told: rounding changes them by more than 5 %.
+/// Radii of fewer quanta are told: rounding changes them by 5 % and more.
 const COARSE_RADIUS: u32 = 10;
 
 /// Farthest coordinate of a node, quanta: radii add to a node's place, and half the range leaves room for them.
@@ -293,7 +293,7 @@ impl<'a> Collector<'a> {
             self.notes.push(format!(
                 "the thinnest radius is {least_radius} quanta of {quantum_mm} mm: rounding has changed it by up to {} %; name a \
                  smaller --quantum",
-                50 / least_radius
+                100 / (2 * least_radius - 1)
             ));
         }
         if short_count > 0 {

@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use super::slice::{Setting, default_threads};
 use super::{duration_text, mib};
-use crate::buildfile::BuildFile;
+use crate::buildfile::{Blend, BuildFile};
 use crate::config::{Recipe, byte_size};
 use crate::daemon::PrintMemory;
 use crate::device::encoding;
@@ -157,6 +157,7 @@ fn judge(
         device_ms_normal_layer: device_ms(&recipe, plan.layer_count),
         print_time_s: ((0..plan.layer_count).map(|layer| device_ms(&recipe, layer)).sum::<f64>() / 1e3) as u64,
     };
+    let is_union = file.header().blend == Blend::Union;
     drop(file);
     tell_size(&size);
     if memory_needed_bytes > budget {
@@ -172,7 +173,7 @@ fn judge(
     let late_layers = late_layers(&samples, plan.layer_count);
     let dark = dark_bottom_layers(path, &plan, threads)?;
     let late = (!late_layers.is_empty()).then(|| late_text(&late_layers));
-    let problems = (dark > 0).then(|| dark_text(dark)).into_iter().chain(late).collect();
+    let problems = (dark > 0).then(|| dark_text(dark, plan.layer_count, is_union)).into_iter().chain(late).collect();
     Ok(Findings { fits: true, problems, size: Some(size), times: Some(times(&samples, dark, late_layers)) })
 }
 
@@ -251,11 +252,19 @@ fn dark_bottom_layers(file: &std::path::Path, plan: &SlicePlan, threads: usize) 
     Ok(dark)
 }
 
-fn dark_text(layers: u32) -> String {
-    format!(
-        "the lowest {layers} layers are dark, so nothing holds to the plate: the ends of lone struts print shorter than they \
-         are. Let the part stand on nodes where struts meet, or pack it with `--blend union`"
-    )
+fn dark_text(layers: u32, layer_count: u32, is_union: bool) -> String {
+    let which = match layers {
+        _ if layers == layer_count => "all layers are dark".to_owned(),
+        1 => "the lowest layer is dark, so nothing holds to the plate".to_owned(),
+        _ => format!("the lowest {layers} layers are dark, so nothing holds to the plate"),
+    };
+    let why = if is_union {
+        "the part is thinner there than pixels show"
+    } else {
+        "lone struts print shorter than they are at their ends, and thinner or not at all where they are shorter than the \
+         support R. Let the part stand on nodes where struts meet, or pack it with `--blend union`"
+    };
+    format!("{which}: {why}")
 }
 
 /// Time the device spends on a layer: exposure, waits, lift and retract.

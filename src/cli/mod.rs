@@ -149,10 +149,10 @@ fn done((): ()) -> Ending {
 /// `error: …` and each cause that its text does not already contain.
 pub fn report(error: &anyhow::Error) {
     let mut told = error.to_string();
-    eprintln!("error: {}", plain(&told));
+    eprint(&format!("error: {told}"));
     for cause in error.chain().skip(1).map(ToString::to_string) {
         if !told.contains(&cause) {
-            eprintln!("  because: {}", plain(&cause));
+            eprint(&format!("  because: {cause}"));
             told.push_str(&cause);
         }
     }
@@ -178,14 +178,31 @@ fn block_on<T>(conversation: impl Future<Output = anyhow::Result<T>>) -> anyhow:
 
 /// One JSON object on stdout, nothing else.
 fn print_json(value: &impl serde::Serialize) -> anyhow::Result<()> {
-    print(&serde_json::to_string(value)?)
+    let mut line = String::new();
+    for character in serde_json::to_string(value)?.chars() {
+        match character {
+            // JSON lets these stand as they are; a terminal would obey them.
+            _ if character.is_control() => line.push_str(&format!("\\u{:04x}", u32::from(character))),
+            _ => line.push(character),
+        }
+    }
+    write_line(&line)
 }
 
-/// A line on stdout; a closed pipe is an error, not a panic.
+/// A text on stdout, [`plain`].
 fn print(text: &str) -> anyhow::Result<()> {
+    write_line(&plain(text))
+}
+
+/// A text on stderr, [`plain`].
+fn eprint(text: &str) {
+    eprintln!("{}", plain(text));
+}
+
+/// A closed pipe is an error, not a panic.
+fn write_line(text: &str) -> anyhow::Result<()> {
     use std::io::Write;
-    writeln!(std::io::stdout().lock(), "{}", plain(text))
-        .map_err(|error| anyhow::anyhow!("cannot write to stdout: {error}"))
+    writeln!(std::io::stdout().lock(), "{text}").map_err(|error| anyhow::anyhow!("cannot write to stdout: {error}"))
 }
 
 /// A bar on stderr, of an indicatif template; invisible where that is no terminal.

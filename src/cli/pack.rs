@@ -93,7 +93,7 @@ pub fn run(args: PackArgs) -> anyhow::Result<()> {
     display.bar.finish_and_clear();
     let report = report?;
     for note in &report.notes {
-        eprintln!("note: {}", super::plain(note));
+        super::eprint(&format!("note: {note}"));
     }
     super::print(&super::info::Summary::of(&BuildFile::open(&output)?).to_string())
 }
@@ -112,13 +112,13 @@ impl Display<'_> {
     fn show(&mut self, progress: PackProgress) {
         match progress {
             PackProgress::Space { temporary_bytes, output_bytes, free_bytes } => self.bar.suspend(|| {
-                eprintln!(
+                super::eprint(&format!(
                     "note: needs up to {} of temporary space beside {}, which itself takes about {} or less; {} are free",
                     size_text(temporary_bytes),
                     self.output.display(),
                     size_text(output_bytes),
                     size_text(free_bytes)
-                );
+                ));
             }),
             PackProgress::Reading { done, total } => self.step("reading", "{binary_bytes_per_sec}", done, total),
             PackProgress::Joining { done, total } => self.step("joining", "{binary_bytes_per_sec}", done, total),

@@ -133,10 +133,10 @@ pub fn run(args: SliceArgs) -> anyhow::Result<()> {
     manifest.write(&manifest_path)?;
     let others = manifest.other_pictures(&output)?;
     if others > 0 {
-        eprintln!(
+        super::eprint(&format!(
             "note: {others} more pictures of layers are in {}, of another slice; manifest.json does not name them",
             output.display()
-        );
+        ));
     }
     super::print(&format!("{} layers and manifest.json in {}", manifest.layers.len(), output.display()))
 }

@@ -90,7 +90,7 @@ pub(super) async fn wait(client: &Client, mut job: JobView, mut events: Events) 
         show(&bar, &job);
         if job.state == JobState::Queued && job.reason != told {
             told.clone_from(&job.reason);
-            bar.suspend(|| told.iter().for_each(|reason| eprintln!("job {} {reason}", job.id)));
+            bar.suspend(|| told.iter().for_each(|reason| super::eprint(&format!("job {} {reason}", job.id))));
         }
         if let Some(ending) = ending(job.state) {
             bar.finish_and_clear();
@@ -103,7 +103,7 @@ pub(super) async fn wait(client: &Client, mut job: JobView, mut events: Events) 
             Ok(Some(Event::Layer(exposed))) if exposed.job == job.id => {
                 job.layers_done = job.layers_done.max(exposed.layer.saturating_add(1));
             }
-            Ok(Some(Event::Notice { text })) => bar.suspend(|| eprintln!("{text}")),
+            Ok(Some(Event::Notice { text })) => bar.suspend(|| super::eprint(&text)),
             Ok(Some(_)) => {}
             Ok(None) | Err(_) => {
                 let Some(again) = reconnect(client).await? else {
@@ -150,7 +150,8 @@ fn show(bar: &ProgressBar, job: &JobView) {
 
 fn summarise(job: &JobView) {
     let reason = job.reason.as_ref().map_or_else(String::new, |reason| format!(": {reason}"));
-    eprintln!("job {} {} after {} of {} layers{reason}", job.id, job.state, job.layers_done, job.layers_total);
+    let JobView { id, state, layers_done, layers_total, .. } = job;
+    super::eprint(&format!("job {id} {state} after {layers_done} of {layers_total} layers{reason}"));
     if job.late_layers > 0 {
         eprintln!("{} layers were late, {} ms in all", job.late_layers, job.late_ms_total);
     }

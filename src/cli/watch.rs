@@ -14,7 +14,6 @@ use ratatui::widgets::{Block, Gauge, Paragraph, Wrap};
 use super::client::Client;
 use super::{block_on, duration_text, print_json, status};
 use crate::daemon::api::{DeviceView, JobView, ResumeBody, Status};
-use crate::job::JobState;
 
 /// How often the daemon is asked; people read no faster.
 const ASK_INTERVAL: Duration = Duration::from_millis(500);
@@ -102,16 +101,15 @@ async fn follow(client: &Client, terminal: &mut ratatui::DefaultTerminal, mut vi
 
 /// One key: orders go to the job that holds the machine.
 async fn press(client: &Client, view: &mut View, key: KeyCode) {
-    let active = view.status.active.as_ref().map(|job| (job.id.clone(), job.state));
+    let active = view.status.active.as_ref().map(|job| job.id.clone());
     if std::mem::take(&mut view.asks_abort) {
-        view.note = match (key, active) {
-            (KeyCode::Char('y'), Some((id, JobState::Interrupted))) => told(client.order(&id, "abort").await),
-            (KeyCode::Char('y'), _) => told(client.abort_active().await),
+        view.note = match key {
+            KeyCode::Char('y') => told(client.abort_active().await),
             _ => "not aborted".into(),
         };
         return;
     }
-    let Some((id, _)) = active else {
+    let Some(id) = active else {
         view.note = "no job holds the machine".into();
         return;
     };

@@ -5,7 +5,7 @@ use tokio::sync::oneshot;
 use super::api::JobView;
 use super::handle::CommandError;
 use super::jobs::Job;
-use super::opened::Opened;
+use super::opened::{Opened, Unopened};
 use super::orders::Change;
 
 /// Where an order's answer goes.
@@ -26,12 +26,14 @@ pub(super) enum Background {
         /// The job.
         job: u32,
         /// All it needs, or why it cannot be printed.
-        result: Result<Box<Opened>, String>,
+        result: Result<Box<Opened>, Unopened>,
     },
     /// A new job is in the spool, or not.
     Accepted {
         /// The job.
         result: Result<Box<Job>, CommandError>,
+        /// Jobs that had ended when the operator asked.
+        jobs_ended: u64,
         /// Who asked.
         reply: Reply,
     },

@@ -25,6 +25,8 @@ pub struct Snapshot {
     pub budget: BudgetView,
     /// What the line carried.
     pub line: LineView,
+    /// Jobs that have ended since the daemon started. Whoever looked at the plate before one more did has not seen its part.
+    pub jobs_ended: u64,
     /// Every job that is remembered, in the order of their acceptance. The printer bounds their number.
     pub jobs: Vec<JobView>,
 }
@@ -88,6 +90,8 @@ pub struct Submission {
     pub recipe_text: Option<String>,
     /// For people: where the recipe came from.
     pub recipe_name: Option<String>,
+    /// [`Snapshot::jobs_ended`] when the operator asked.
+    pub jobs_ended: u64,
 }
 
 /// Why an order is not carried out.

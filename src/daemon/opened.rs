@@ -24,19 +24,32 @@ pub(super) struct Opened {
     pub part: Arc<Part>,
 }
 
+/// A job that cannot be printed.
+#[derive(Debug)]
+pub(super) struct Unopened {
+    /// Why.
+    pub text: String,
+    /// What becomes of it: interrupted where its part may be on the plate, else failed.
+    pub state: JobState,
+}
+
 impl Opened {
     /// Opens a job of the spool: journal, recipe, machine and part as they were when it was accepted. Blocks.
     ///
     /// # Errors
-    /// A text that says what is missing or does not fit; where the journal can be written, the job's end stands in it.
+    /// What is missing or does not fit; where the journal can be written, the job's end stands in it.
     pub(super) fn open(
         job: &JobDirectory,
         choice: ResumeChoice,
         threads: usize,
         limit_bytes: u64,
-    ) -> Result<Self, String> {
-        let (mut journal, history) = Journal::open(&job.journal()).map_err(|error| error.to_string())?;
-        let start = history.start(choice).map_err(|error| error.to_string())?;
+    ) -> Result<Self, Unopened> {
+        let (mut journal, history) = Journal::open(&job.journal())
+            .map_err(|error| Unopened { text: error.to_string(), state: JobState::Failed })?;
+        // Such a part stays resumable: whatever is wrong may be mended.
+        let on_plate = history.next_layer > 0 || history.unconfirmed.is_some() || history.in_doubt.is_some();
+        let state = if on_plate { JobState::Interrupted } else { JobState::Failed };
+        let start = history.start(choice).map_err(|error| Unopened { text: error.to_string(), state })?;
         let open = || -> Result<_, String> {
             let recipe = Recipe::load(&job.recipe()).map_err(|error| error.to_string())?;
             let machine = Machine::load(&job.machine()).map_err(|error| error.to_string())?;
@@ -46,10 +59,8 @@ impl Opened {
         match open() {
             Ok((recipe, machine, part)) => Ok(Self { journal, key: history.key, start, recipe, machine, part }),
             Err(text) => {
-                // A part that is on the plate stays resumable: whatever is wrong may be mended.
-                let state = if history.next_layer == 0 { JobState::Failed } else { JobState::Interrupted };
-                journal.append(Record::Ended { state, reason: text.clone() }, unix_ms()).map_err(|e| e.to_string())?;
-                Err(text)
+                let ended = journal.append(Record::Ended { state, reason: text.clone() }, unix_ms());
+                Err(Unopened { text: ended.map_or_else(|error| error.to_string(), |_| text), state })
             }
         }
     }

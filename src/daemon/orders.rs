@@ -48,7 +48,7 @@ impl Printer {
             Command::Stop(id) => self.steer(&id, EngineCommand::Stop),
             Command::Resume { id, in_doubt } => self.resume(&id, in_doubt),
             Command::Abort(Some(id)) => self.steer(&id, EngineCommand::Abort),
-            Command::Abort(None) => match self.holder() {
+            Command::Abort(None) => match self.holder().or_else(|| self.jobs.interrupted()) {
                 Some(id) => self.steer(&id.to_string(), EngineCommand::Abort),
                 None => Err(CommandError::new(409, "no job is active, so there is nothing to abort")),
             },
@@ -65,19 +65,25 @@ impl Printer {
     /// Checks and stores a new job in the background.
     fn submit(&self, submission: Submission, reply: Reply) {
         let (setting, spool) = (Arc::clone(&self.setting), Arc::clone(&self.spool));
+        let jobs_ended = submission.jobs_ended;
         let (background, limit_bytes) = (self.background.clone(), self.budget.limit_bytes());
         tokio::task::spawn_blocking(move || {
             let verified = verify(&submission);
             let result = verified.and_then(|()| accept(&setting, &spool, &submission, limit_bytes)).map(Box::new);
-            let _ = background.blocking_send(Background::Accepted { result, reply });
+            let _ = background.blocking_send(Background::Accepted { result, jobs_ended, reply });
         });
     }
 
     /// A new job is in the spool, or not.
-    pub(super) fn accepted(&mut self, result: Result<Box<Job>, CommandError>, reply: Reply) {
+    pub(super) fn accepted(&mut self, result: Result<Box<Job>, CommandError>, jobs_ended: u64, reply: Reply) {
         let answer = result.map(|mut job| {
-            // Started with nothing before it, the operator has just seen the plate; behind another job nobody has.
-            let alone = self.holder().is_none() && self.jobs.queue_is_empty() && self.jobs.interrupted().is_none();
+            // Started with nothing before it, the operator has just seen the plate. Nobody has behind another job, not even
+            // one that ended while this one arrived, nor where who asked did not wait for the answer.
+            let alone = jobs_ended == self.jobs_ended
+                && !reply.is_closed()
+                && self.holder().is_none()
+                && self.jobs.queue_is_empty()
+                && self.jobs.interrupted().is_none();
             job.awaits_plate = self.setting.machine.confirm_plate && !alone;
             let id = job.directory.id;
             self.jobs.accept(*job);
@@ -118,8 +124,9 @@ impl Printer {
             Some(InDoubt::Exposed) => ResumeChoice::AssumeExposed,
             Some(InDoubt::Repeat) => ResumeChoice::Repeat,
         };
-        match self.waiting(id)?.view.state {
-            JobState::Queued => self.plate_is_clear(id),
+        let state = self.waiting(id)?.view.state;
+        match state {
+            JobState::Queued if self.setting.machine.confirm_plate => self.plate_is_clear(id),
             JobState::Interrupted => Ok(Step::Change(id, Change::Resume(choice))),
             state => Err(wrong_state(id, state, EngineCommand::Resume)),
         }
@@ -134,6 +141,12 @@ impl Printer {
         self.waiting(id)?.awaits_plate = false;
         self.publish_job(id);
         Ok(Step::Done(id))
+    }
+
+    /// Aborts an interrupted job for an operator who has had the answer already.
+    pub(super) fn end_aborted(&mut self, id: u32) {
+        let (reply, _) = tokio::sync::oneshot::channel();
+        self.change(id, Change::End(JobState::Aborted), reply);
     }
 
     /// Gives the order to the engine if the job is the running one; says whether it is.
@@ -172,6 +185,7 @@ impl Printer {
             job.ordered = false;
             match &result {
                 Ok(Change::End(state)) => {
+                    self.jobs_ended += 1;
                     job.end(*state, Some(ENDED.into()));
                     self.jobs.unqueue(id);
                 }

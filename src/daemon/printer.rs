@@ -15,7 +15,7 @@ use super::clock::Clock;
 use super::handle::Desk;
 use super::jobs::Jobs;
 use super::line::Line;
-use super::opened::Opened;
+use super::opened::{Opened, Unopened};
 use super::part::EncodedLayer;
 use super::running::{Running, Task};
 use super::setting::Setting;
@@ -59,6 +59,8 @@ pub(super) struct Printer {
     /// Number of the abort sent last that no device has answered.
     pub(super) last_abort: Option<u32>,
     last_progress: Option<Progress>,
+    /// See [`super::handle::Snapshot::jobs_ended`].
+    pub(super) jobs_ended: u64,
     /// Sessions begun because the one before was lost.
     pub(super) reconnects: u64,
     shutting_down: bool,
@@ -95,6 +97,7 @@ impl Printer {
             message: None,
             last_abort: None,
             last_progress: None,
+            jobs_ended: 0,
             reconnects: 0,
             shutting_down: false,
         }
@@ -246,7 +249,7 @@ impl Printer {
                 });
             }
             Background::Opened { job, result } => self.opened(job, result, now_us),
-            Background::Accepted { result, reply } => self.accepted(result, reply),
+            Background::Accepted { result, jobs_ended, reply } => self.accepted(result, jobs_ended, reply),
             Background::Changed { job, result, reply } => self.changed(job, result, reply),
             Background::Released { forgotten } => {
                 self.releasing = false;
@@ -259,7 +262,7 @@ impl Printer {
         }
     }
 
-    fn opened(&mut self, id: u32, result: Result<Box<Opened>, String>, now_us: u64) {
+    fn opened(&mut self, id: u32, result: Result<Box<Opened>, Unopened>, now_us: u64) {
         self.opening = None;
         let abort = std::mem::take(&mut self.abort_opening);
         match result {
@@ -278,13 +281,16 @@ impl Printer {
                 // A new session tells the device's state afresh and numbers requests from 1 for the job's driver.
                 self.link.reconnect();
             }
-            Err(text) => {
+            Err(Unopened { text, state }) => {
                 self.notice(format!("job {id} cannot be printed: {text}"));
                 if let Some(job) = self.jobs.get_mut(id) {
-                    let state = if job.view.layers_done == 0 { JobState::Failed } else { JobState::Interrupted };
                     job.end(state, Some(text));
                 }
+                self.jobs_ended += 1;
                 self.publish_job(id);
+                if abort && state == JobState::Interrupted {
+                    self.end_aborted(id);
+                }
             }
         }
     }
@@ -296,6 +302,7 @@ impl Printer {
         self.message = None;
         self.last_progress = None;
         let id = running.job;
+        self.jobs_ended += 1;
         tracing::info!(job = id, state = %self.jobs.get(id).map_or(JobState::Failed, |job| job.view.state), "job ended");
         self.idle = None;
         self.link.reconnect();
@@ -360,11 +367,12 @@ impl Printer {
         }
         let line = view::line(&self.link.statistics(), self.reconnects, self.link.busy_share());
         let budget = view::budget(&self.budget);
-        let (device, jobs) = (self.device.clone(), self.jobs.views());
+        let (device, jobs, jobs_ended) = (self.device.clone(), self.jobs.views(), self.jobs_ended);
         self.desk.snapshot.send_modify(|snapshot| {
             snapshot.line = line;
             snapshot.budget = budget;
             snapshot.device = device;
+            snapshot.jobs_ended = jobs_ended;
             snapshot.jobs = jobs;
         });
     }

@@ -55,7 +55,7 @@ async fn serve(setting: Setting) -> anyhow::Result<()> {
     let jobs = Jobs::load(spool.jobs()?, setting.machine.confirm_plate);
     let listener = server::bind(&setting.config.socket).await?;
     let budget = MemoryBudget::new(setting.config.memory_budget);
-    let (handle, desk) = handle::channel(first_snapshot(&setting));
+    let (handle, desk) = handle::channel(first_snapshot(&setting, &jobs));
     let (shutdown, ending) = watch::channel(false);
     let link = setting.machine.link.clone();
     let socket = setting.config.socket.clone();
@@ -81,7 +81,7 @@ async fn serve(setting: Setting) -> anyhow::Result<()> {
     printed.context("the printer's loop ended with a panic; the device's own limits keep it safe")?
 }
 
-fn first_snapshot(setting: &Setting) -> Snapshot {
+fn first_snapshot(setting: &Setting, jobs: &Jobs) -> Snapshot {
     let path = setting.machine.link.path.display().to_string();
     Snapshot {
         machine: setting.machine.name.clone(),
@@ -89,6 +89,7 @@ fn first_snapshot(setting: &Setting) -> Snapshot {
         device: DeviceView::default(),
         budget: BudgetView::default(),
         line: LineView::default(),
-        jobs: Vec::new(),
+        jobs_ended: 0,
+        jobs: jobs.views(),
     }
 }

@@ -207,8 +207,9 @@ async fn device(State(shared): App) -> Response {
 }
 
 async fn submit(State(shared): App, headers: HeaderMap, mut body: Body) -> Answer {
+    let jobs_ended = shared.handle.snapshot().jobs_ended;
     let submission = match shared.uploads.try_acquire() {
-        Ok(_permit) => upload::receive(&shared.incoming, &headers, &mut body).await,
+        Ok(_permit) => upload::receive(&shared.incoming, &headers, &mut body, jobs_ended).await,
         Err(_) => Err(CommandError::new(503, format!("{MOST_UPLOADS} uploads are under way already; try again"))),
     };
     let submission = match submission {

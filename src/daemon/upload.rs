@@ -22,7 +22,17 @@ const LONGEST_PAUSE: Duration = Duration::from_millis(300);
 const LONGEST_DRAIN: Duration = Duration::from_secs(10);
 
 /// Writes the request's body into `incoming` and flushes it.
-pub(super) async fn receive(incoming: &Path, headers: &HeaderMap, body: &mut Body) -> Result<Submission, CommandError> {
+///
+/// `jobs_ended` is how many had when the request began.
+///
+/// # Errors
+/// What is wrong with the request, or why it cannot be stored.
+pub(super) async fn receive(
+    incoming: &Path,
+    headers: &HeaderMap,
+    body: &mut Body,
+    jobs_ended: u64,
+) -> Result<Submission, CommandError> {
     let name =
         text(headers, NAME_HEADER, LONGEST_NAME_BYTES)?.filter(|name| !name.trim().is_empty()).ok_or_else(|| {
             CommandError::new(400, format!("the header {NAME_HEADER} is missing: how is the job called?"))
@@ -37,7 +47,7 @@ pub(super) async fn receive(incoming: &Path, headers: &HeaderMap, body: &mut Bod
         return Err(no_space(incoming, announced, space));
     }
     let part = store(incoming, body, space).await?;
-    Ok(Submission { part, name, recipe_text, recipe_name })
+    Ok(Submission { part, name, recipe_text, recipe_name, jobs_ended })
 }
 
 /// Reads what a refused sender still sends, so that it comes to read the answer: many clients read none before they have

@@ -191,7 +191,9 @@ mod tests {
 
     /// Waits until so many layers were computed; never more, as long as none is taken.
     async fn until(made: &AtomicU32, count: u32) {
+        let began = Instant::now();
         while made.load(Ordering::SeqCst) < count {
+            assert!(began.elapsed() < Duration::from_secs(60), "waited in vain for {count} layers");
             tokio::time::sleep(Duration::from_millis(1)).await;
         }
         assert_eq!(made.load(Ordering::SeqCst), count);
