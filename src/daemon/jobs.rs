@@ -83,11 +83,6 @@ impl Jobs {
         self.jobs.iter().find(|(_, job)| job.view.state == JobState::Interrupted).map(|(id, _)| *id)
     }
 
-    /// Whether no job waits.
-    pub(super) fn queue_is_empty(&self) -> bool {
-        self.queue.is_empty()
-    }
-
     /// Puts an interrupted job in front of the queue: its part hangs on the plate.
     pub(super) fn resume(&mut self, id: u32, choice: ResumeChoice) {
         if let Some(job) = self.jobs.get_mut(&id) {

@@ -76,17 +76,16 @@ impl Printer {
 
     /// A new job is in the spool, or not.
     pub(super) fn accepted(&mut self, result: Result<Box<Job>, CommandError>, jobs_ended: u64, reply: Reply) {
-        let answer = result.map(|mut job| {
-            // Started with nothing before it, the operator has just seen the plate. Nobody has behind another job, not even
-            // one that ended while this one arrived, nor where who asked did not wait for the answer.
-            let alone = jobs_ended == self.jobs_ended
-                && !reply.is_closed()
-                && self.holder().is_none()
-                && self.jobs.queue_is_empty()
-                && self.jobs.interrupted().is_none();
-            job.awaits_plate = self.setting.machine.confirm_plate && !alone;
+        let answer = result.map(|job| {
             let id = job.directory.id;
             self.jobs.accept(*job);
+            // Started with nothing before it, the operator has just seen the plate. Nobody has behind another job, not even
+            // one that ended while this one arrived, nor where who asked did not wait for the answer.
+            let is_seen =
+                jobs_ended == self.jobs_ended && !reply.is_closed() && self.jobs.ahead_of(id, self.holder()).is_none();
+            if let Some(job) = self.jobs.get_mut(id) {
+                job.awaits_plate = self.setting.machine.confirm_plate && !is_seen;
+            }
             self.publish_job(id);
             id
         });
