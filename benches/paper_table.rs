@@ -38,9 +38,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use layerd::buildfile::{
-    BlendChoice, BuildFile, GenerateOptions, Height, Kind, PackOptions, Placement, generate, pack,
-};
+use layerd::buildfile::{BuildFile, GenerateOptions, Height, Kind, PackOptions, generate, pack};
 use layerd::slice::{Bitmap, Depth, Mirror, Raster, SlicePlan, Slicer};
 use layerd::solid::Effort;
 use layerd::stream::MemoryBudget;
@@ -239,17 +237,7 @@ fn packed_spot(path: &Path) -> anyhow::Result<bool> {
     if !input.is_file() {
         return Ok(false);
     }
-    let options = PackOptions {
-        lattice_only: false,
-        blend: BlendChoice::Convolution { support_mm: None },
-        rotate_deg: [0.0; 3],
-        scale: 1.0,
-        placement: Placement::Centred,
-        memory_bytes: 256 << 20,
-        quantum_um: 1.0,
-        threads: std::num::NonZero::<usize>::MIN,
-    };
-    pack(&[input], path, &options, &mut |_| {})?;
+    pack(&[input], path, &PackOptions::default(), &mut |_| {})?;
     Ok(true)
 }
 

@@ -34,10 +34,7 @@ impl Output {
         if std::fs::metadata(path).is_ok_and(|metadata| !metadata.is_file()) {
             return Err(io::Error::other("it exists and is not a file; name a file to write"));
         }
-        let directory = match path.parent() {
-            Some(parent) if parent != Path::new("") => parent.to_owned(),
-            _ => PathBuf::from("."),
-        };
+        let directory = directory_of(path).to_owned();
         if path.file_name().is_none() {
             return Err(io::Error::other("it names no file"));
         }
@@ -94,6 +91,14 @@ impl Output {
                 file.persist(&self.path).map(|_| ()).map_err(|error| error.error)
             }
         }
+    }
+}
+
+/// The directory a file lies in.
+pub(crate) fn directory_of(path: &Path) -> &Path {
+    match path.parent() {
+        Some(parent) if parent != Path::new("") => parent,
+        _ => Path::new("."),
     }
 }
 

@@ -136,6 +136,21 @@ proptest! {
     }
 }
 
+/// Makes the checksums of an index of one entry and of the footer true again.
+fn seal_footer(bytes: &mut [u8]) {
+    let footer = bytes.len() - 36;
+    let index = index_offset(bytes);
+    let crc = crc32fast::hash(&bytes[index..index + 40]);
+    bytes[footer + 12..footer + 16].copy_from_slice(&crc.to_le_bytes());
+    let crc = crc32fast::hash(&bytes[footer..footer + 24]);
+    bytes[footer + 24..footer + 28].copy_from_slice(&crc.to_le_bytes());
+}
+
+fn index_offset(bytes: &[u8]) -> usize {
+    let footer = bytes.len() - 36;
+    u64::from_le_bytes(bytes[footer..footer + 8].try_into().expect("8 bytes")) as usize
+}
+
 /// Replaces the only chunk of a file by what `change` makes of its unpacked bytes, and makes every checksum true again.
 fn replace_chunk(path: &Path, change: impl FnOnce(&mut Vec<u8>)) {
     let file = BuildFile::open(path).expect("is whole");
@@ -151,10 +166,7 @@ fn replace_chunk(path: &Path, change: impl FnOnce(&mut Vec<u8>)) {
     bytes[index + 16..index + 20].copy_from_slice(&crc32fast::hash(&packed).to_le_bytes());
     let footer = bytes.len() - 36;
     bytes[footer..footer + 8].copy_from_slice(&(index as u64).to_le_bytes());
-    let crc = crc32fast::hash(&bytes[index..index + 40]);
-    bytes[footer + 12..footer + 16].copy_from_slice(&crc.to_le_bytes());
-    let crc = crc32fast::hash(&bytes[footer..footer + 24]);
-    bytes[footer + 24..footer + 28].copy_from_slice(&crc.to_le_bytes());
+    seal_footer(&mut bytes);
     std::fs::write(path, bytes).expect("can be written");
 }
 
@@ -220,8 +232,7 @@ fn a_lying_index_with_a_true_checksum_is_refused() {
     let path = directory.path().join("part.layerd");
     lattice(&path, 500);
     let good = std::fs::read(&path).expect("is there");
-    let footer = good.len() - 36;
-    let index = u64::from_le_bytes(good[footer..footer + 8].try_into().expect("8 bytes")) as usize;
+    let index = index_offset(&good);
     // Every field of the only entry but its CRC, with the checksums of index and footer made true again.
     for (at, name) in
         [(0, "offset"), (8, "packed"), (12, "unpacked"), (20, "struts"), (24, "balls"), (28, "z"), (32, "z"), (36, "z")]
@@ -232,10 +243,7 @@ fn a_lying_index_with_a_true_checksum_is_refused() {
                 continue;
             }
             bytes[index + at..index + at + 4].copy_from_slice(&value.to_le_bytes());
-            let crc = crc32fast::hash(&bytes[index..index + 40]);
-            bytes[footer + 12..footer + 16].copy_from_slice(&crc.to_le_bytes());
-            let crc = crc32fast::hash(&bytes[footer..footer + 24]);
-            bytes[footer + 24..footer + 28].copy_from_slice(&crc.to_le_bytes());
+            seal_footer(&mut bytes);
             std::fs::write(&path, bytes).expect("can be written");
             assert!(read(&path).is_err(), "{name} = {value} was believed");
         }
@@ -311,12 +319,11 @@ fn replace_profile(path: &Path, file: &[u8], profile: &[u8]) {
     let mut bytes = file[..footer - profile_bytes].to_vec();
     let packed = zstd::bulk::compress(profile, 1).expect("can be packed");
     bytes.extend(&packed);
-    let mut tail = file[footer..].to_vec();
-    tail[16..20].copy_from_slice(&(packed.len() as u32).to_le_bytes());
-    tail[20..24].copy_from_slice(&crc32fast::hash(&packed).to_le_bytes());
-    let crc = crc32fast::hash(&tail[..24]);
-    tail[24..28].copy_from_slice(&crc.to_le_bytes());
-    bytes.extend(tail);
+    bytes.extend(&file[footer..]);
+    let footer = bytes.len() - 36;
+    bytes[footer + 16..footer + 20].copy_from_slice(&(packed.len() as u32).to_le_bytes());
+    bytes[footer + 20..footer + 24].copy_from_slice(&crc32fast::hash(&packed).to_le_bytes());
+    seal_footer(&mut bytes);
     std::fs::write(path, bytes).expect("can be written");
 }
 
@@ -329,13 +336,10 @@ fn a_gap_before_the_first_chunk_is_refused() {
     let mut bytes = std::fs::read(&path).expect("is there");
     bytes.splice(first..first, [0; 8]);
     let footer = bytes.len() - 36;
-    let index = u64::from_le_bytes(bytes[footer..footer + 8].try_into().expect("8 bytes")) as usize + 8;
+    let index = index_offset(&bytes) + 8;
     bytes[footer..footer + 8].copy_from_slice(&(index as u64).to_le_bytes());
     bytes[index..index + 8].copy_from_slice(&(first as u64 + 8).to_le_bytes());
-    let crc = crc32fast::hash(&bytes[index..index + 40]);
-    bytes[footer + 12..footer + 16].copy_from_slice(&crc.to_le_bytes());
-    let crc = crc32fast::hash(&bytes[footer..footer + 24]);
-    bytes[footer + 24..footer + 28].copy_from_slice(&crc.to_le_bytes());
+    seal_footer(&mut bytes);
     std::fs::write(&path, bytes).expect("can be written");
     let error = read(&path).expect_err("eight bytes belong to nothing").to_string();
     assert!(error.contains(&format!("what is before it ends at {first}")), "{error}");

@@ -7,9 +7,7 @@ use std::num::NonZero;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use layerd::buildfile::{
-    Blend, BlendChoice, BuildFile, Cap, PackError, PackOptions, PackReport, Placement, Strut, pack,
-};
+use layerd::buildfile::{Blend, BlendChoice, BuildFile, Cap, PackError, PackOptions, PackReport, Strut, pack};
 use skip::skipped;
 use zip::write::SimpleFileOptions;
 
@@ -20,16 +18,8 @@ struct Bench {
 
 impl Bench {
     fn new() -> Self {
-        let options = PackOptions {
-            lattice_only: false,
-            blend: BlendChoice::Union,
-            rotate_deg: [0.0; 3],
-            scale: 1.0,
-            placement: Placement::Centred,
-            quantum_um: 1.0,
-            memory_bytes: 64 << 20,
-            threads: NonZero::<usize>::MIN.saturating_add(1),
-        };
+        let threads = NonZero::<usize>::MIN.saturating_add(1);
+        let options = PackOptions { blend: BlendChoice::Union, threads, ..PackOptions::default() };
         Self { directory: tempfile::tempdir().expect("temporary directory"), options }
     }
 

@@ -9,21 +9,12 @@ use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
-use layerd::buildfile::{BlendChoice, BuildFile, PackError, PackOptions, PackProgress, PackReport, Placement, pack};
+use layerd::buildfile::{BuildFile, PackError, PackOptions, PackProgress, PackReport, pack};
 use proptest::prelude::*;
 use skip::skipped;
 
 fn options(memory_bytes: u64, threads: usize) -> PackOptions {
-    PackOptions {
-        lattice_only: false,
-        blend: BlendChoice::Convolution { support_mm: None },
-        rotate_deg: [0.0; 3],
-        scale: 1.0,
-        placement: Placement::Centred,
-        quantum_um: 1.0,
-        memory_bytes,
-        threads: NonZero::new(threads).expect("at least one"),
-    }
+    PackOptions { memory_bytes, threads: NonZero::new(threads).expect("at least one"), ..PackOptions::default() }
 }
 
 /// Packs `text` in `directory`; the steps of progress are returned, too.

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 
 use divan::Bencher;
 use divan::counter::{BytesCount, ItemsCount};
-use layerd::buildfile::{BlendChoice, BuildFile, PackOptions, Placement, pack};
+use layerd::buildfile::{BuildFile, PackOptions, pack};
 
 /// Struts of each benchmark: 64 MB of text.
 const STRUTS: u64 = 1_000_000;
@@ -32,16 +32,8 @@ fn main() {
 
 fn pack_standin(directory: &Path, memory_bytes: u64) -> PathBuf {
     let output = directory.join("out.layerd");
-    let options = PackOptions {
-        lattice_only: false,
-        blend: BlendChoice::Convolution { support_mm: None },
-        rotate_deg: [0.0; 3],
-        scale: 1.0,
-        placement: Placement::Centred,
-        quantum_um: 1.0,
-        memory_bytes,
-        threads: std::thread::available_parallelism().expect("is known"),
-    };
+    let threads = std::thread::available_parallelism().expect("is known");
+    let options = PackOptions { memory_bytes, threads, ..PackOptions::default() };
     pack(&[directory.join("in.txt")], &output, &options, &mut |_| {}).expect("is fine");
     output
 }

@@ -401,21 +401,12 @@ fn sin_cos_deg(degrees: f64) -> (f64, f64) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::model::Placement;
     use super::*;
 
     #[test]
     fn one_reading_thread_fills_the_memory_of_all_lanes() {
-        let options = PackOptions {
-            lattice_only: false,
-            blend: BlendChoice::Union,
-            rotate_deg: [0.0; 3],
-            scale: 1.0,
-            placement: Placement::Centred,
-            quantum_um: 1.0,
-            memory_bytes: 2 << 20,
-            threads: std::num::NonZero::<usize>::MIN.saturating_add(3),
-        };
+        let threads = std::num::NonZero::<usize>::MIN.saturating_add(3);
+        let options = PackOptions { memory_bytes: 2 << 20, threads, ..PackOptions::default() };
         let rules = Rules::new(&options).expect("in range");
         let directory = tempfile::tempdir().expect("temporary directory");
         let mut collector = Collector::new(&rules, &options, directory.path());

@@ -10,7 +10,7 @@ use super::merge::Merge;
 use super::model::{Header, Placement};
 use super::sort;
 use super::writer::{WriteError, Writer, WriterSettings};
-use crate::output::Output;
+use crate::output::{self, Output};
 
 /// Bytes of a strut in a build file: what a large file takes at most in practice.
 pub(super) const EXPECTED_STRUT_BYTES: u64 = 10;
@@ -34,6 +34,22 @@ pub struct PackOptions {
     pub memory_bytes: u64,
     /// Threads that parse and sort, and as many, up to 4, that compress. The file does not depend on their number.
     pub threads: NonZero<usize>,
+}
+
+impl Default for PackOptions {
+    /// Taken as it stands, as a convolution surface, in the middle of the plate; 256 MiB of memory, one thread.
+    fn default() -> Self {
+        Self {
+            lattice_only: false,
+            blend: BlendChoice::Convolution { support_mm: None },
+            rotate_deg: [0.0; 3],
+            scale: 1.0,
+            placement: Placement::Centred,
+            quantum_um: 1.0,
+            memory_bytes: 256 << 20,
+            threads: NonZero::<usize>::MIN,
+        }
+    }
 }
 
 /// The blend as it is asked for.
@@ -144,10 +160,7 @@ pub fn pack(
     options: &PackOptions,
     progress: &mut dyn FnMut(PackProgress),
 ) -> Result<PackReport, PackError> {
-    let directory = match output.parent() {
-        Some(parent) if parent != Path::new("") => parent,
-        _ => Path::new("."),
-    };
+    let directory = output::directory_of(output);
     let rules = Rules::new(options)?;
     // Whether it can be written is told before the sources are read.
     Output::create(output).map_err(|source| WriteError::Io { path: output.into(), source })?;

@@ -1,5 +1,5 @@
 //! `layerctl check`: would this print run well? Volume and memory from header and index alone, at once; times from a few
-//! layers computed and encoded here, for some seconds at most.
+//! layers computed and encoded here: some seconds, or what the slowest of them takes.
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use anyhow::bail;
 use serde::Serialize;
 
-use super::slice::{Setting, default_threads};
+use super::slice::{Setting, offline_slicer};
 use super::{duration_text, mib};
 use crate::buildfile::{Blend, BuildFile};
 use crate::config::{Recipe, byte_size};
@@ -15,17 +15,13 @@ use crate::daemon::PrintMemory;
 use crate::device::encoding;
 use crate::link::message::Encoding;
 use crate::slice::{Bitmap, Depth, SlicePlan, Slicer};
-use crate::stream::MemoryBudget;
 
 /// Says before a print whether it fits the machine, the memory and the line.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "\
+#[command(after_help = super::with_names("\
 Examples:
   layerctl check lattice.layerd --machine lcd-4k-35um --recipe fine
-  layerctl check lattice.layerd -m my-machine.toml --budget 96MiB --json | jq .fits
-
-A machine or recipe is a path or a name, looked for in $LAYERD_CONFIG_DIR, /etc/layerd and config, under machines/ or
-recipes/, and among those built in.")]
+  layerctl check lattice.layerd -m my-machine.toml --budget 96MiB --json | jq .fits"))]
 pub struct CheckArgs {
     /// Build file (.layerd)
     pub file: PathBuf,
@@ -49,7 +45,7 @@ const SAMPLES: u32 = 12;
 /// A coprime of [`SAMPLES`]: samples are taken in steps of it, so that those of any beginning are spread over the height.
 const SAMPLE_STEP: u32 = 5;
 
-/// No further sample is begun after this long: to begin a sweep of a hundred million struts reads a million of them.
+/// No further sample is begun after this long, nor a further dark layer looked for: to begin a sweep of a hundred million struts reads a million of them.
 const SAMPLING_TIME: Duration = Duration::from_secs(2);
 
 /// Bits on the line a byte: 8N1.
@@ -147,7 +143,7 @@ fn judge(
             return Ok(Findings { fits: false, problems: vec![error.to_string()], size: None, times: None });
         }
     };
-    let threads = default_threads();
+    let threads = Slicer::default_threads();
     let memory_needed_bytes = PrintMemory::new(&file, &plan, threads).need_bytes();
     let size = Size {
         layer_count: plan.layer_count,
@@ -218,9 +214,7 @@ fn measure(
             break;
         }
         let layer = (u64::from(plan.layer_count) * u64::from(2 * index + 1) / u64::from(2 * count)) as u32;
-        let source = BuildFile::open(file)?;
-        let budget = MemoryBudget::new(Slicer::memory_bytes(&source, plan, threads));
-        let mut slicer = Slicer::new(source, plan.clone(), threads, layer.saturating_sub(1), &budget)?;
+        let mut slicer = offline_slicer(BuildFile::open(file)?, plan.clone(), threads, layer.saturating_sub(1))?;
         if layer > 0 {
             slicer.next_layer(&mut bitmap)?;
         }
@@ -237,9 +231,7 @@ fn measure(
 
 /// Layers below the first that has anything lit; where none was found in [`SAMPLING_TIME`], those looked at.
 fn dark_bottom_layers(file: &std::path::Path, plan: &SlicePlan, threads: usize) -> anyhow::Result<u32> {
-    let source = BuildFile::open(file)?;
-    let budget = MemoryBudget::new(Slicer::memory_bytes(&source, plan, threads));
-    let mut slicer = Slicer::new(source, plan.clone(), threads, 0, &budget)?;
+    let mut slicer = offline_slicer(BuildFile::open(file)?, plan.clone(), threads, 0)?;
     let mut bitmap = Bitmap::new(plan.raster.width_px, plan.raster.height_px, plan.depth);
     let began = Instant::now();
     let mut dark = 0;

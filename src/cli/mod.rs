@@ -22,6 +22,7 @@ use clap::{Parser, Subcommand};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use crate::buildfile::PackError;
+use crate::config::{ConfigText, Folder, Machine, find};
 
 /// Prints implicit geometry just in time: pack a part, check it, start it, watch it.
 #[derive(Debug, Parser)]
@@ -203,6 +204,20 @@ fn eprint(text: &str) {
 fn write_line(text: &str) -> anyhow::Result<()> {
     use std::io::Write;
     writeln!(std::io::stdout().lock(), "{text}").map_err(|error| anyhow::anyhow!("cannot write to stdout: {error}"))
+}
+
+/// Help that ends with where names of machines and recipes are looked for.
+fn with_names(help: &str) -> String {
+    format!(
+        "{help}\n\nA machine or recipe is a path or a name: of a file in machines/ or recipes/ below $LAYERD_CONFIG_DIR, \
+         /etc/layerd or config, or of one built in."
+    )
+}
+
+/// The machine of a path or a name.
+fn find_machine(machine: &str) -> anyhow::Result<Machine> {
+    let ConfigText { path, text } = find(Folder::Machines, machine)?;
+    Ok(Machine::parse(&path, &text)?)
 }
 
 /// A bar on stderr, of an indicatif template; invisible where that is no terminal.

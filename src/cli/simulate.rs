@@ -7,7 +7,7 @@ use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use tokio::signal::unix::{SignalKind, signal};
 
-use crate::config::{ConfigText, FlowControl, Folder, Machine, find};
+use crate::config::{FlowControl, Machine};
 use crate::device::sim::{FAULT_HELP, FaultSpec, SimulateOptions, Statistics, run as simulate};
 use crate::link::message::{Capabilities, DeviceKind, Encoding};
 
@@ -77,7 +77,7 @@ pub fn run(args: SimulateArgs) -> anyhow::Result<()> {
     if matches!(args.device, Kind::Slm) {
         bail!("there is no simulated slm yet; `layerctl simulate dlp` simulates a resin printer");
     }
-    let machine = args.machine.as_deref().map(read_machine).transpose()?;
+    let machine = args.machine.as_deref().map(super::find_machine).transpose()?;
     let options = SimulateOptions {
         capabilities: capabilities(&args, machine.as_ref()),
         escaped: machine.is_some_and(|machine| machine.link.flow_control == FlowControl::XonXoff),
@@ -107,11 +107,6 @@ pub fn run(args: SimulateArgs) -> anyhow::Result<()> {
 fn say(line: &str) {
     let mut stdout = std::io::stdout().lock();
     let _ = writeln!(stdout, "{line}").and_then(|()| stdout.flush());
-}
-
-fn read_machine(machine: &str) -> anyhow::Result<Machine> {
-    let ConfigText { path, text } = find(Folder::Machines, machine)?;
-    Ok(Machine::parse(&path, &text)?)
 }
 
 fn capabilities(args: &SimulateArgs, machine: Option<&Machine>) -> Capabilities {

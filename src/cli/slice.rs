@@ -17,13 +17,10 @@ use crate::stream::MemoryBudget;
 
 /// Writes the layers a print would send as pictures.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "\
+#[command(after_help = super::with_names("\
 Examples:
   layerctl slice lattice.layerd --machine lcd-4k-35um --recipe fine -o layers
-  layerctl slice lattice.layerd -m sim-dlp --layers 100..110 --antialias -o some
-
-A machine or recipe is a path or a name, looked for in $LAYERD_CONFIG_DIR, /etc/layerd and config, under machines/ or
-recipes/, and among those built in.")]
+  layerctl slice lattice.layerd -m sim-dlp --layers 100..110 --antialias -o some"))]
 pub struct SliceArgs {
     /// Build file (.layerd)
     pub file: PathBuf,
@@ -78,17 +75,17 @@ pub(super) struct Setting {
 
 impl Setting {
     pub(super) fn load(file: &Path, machine: &str, recipe: &str) -> anyhow::Result<Self> {
-        let ConfigText { path, text } = find(Folder::Machines, machine)?;
-        let machine = Machine::parse(&path, &text)?;
+        let machine = super::find_machine(machine)?;
         let ConfigText { path, text } = find(Folder::Recipes, recipe)?;
         let recipe = Recipe::parse(&path, &text)?;
         Ok(Self { file: BuildFile::open(file)?, machine, recipe })
     }
 }
 
-/// One thread a core, within what a slicer takes.
-pub(super) fn default_threads() -> usize {
-    std::thread::available_parallelism().map_or(1, usize::from).min(Slicer::MOST_THREADS)
+/// A slicer without a printer to keep within bounds for: it may have what its own estimate says.
+pub(super) fn offline_slicer(file: BuildFile, plan: SlicePlan, threads: usize, first: u32) -> anyhow::Result<Slicer> {
+    let budget = MemoryBudget::new(Slicer::memory_bytes(&file, &plan, threads));
+    Ok(Slicer::new(file, plan, threads, first, &budget)?)
 }
 
 /// Carries the command out.
@@ -102,7 +99,7 @@ pub fn run(args: SliceArgs) -> anyhow::Result<()> {
     let layer_height_um = layer_height.unwrap_or(recipe.layer_height_um);
     let plan = SlicePlan::new(file.header(), machine.raster(), depth, layer_height_um)?;
     let range = layers_within(layers, plan.layer_count)?;
-    let threads = threads.unwrap_or_else(default_threads);
+    let threads = threads.unwrap_or_else(Slicer::default_threads);
 
     ensure!(!output.is_file(), "{} is a file; -o wants a directory for the pictures", output.display());
     std::fs::create_dir_all(&output).with_context(|| format!("cannot make the directory {}", output.display()))?;
@@ -115,10 +112,8 @@ pub fn run(args: SliceArgs) -> anyhow::Result<()> {
         _ => {}
     }
     let mut manifest = Manifest::new(file.header(), &plan);
-    // Offline there is no printer to keep within bounds for: the slicer may have what its own estimate says.
-    let budget = MemoryBudget::new(Slicer::memory_bytes(&file, &plan, threads));
     let mut bitmap = Bitmap::new(machine.width_px, machine.height_px, depth);
-    let mut slicer = Slicer::new(file, plan, threads, range.start, &budget)?;
+    let mut slicer = offline_slicer(file, plan, threads, range.start)?;
     let bar = super::progress_bar("{bar:40} {pos}/{len} layers, {eta} left");
     bar.set_length(u64::from(range.end - range.start));
     for _ in range {

@@ -19,13 +19,12 @@ const BAR: &str = "{msg:10} [{wide_bar}] {pos}/{len} {prefix}";
 
 /// Give a build file to the daemon as a new job.
 #[derive(Debug, Args)]
-#[command(after_help = "\
+#[command(after_help = super::with_names("\
 Examples:
   layerctl start part.layerd                       prints the job's id and returns
   layerctl start part.layerd --recipe fine --wait  shows progress until the print has ended
 
-A recipe is a path or a name: $LAYERD_CONFIG_DIR/recipes/NAME.toml, /etc/layerd/recipes/NAME.toml,
-config/recipes/NAME.toml, or one built in (default, fine, demo). Exit codes with --wait: 0 completed, 1 failed, 3 aborted or stopped, 4 interrupted.")]
+Exit codes with --wait: 0 completed, 1 failed, 3 aborted or stopped, 4 interrupted."))]
 pub(super) struct StartArgs {
     /// The build file, as `layerctl pack` writes it.
     file: PathBuf,

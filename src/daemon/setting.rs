@@ -40,8 +40,7 @@ impl Setting {
         let read =
             |path: &Path| std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()));
         let (machine_text, recipe_text) = (read(&config.machine)?, read(&config.recipe)?);
-        let cores = || std::thread::available_parallelism().map_or(1, usize::from).min(Slicer::MOST_THREADS);
-        let threads = config.threads.unwrap_or_else(cores);
+        let threads = config.threads.unwrap_or_else(Slicer::default_threads);
         Ok(Self { config, machine, machine_text, recipe_name: recipe.name, recipe_text, threads })
     }
 }

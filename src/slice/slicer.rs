@@ -63,6 +63,11 @@ impl Slicer {
     /// More than the cores of any host that drives a printer; each takes the memory of a strip and of a chunk.
     pub const MOST_THREADS: usize = 256;
 
+    /// One thread a core, within [`Slicer::MOST_THREADS`].
+    pub fn default_threads() -> usize {
+        std::thread::available_parallelism().map_or(1, usize::from).min(Self::MOST_THREADS)
+    }
+
     /// A slicer whose first layer will be `first_layer`; what it needs is charged to `budget` now.
     ///
     /// # Errors

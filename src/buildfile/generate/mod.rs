@@ -14,6 +14,7 @@ use super::model::{Blend, Header, Placement};
 use super::pack::PackError;
 use super::sort::Sorter;
 use super::writer::{Writer, WriterSettings};
+use crate::output;
 
 /// Memory for sorting one layer of nodes; a wider layer is sorted out of core.
 const LAYER_MEMORY_BYTES: u64 = 64 << 20;
@@ -77,10 +78,7 @@ pub fn generate(
         source_name: format!("generated {:?}, seed {}", options.kind, options.seed).to_lowercase(),
     };
     let mut writer = Writer::create(output, settings)?;
-    let directory = match output.parent() {
-        Some(parent) if parent != Path::new("") => parent,
-        _ => Path::new("."),
-    };
+    let directory = output::directory_of(output);
     let sort_error = |source| PackError::Sort { directory: directory.into(), source };
     let mut choice = grid.choice(options.struts);
     for k in 0..grid.layer_count() {
