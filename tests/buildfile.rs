@@ -1,5 +1,7 @@
 //! The build file through its public interface: what goes in comes out, and damaged files are refused.
 
+mod properties;
+
 use std::path::Path;
 
 use layerd::buildfile::{
@@ -64,7 +66,7 @@ fn any_struts() -> impl Strategy<Value = Vec<Strut>> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 24, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(properties::cases(24))]
 
     #[test]
     fn what_goes_in_comes_out(struts in any_struts()) {

@@ -1,6 +1,7 @@
 //! The firmware of the simulated DLP under virtual time: what it refuses, and when there is light.
 
 mod device_common;
+mod properties;
 
 use device_common::{Bench, capabilities, id, picture};
 use layerd::device::encoding::{encode, picture_crc32};
@@ -281,7 +282,7 @@ fn step() -> impl Strategy<Value = Step> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(properties::cases(300))]
 
     /// Whatever a host does: light on and off alternate, never for longer than the device's maximum, and of one job the
     /// layers exposed only ascend.

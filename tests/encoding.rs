@@ -1,5 +1,7 @@
 //! Layer encodings: what goes in comes out, in any split; the bytes are the documented ones; garbage ends in an error.
 
+mod properties;
+
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder};
 use layerd::device::encoding::{
@@ -62,7 +64,7 @@ fn pixels() -> impl Strategy<Value = (u32, Vec<u8>)> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 400, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(properties::cases(400))]
 
     #[test]
     fn every_encoding_returns_the_picture_in_any_split((width, pixels) in pixels(), piece in 1usize..40) {

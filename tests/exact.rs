@@ -1,6 +1,7 @@
 //! The fast paths against the plain `f64` field on lattices made to hurt them: every pixel agrees unless the field is within
 //! 10⁻⁵ of the isovalue.
 
+mod properties;
 mod slice_part;
 
 use layerd::buildfile::{Blend, Caps, Strut};
@@ -87,7 +88,7 @@ fn check(lattice: &Lattice) -> Result<(), TestCaseError> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 30, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(properties::cases(30))]
 
     #[test]
     fn hostile_lattices_agree_with_the_reference(lattice in lattice()) {

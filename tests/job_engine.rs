@@ -1,5 +1,7 @@
 //! The job engine against a scripted device under virtual time: the print as it should go, every disturbance at every step.
 
+mod properties;
+
 use layerd::config::Recipe;
 use layerd::device::{Act, Outcome};
 use layerd::job::{
@@ -12,6 +14,8 @@ const KEY: u64 = 7;
 const LAYERS: u32 = 5;
 const CLEAR_UM: i32 = 20_000;
 const MAX_POSITION_UM: i32 = 150_000;
+/// What an abort says that nobody confirmed.
+const LIGHT_UNCONFIRMED: &str = "did not confirm that its light is off";
 
 fn plan() -> JobPlan {
     let recipe = Recipe {
@@ -454,8 +458,23 @@ fn an_abort_of_a_device_that_is_gone_ends_with_a_warning() {
     }
     let (state, reason) = world.end();
     assert_eq!(state, JobState::Aborted);
-    assert!(reason.contains("did not confirm that its light is off"), "{reason}");
+    assert!(reason.contains(LIGHT_UNCONFIRMED), "{reason}");
     assert!(world.now_us - lost_at_us < 30_000_000, "it ends soon");
+}
+
+#[test]
+fn an_abort_whose_line_comes_back_too_late_ends_with_a_warning() {
+    let mut world = world_exposing(0);
+    world.drop_line(12_000_000);
+    world.tell(Event::LineLost("cable".into()));
+    world.tell(Event::Command(Command::Abort));
+    while world.finished.is_none() {
+        assert!(world.next_event());
+    }
+    let (state, reason) = world.end();
+    assert_eq!(state, JobState::Aborted);
+    assert!(reason.contains(LIGHT_UNCONFIRMED), "{reason}");
+    assert!(world.device.light_on, "the device ends the bottom layer by itself");
 }
 
 #[test]
@@ -492,6 +511,23 @@ fn a_line_that_stays_away_interrupts_the_job() {
     let (state, reason) = world.end();
     assert_eq!(state, JobState::Interrupted);
     assert!(reason.contains("did not come back within 60 s (cable)"), "{reason}");
+}
+
+#[test]
+fn an_abort_that_finds_the_plate_moving_stops_it_before_it_lifts() {
+    let moving = |world: &World| matches!(world.device_act, Some((_, Act::Move { .. })));
+    let mut world = world_exposing(1);
+    while !moving(&world) {
+        assert!(world.next_event());
+    }
+    world.drop_line(0);
+    world.tell(Event::LineLost("cable".into()));
+    world.tell(Event::Command(Command::Abort));
+    assert!(moving(&world), "no line, no abort");
+    while world.finished.is_none() {
+        assert!(world.next_event());
+    }
+    assert_eq!((world.end().0, world.device.position_um), (JobState::Aborted, Some(CLEAR_UM)));
 }
 
 /// Runs a print up to its layer `layer` being exposed.
@@ -609,7 +645,7 @@ fn any_disturbance() -> impl Strategy<Value = Disturbance> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 256, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(properties::cases(256))]
 
     /// Crashes, lost lines and pauses at any steps: every layer once, in order. The world itself asserts that light has a
     /// record before it, that the plate stands right, and that acts never overlap.
@@ -637,7 +673,8 @@ proptest! {
         prop_assert_eq!((history.state, history.next_layer), (JobState::Completed, LAYERS));
     }
 
-    /// Whatever went before, the very next action after an abort puts the light off, and no light follows.
+    /// Whatever went before, the very next action after an abort puts the light off, and no light follows. Where the device
+    /// was out of reach throughout, the job ends with a warning that says so.
     #[test]
     fn an_abort_comes_first_whatever_went_before(
         mut at in prop::collection::vec((1usize..120, any_disturbance()), 0..5),
@@ -650,7 +687,7 @@ proptest! {
         if world.run() && world.aborted {
             let ended_before = matches!(world.end().0, JobState::Completed | JobState::Interrupted);
             prop_assert!(world.end().0 == JobState::Aborted || ended_before, "{:?}", world.end());
-            prop_assert!(!world.device.light_on);
+            prop_assert!(!world.device.light_on || world.end().1.contains(LIGHT_UNCONFIRMED), "{:?}", world.end());
         }
     }
 }

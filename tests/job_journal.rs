@@ -1,5 +1,7 @@
 //! Journal and spool on a real file system: torn tails, flipped bits, leftovers, retention.
 
+mod properties;
+
 use std::fs;
 use std::path::Path;
 
@@ -138,7 +140,7 @@ fn a_crash_leaves_the_job_interrupted_at_the_layer_commanded() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 256, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(properties::cases(256))]
 
     #[test]
     fn garbage_is_an_error_or_a_journal_but_no_panic(garbage in prop::collection::vec(any::<u8>(), 0..200)) {

@@ -1,5 +1,6 @@
 //! Packing out of core and on several threads: the file is the same, errors are the same, and nothing is left behind.
 
+mod properties;
 mod skip;
 
 use std::fs;
@@ -57,7 +58,7 @@ fn text(lines: &[String]) -> String {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 12, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(properties::cases(12))]
 
     #[test]
     fn order_memory_and_threads_change_nothing(

@@ -1,5 +1,6 @@
 //! Layers from memory: the exact union, discs and grey, and all that must not change a layer. `exact.rs` has the convolution.
 
+mod properties;
 mod slice_part;
 
 use layerd::buildfile::{Blend, Bounds, Cap, Caps, Header, Placement, Strut};
@@ -55,7 +56,7 @@ fn union_excess(strut: &Strut, p: [f64; 3]) -> f64 {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 12, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(properties::cases(12))]
 
     #[test]
     fn a_union_is_exact(struts in prop::collection::vec(any_strut(), 1..10)) {

@@ -1,5 +1,7 @@
 //! The closed form against the integral it stands for, and the facts that follow from it (Liu et al. 2021, §3).
 
+mod properties;
+
 use layerd::solid::reference::beam_field;
 use layerd::solid::{Beam, Cap, ISOVALUE};
 use proptest::prelude::*;
@@ -38,7 +40,7 @@ fn integral(beam: &Beam, support: f64, p: [f64; 3]) -> f64 {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(properties::cases(64))]
 
     #[test]
     fn the_closed_form_is_the_integral(

@@ -1,5 +1,7 @@
 //! The golden bytes of `tests/vectors/v1.txt`, checked in both directions, and decoders fed with garbage.
 
+mod properties;
+
 use std::collections::BTreeMap;
 
 use layerd::link::message::{
@@ -228,7 +230,7 @@ fn a_decoder_finds_the_next_frame_after_damage() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 200, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(properties::cases(200))]
 
     #[test]
     fn frames_come_back_whatever_they_hold_and_however_they_are_split(

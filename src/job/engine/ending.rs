@@ -11,7 +11,7 @@ const SHUTDOWN_EXPOSURE_US: u64 = 30 * SECOND_US;
 const URGENT_US: u64 = 5 * SECOND_US;
 /// An aborted device says hello again at once, a restarted one within seconds.
 const ABORT_RECONNECT_US: u64 = 10 * SECOND_US;
-/// Aborts sent to a device that still shows light.
+/// Aborts sent to a device that still shows light or moves.
 const MOST_ABORTS: u32 = 5;
 
 impl Engine {
@@ -239,14 +239,18 @@ impl Engine {
             }
             Event::Connected { state, max_position_um } => {
                 let dark = !state.light_on && state.exposing.is_none();
+                let moving = state.moving;
                 self.immobile = state.fault.is_some();
                 self.greet(state, max_position_um);
                 if dark {
                     self.light_is_off();
+                }
+                if dark && !moving {
                     return self.park(now_us);
                 }
+                // No abort has reached it: what it was told before goes on.
                 if self.aborts_sent == MOST_ABORTS {
-                    self.light_known_off = false;
+                    self.light_known_off = dark;
                     return self.end_aborted();
                 }
                 self.aborts_sent += 1;
@@ -270,10 +274,10 @@ impl Engine {
         }
     }
 
-    /// The device did not come back after an abort.
+    /// The device did not come back at rest after an abort.
     fn end_aborted(&mut self) {
         let text = if self.light_known_off {
-            "the light is off, but the device did not come back: the plate was not lifted"
+            "the light is off, but the device did not come back at rest: the plate was not lifted"
         } else {
             LIGHT_UNKNOWN
         };
