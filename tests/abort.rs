@@ -17,22 +17,25 @@ const ATTEMPTS: usize = 4;
 /// A machine whose threads sleep longer than they asked for by this much is not one to measure 100 ms on.
 const LARGEST_LAG: Duration = Duration::from_millis(20);
 
+/// So many on a machine that did not stand still are no chance: one may come of other work on all its processors.
+const MISSES: usize = 2;
+
 /// Of the 11,520 that the line carries.
 const SATURATED_BYTES_PER_S: f64 = 8_000.0;
 
 #[test]
 fn abort_on_a_saturated_line_turns_the_light_off_within_100_ms() {
-    let mut found = Vec::new();
+    let (mut found, mut missed) = (Vec::new(), Vec::new());
     for _ in 0..ATTEMPTS {
         let lag = Lag::begin();
         let took = abort_once();
         let lag = lag.end();
         match took {
             Ok(took) if took < Duration::from_millis(100) => return,
-            Ok(took) => assert!(lag > LARGEST_LAG, "light off after {took:?}, on a machine that lags by {lag:?}"),
-            Err(rate) => assert!(lag > LARGEST_LAG, "the line is not saturated: {rate} bytes a second"),
+            _ if lag <= LARGEST_LAG => missed.push(took),
+            _ => found.push((took, lag)),
         }
-        found.push((took, lag));
+        assert!(missed.len() < MISSES, "light off, or bytes a second on a line not saturated: {missed:?}");
     }
     skipped(&format!("this machine stands still too often to measure (light off or bytes a second, lag): {found:?}"));
 }
@@ -70,7 +73,7 @@ impl Lag {
 }
 
 /// Aborts a print while a layer is exposed and the next one is on the line; how long it took to turn the light off, or the
-/// bytes a second on a line that was not saturated.
+/// bytes a second on a line that was not saturated while there was light.
 fn abort_once() -> Result<Duration, f64> {
     // Layers of tens of kilobytes on a line that carries 11 a second: while one is exposed the next is always under way.
     let setup = Setup { exposure_ms: 20_000, baud: 115_200, time_scale: 1, size_px: [1600, 1200], ..Setup::default() };
@@ -80,15 +83,19 @@ fn abort_once() -> Result<Duration, f64> {
     let acts_file = bench.path("device-out/acts.jsonl");
     let logged = |word: &str| std::fs::read_to_string(&acts_file).is_ok_and(|text| text.contains(word));
     wait_until("the first light", || logged("light_on"));
-    std::thread::sleep(Duration::from_millis(300));
     let sent_bytes = || (Instant::now(), bench.json(&["status"])["line"]["sent_bytes"].as_u64().expect("sent_bytes"));
-    let (before, bytes_before) = sent_bytes();
-    std::thread::sleep(Duration::from_millis(500));
-    let (after, bytes_after) = sent_bytes();
-    let rate = (bytes_after - bytes_before) as f64 / (after - before).as_secs_f64();
-    if rate < SATURATED_BYTES_PER_S || logged("light_off") {
-        return Err(rate);
-    }
+    let rate = loop {
+        let (before, bytes_before) = sent_bytes();
+        std::thread::sleep(Duration::from_millis(500));
+        let (after, bytes_after) = sent_bytes();
+        let rate = (bytes_after - bytes_before) as f64 / (after - before).as_secs_f64();
+        if logged("light_off") {
+            return Err(rate);
+        }
+        if rate >= SATURATED_BYTES_PER_S {
+            break rate;
+        }
+    };
 
     let mut socket = UnixStream::connect(bench.path("control.sock")).expect("control socket");
     let commanded = Instant::now();
