@@ -81,9 +81,14 @@ fn a_part_that_fits_is_said_to_fit_and_the_memory_named_is_just_enough() {
     assert_eq!((&found["fits"], &found["late_layers"]), (&Value::from(true), &Value::from(Vec::<u32>::new())));
     // 3.0 + 1.0 and the radii 0.2 and 0.3 high, in layers of 0.1 mm.
     assert_eq!(found["layer_count"], 45);
-    let need_bytes = found["memory_needed_bytes"].as_u64().expect("a number");
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    assert_eq!(found["threads"], cores.min(256));
 
-    assert!(check(dir.path(), &["--budget", &need_bytes.to_string()]).status.success());
+    // With less, fewer threads; with less than one thread needs, none.
+    let short = check(dir.path(), &["--json", "--budget", "1MiB"]);
+    let need_bytes = json(&short)["memory_needed_bytes"].as_u64().expect("a number");
+    let fits = check(dir.path(), &["--json", "--budget", &need_bytes.to_string()]);
+    assert_eq!((fits.status.code(), &json(&fits)["threads"]), (Some(0), &1.into()));
     let short = check(dir.path(), &["--json", "--budget", &(need_bytes - 1).to_string()]);
     assert_eq!((short.status.code(), &json(&short)["fits"]), (Some(1), &Value::from(false)));
     let remedy = format!("memory_budget = \"{}MiB\"", need_bytes.div_ceil(1 << 20));
@@ -102,7 +107,9 @@ fn the_daemon_needs_what_check_says() {
     };
     let bench = Bench::prepare(setup("64MiB"));
     bench.ok(&["generate", "bcc", "--struts", "200", "--box", "5,5,5", "--radius", "0.2", "-o", "part.layerd"]);
-    let found = bench.json(&["check", "part.layerd", "--machine", "machine.toml", "--recipe", "recipe.toml"]);
+    let short =
+        ["check", "part.layerd", "--machine", "machine.toml", "--recipe", "recipe.toml", "--budget", "8MiB", "--json"];
+    let found = json(&bench.layerctl(&short));
     let need_mib = found["memory_needed_bytes"].as_u64().expect("a number").div_ceil(1 << 20);
     for (mib, enough) in [(need_mib, true), (need_mib - 1, false)] {
         let budget: &'static str = format!("{mib}MiB").leak();

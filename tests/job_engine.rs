@@ -70,6 +70,8 @@ struct World {
     upload: Option<(u64, u32, u8)>,
     upload_us: u64,
     line_up: bool,
+    /// Sent without a line; the next session begins with it.
+    urgent_waits: Option<Urgent>,
     reconnect_at_us: Option<u64>,
     /// Layers that had their whole light, in order.
     exposed: Vec<u32>,
@@ -95,6 +97,7 @@ impl World {
             upload: None,
             upload_us: 300_000,
             line_up: false,
+            urgent_waits: None,
             reconnect_at_us: Some(0),
             exposed: Vec::new(),
             acts: Vec::new(),
@@ -270,7 +273,8 @@ impl World {
 
     fn urgent(&mut self, urgent: Urgent) {
         if !self.line_up {
-            return self.engine.handle(Event::UrgentFailed("no line".into()), self.now_us);
+            self.urgent_waits = Some(urgent);
+            return;
         }
         if let Some(id) = self.device.exposing.take() {
             self.device.cut_short = Some((id, 1));
@@ -320,6 +324,10 @@ impl World {
             self.reconnect_at_us = None;
             self.line_up = true;
             self.tell(Event::Connected { state: self.device.clone(), max_position_um: MAX_POSITION_UM });
+            if let Some(urgent) = self.urgent_waits.take() {
+                self.urgent(urgent);
+                self.carry_out();
+            }
         } else {
             self.tell(Event::Timeout);
         }
@@ -443,6 +451,21 @@ fn an_abort_at_any_step_puts_the_light_off_first_then_lifts() {
 }
 
 #[test]
+fn a_job_taken_up_after_a_crash_can_be_ended_at_once_dark_and_clear() {
+    for (command, state) in [(Command::Stop, JobState::Stopped), (Command::Abort, JobState::Aborted)] {
+        for step in 1..steps_of_a_print() - 8 {
+            let mut world = World::disturbed(vec![(step, Disturbance::Crash), (step, Disturbance::Order(command))]);
+            assert!(world.run());
+            assert_eq!(world.end().0, state, "step {step}: {:?}", world.end());
+            assert!(!world.device.light_on, "step {step}");
+            let bare =
+                world.exposed.is_empty() && world.device.last_exposed.is_none() && world.device.cut_short.is_none();
+            assert!(bare || world.device.position_um >= Some(CLEAR_UM), "step {step}: {:?}", world.device);
+        }
+    }
+}
+
+#[test]
 fn an_abort_of_a_device_that_is_gone_ends_with_a_warning() {
     let mut world = World::disturbed(vec![(60, Disturbance::LineLost { for_us: u64::MAX / 2 })]);
     while world.line_up || world.reconnect_at_us == Some(0) || world.now_us == 0 {
@@ -465,7 +488,7 @@ fn an_abort_of_a_device_that_is_gone_ends_with_a_warning() {
 #[test]
 fn an_abort_whose_line_comes_back_too_late_ends_with_a_warning() {
     let mut world = world_exposing(0);
-    world.drop_line(12_000_000);
+    world.drop_line(17_000_000);
     world.tell(Event::LineLost("cable".into()));
     world.tell(Event::Command(Command::Abort));
     while world.finished.is_none() {

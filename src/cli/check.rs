@@ -69,6 +69,8 @@ struct Findings {
 struct Size {
     layer_count: u32,
     peak_active_struts: u64,
+    /// As many as there are cores and the budget has memory for.
+    threads: usize,
     memory_needed_bytes: u64,
     memory_budget_bytes: u64,
     device_ms_normal_layer: f64,
@@ -143,11 +145,12 @@ fn judge(
             return Ok(Findings { fits: false, problems: vec![error.to_string()], size: None, times: None });
         }
     };
-    let threads = Slicer::default_threads();
-    let memory_needed_bytes = PrintMemory::new(&file, &plan, threads).need_bytes();
+    let memory = PrintMemory::within(&file, &plan, Slicer::default_threads(), budget);
+    let (threads, memory_needed_bytes) = (memory.threads, memory.need_bytes());
     let size = Size {
         layer_count: plan.layer_count,
         peak_active_struts: file.peak_active(),
+        threads,
         memory_needed_bytes,
         memory_budget_bytes: budget,
         device_ms_normal_layer: device_ms(&recipe, plan.layer_count),
@@ -158,8 +161,7 @@ fn judge(
     tell_size(&size);
     if memory_needed_bytes > budget {
         let problem = format!(
-            "it needs {0}MiB of memory with {threads} threads, the budget is {1}MiB: set memory_budget = \"{0}MiB\" in the \
-             daemon's configuration, or fewer threads",
+            "it needs {0}MiB of memory, the budget is {1}MiB: set memory_budget = \"{0}MiB\" in the daemon's configuration",
             memory_needed_bytes.div_ceil(1 << 20),
             budget >> 20
         );
@@ -314,9 +316,11 @@ fn size_text(size: &Size) -> String {
         format!("layers          {}", size.layer_count),
         format!("active struts   {} at most in one layer", size.peak_active_struts),
         format!(
-            "memory          {:.1} MiB of a budget of {:.1} MiB",
+            "memory          {:.1} MiB of a budget of {:.1} MiB, computing on {} {}",
             mib(size.memory_needed_bytes),
-            mib(size.memory_budget_bytes)
+            mib(size.memory_budget_bytes),
+            size.threads,
+            if size.threads == 1 { "thread" } else { "threads" }
         ),
         format!("device          {:.1} ms a normal layer", size.device_ms_normal_layer),
         format!("print time      {}, where the device never waits", duration_text(size.print_time_s)),

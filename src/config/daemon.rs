@@ -20,7 +20,7 @@ pub struct DaemonConfig {
     /// Ceiling of the print path's memory, e.g. `"96MiB"`; default 64 MiB.
     #[serde(with = "byte_size", default = "default_memory_budget")]
     pub memory_budget: u64,
-    /// Threads that compute layers; default one for each core.
+    /// Most threads that compute layers; default one for each core. A job takes fewer where the budget is short.
     #[serde(default)]
     pub threads: Option<usize>,
     /// Machine file.

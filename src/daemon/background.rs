@@ -6,7 +6,7 @@ use super::api::JobView;
 use super::handle::CommandError;
 use super::jobs::Job;
 use super::opened::{Opened, Unopened};
-use super::orders::Change;
+use super::orders::Settled;
 
 /// Where an order's answer goes.
 pub(super) type Reply = oneshot::Sender<Result<JobView, CommandError>>;
@@ -42,7 +42,7 @@ pub(super) enum Background {
         /// The job.
         job: u32,
         /// The change.
-        result: Result<Change, CommandError>,
+        result: Result<Settled, CommandError>,
         /// Who asked.
         reply: Reply,
     },

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, VecDeque};
 use super::api::JobView;
 use super::clock::unix_ms;
 use crate::job::{
-    Entry as JournalEntry, History, JobDirectory, JobState, Progress, Record, ResumeChoice, read_journal,
+    Command, Entry as JournalEntry, History, JobDirectory, JobState, Progress, Record, ResumeChoice, read_journal,
 };
 
 /// One job.
@@ -17,12 +17,21 @@ pub(super) struct Job {
     pub key: u64,
     /// What operators see.
     pub view: JobView,
-    /// What the operator said of a layer in doubt, for when its turn comes.
-    pub choice: ResumeChoice,
+    /// What for, when its turn comes.
+    pub take_up: TakeUp,
     /// Whether the operator must say first that the plate is clear.
     pub awaits_plate: bool,
     /// Whether an order is being checked or written in its journal; until then nothing else is done with it.
     pub ordered: bool,
+}
+
+/// What a job is given the machine for.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum TakeUp {
+    /// To print, with what the operator said of a layer in doubt.
+    Print(ResumeChoice),
+    /// To end, dark and with the plate clear: a stop, or an abort.
+    End(Command),
 }
 
 /// All jobs, and the queue.
@@ -84,12 +93,13 @@ impl Jobs {
     }
 
     /// Puts an interrupted job in front of the queue: its part hangs on the plate.
-    pub(super) fn resume(&mut self, id: u32, choice: ResumeChoice) {
+    pub(super) fn take_up(&mut self, id: u32, take_up: TakeUp) {
         if let Some(job) = self.jobs.get_mut(&id) {
-            job.choice = choice;
+            job.take_up = take_up;
             job.awaits_plate = false;
-            job.view.state = JobState::Queued;
+            job.view.state = take_up.state_before(JobState::Queued);
             job.view.reason = None;
+            self.unqueue(id);
             self.queue.push_front(id);
         }
     }
@@ -156,6 +166,17 @@ impl Jobs {
     }
 }
 
+impl TakeUp {
+    /// What the job is until its engine says so itself: on its way to the end, or `otherwise`.
+    pub(super) fn state_before(self, otherwise: JobState) -> JobState {
+        match self {
+            Self::Print(_) => otherwise,
+            Self::End(Command::Abort) => JobState::Aborting,
+            Self::End(_) => JobState::Stopping,
+        }
+    }
+}
+
 impl Job {
     /// A job just accepted.
     pub(super) fn accepted(directory: JobDirectory, key: u64, layer_count: u32, name: String, recipe: String) -> Self {
@@ -164,7 +185,7 @@ impl Job {
         view.recipe = recipe;
         view.layers_total = layer_count;
         view.submitted_ms = unix_ms();
-        Self { directory, key, view, choice: ResumeChoice::None, awaits_plate: false, ordered: false }
+        Self { directory, key, view, take_up: TakeUp::Print(ResumeChoice::None), awaits_plate: false, ordered: false }
     }
 
     fn load(directory: JobDirectory, awaits_plate: bool) -> Self {
@@ -185,7 +206,7 @@ impl Job {
             view.recipe = recipe.name;
         }
         let awaits_plate = awaits_plate && view.state == JobState::Queued;
-        Self { directory, key, view, choice: ResumeChoice::None, awaits_plate, ordered: false }
+        Self { directory, key, view, take_up: TakeUp::Print(ResumeChoice::None), awaits_plate, ordered: false }
     }
 
     /// Takes over what the engine says. Returns whether anything changed.

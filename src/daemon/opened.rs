@@ -3,9 +3,10 @@
 use std::sync::Arc;
 
 use super::clock::unix_ms;
+use super::jobs::TakeUp;
 use super::part::Part;
 use crate::config::{Machine, Recipe};
-use crate::job::{JobDirectory, JobState, Journal, Record, ResumeChoice, StartPoint};
+use crate::job::{JobDirectory, JobState, Journal, Record, StartPoint};
 
 /// A job read from the spool, ready to run.
 #[derive(Debug)]
@@ -40,7 +41,7 @@ impl Opened {
     /// What is missing or does not fit; where the journal can be written, the job's end stands in it.
     pub(super) fn open(
         job: &JobDirectory,
-        choice: ResumeChoice,
+        take_up: TakeUp,
         threads: usize,
         limit_bytes: u64,
     ) -> Result<Self, Unopened> {
@@ -49,7 +50,11 @@ impl Opened {
         // Such a part stays resumable: whatever is wrong may be mended.
         let on_plate = history.next_layer > 0 || history.unconfirmed.is_some() || history.in_doubt.is_some();
         let state = if on_plate { JobState::Interrupted } else { JobState::Failed };
-        let start = history.start(choice).map_err(|error| Unopened { text: error.to_string(), state })?;
+        let start = match take_up {
+            TakeUp::Print(choice) => history.start(choice),
+            TakeUp::End(_) => history.start_to_end(),
+        };
+        let start = start.map_err(|error| Unopened { text: error.to_string(), state })?;
         let open = || -> Result<_, String> {
             let recipe = Recipe::load(&job.recipe()).map_err(|error| error.to_string())?;
             let machine = Machine::load(&job.machine()).map_err(|error| error.to_string())?;

@@ -7,7 +7,7 @@ use super::api::{InDoubt, JobView};
 use super::background::{Background, Reply};
 use super::clock::unix_ms;
 use super::handle::{Command, CommandError, Order, Submission};
-use super::jobs::Job;
+use super::jobs::{Job, TakeUp};
 use super::part::Part;
 use super::printer::Printer;
 use super::setting::Setting;
@@ -17,15 +17,27 @@ use crate::job::{
     Command as EngineCommand, JobState, Journal, JournalError, NewJob, Record, ResumeChoice, Spool, SpoolError,
     read_journal,
 };
+use crate::link::message::Urgent;
 use crate::random;
 
 /// What an operator wants of a job that does not hold the machine, where its journal has a say.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Change {
-    /// End it in that state.
-    End(JobState),
+    /// Stop or abort it; one that has begun needs the machine for that.
+    End(EngineCommand),
+    /// The same where the machine cannot be used.
+    Close(EngineCommand),
     /// Print an interrupted job further.
     Resume(ResumeChoice),
+}
+
+/// What the journal made of a change.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Settled {
+    /// The job is over, for that reason.
+    Ended(JobState, &'static str),
+    /// It is taken up as soon as the machine is free.
+    TakenUp(TakeUp),
 }
 
 /// How far an order came at once.
@@ -37,6 +49,8 @@ enum Step {
 }
 
 const ENDED: &str = "ended by the operator";
+const CLOSED: &str =
+    "ended by the operator; the part could not be opened, so the plate was not lifted: see to plate and light";
 
 impl Printer {
     /// Carries an order out and answers it.
@@ -50,7 +64,13 @@ impl Printer {
             Command::Abort(Some(id)) => self.steer(&id, EngineCommand::Abort),
             Command::Abort(None) => match self.holder().or_else(|| self.jobs.interrupted()) {
                 Some(id) => self.steer(&id.to_string(), EngineCommand::Abort),
-                None => Err(CommandError::new(409, "no job is active, so there is nothing to abort")),
+                None => {
+                    // Light without a job is not for the daemon to explain, but to end.
+                    self.send_urgent(Urgent::Abort);
+                    let text =
+                        "no job is active, so there is nothing to abort; the device was told to go dark all the same";
+                    Err(CommandError::new(409, text))
+                }
             },
         };
         let answer = match step {
@@ -98,19 +118,27 @@ impl Printer {
         if self.command_running(id, command)? {
             return Ok(Step::Done(id));
         }
-        if self.opening == Some(id) && command == EngineCommand::Abort {
-            self.abort_opening = true;
-            return Ok(Step::Done(id));
+        let (is_opening, holder) = (self.opening == Some(id), self.holder());
+        let job = self.waiting(id)?;
+        let state = job.view.state;
+        let ends = match command {
+            EngineCommand::Abort => !state.is_final(),
+            EngineCommand::Stop => !state.is_final() && state != JobState::Aborting,
+            EngineCommand::Pause | EngineCommand::Resume => false,
+        };
+        if !ends {
+            return Err(wrong_state(id, state, command));
         }
-        match (self.waiting(id)?.view.state, command) {
-            (JobState::Queued | JobState::Interrupted, EngineCommand::Abort) => {
-                Ok(Step::Change(id, Change::End(JobState::Aborted)))
-            }
-            (JobState::Queued | JobState::Interrupted, EngineCommand::Stop) => {
-                Ok(Step::Change(id, Change::End(JobState::Stopped)))
-            }
-            (state, command) => Err(wrong_state(id, state, command)),
+        if is_opening {
+            job.take_up = TakeUp::End(command);
+            job.view.state = job.take_up.state_before(state);
         }
+        let has_begun = job.view.started_ms.is_some();
+        if command == EngineCommand::Abort && has_begun && holder.is_none_or(|holder| holder == id) {
+            // Its light first, before any disk is asked.
+            self.send_urgent(Urgent::Abort);
+        }
+        if is_opening { Ok(Step::Done(id)) } else { Ok(Step::Change(id, Change::End(command))) }
     }
 
     fn resume(&mut self, id: &str, in_doubt: Option<InDoubt>) -> Result<Step, CommandError> {
@@ -142,10 +170,10 @@ impl Printer {
         Ok(Step::Done(id))
     }
 
-    /// Aborts an interrupted job for an operator who has had the answer already.
-    pub(super) fn end_aborted(&mut self, id: u32) {
+    /// Ends a job that cannot be opened, for an operator who has had the answer already.
+    pub(super) fn close(&mut self, id: u32, command: EngineCommand) {
         let (reply, _) = tokio::sync::oneshot::channel();
-        self.change(id, Change::End(JobState::Aborted), reply);
+        self.change(id, Change::Close(command), reply);
     }
 
     /// Gives the order to the engine if the job is the running one; says whether it is.
@@ -173,22 +201,22 @@ impl Printer {
         job.ordered = true;
         let (journal, background) = (job.directory.journal(), self.background.clone());
         tokio::task::spawn_blocking(move || {
-            let result = settle_in_journal(&journal, change).map(|()| change);
+            let result = settle_in_journal(&journal, change);
             let _ = background.blocking_send(Background::Changed { job: id, result, reply });
         });
     }
 
     /// The journal allows the change and says so, or not.
-    pub(super) fn changed(&mut self, id: u32, result: Result<Change, CommandError>, reply: Reply) {
+    pub(super) fn changed(&mut self, id: u32, result: Result<Settled, CommandError>, reply: Reply) {
         if let Some(job) = self.jobs.get_mut(id) {
             job.ordered = false;
             match &result {
-                Ok(Change::End(state)) => {
+                Ok(Settled::Ended(state, reason)) => {
                     self.jobs_ended += 1;
-                    job.end(*state, Some(ENDED.into()));
+                    job.end(*state, Some((*reason).into()));
                     self.jobs.unqueue(id);
                 }
-                Ok(Change::Resume(choice)) => self.jobs.resume(id, *choice),
+                Ok(Settled::TakenUp(take_up)) => self.jobs.take_up(id, *take_up),
                 Err(_) => {}
             }
         }
@@ -242,19 +270,25 @@ fn no_such_job(id: &str) -> CommandError {
 }
 
 /// Checks a change against the job's journal and writes there what must be known after a crash. Blocks.
-fn settle_in_journal(path: &Path, change: Change) -> Result<(), CommandError> {
+fn settle_in_journal(path: &Path, change: Change) -> Result<Settled, CommandError> {
     let unreadable = |error: JournalError| CommandError::new(500, error.to_string());
-    match change {
-        Change::End(state) => {
-            let (mut journal, _) = Journal::open(path).map_err(unreadable)?;
-            let ended = Record::Ended { state, reason: ENDED.into() };
-            journal.append(ended, unix_ms()).map_err(|error| CommandError::new(507, error.to_string()))
-        }
+    let (_, history) = read_journal(path).map_err(unreadable)?;
+    let (command, reason) = match change {
         Change::Resume(choice) => {
-            let (_, history) = read_journal(path).map_err(unreadable)?;
-            history.start(choice).map(|_| ()).map_err(|error| CommandError::new(409, error.to_string()))
+            history.start(choice).map_err(|error| CommandError::new(409, error.to_string()))?;
+            return Ok(Settled::TakenUp(TakeUp::Print(choice)));
         }
-    }
+        Change::End(command) if history.state != JobState::Queued => {
+            return Ok(Settled::TakenUp(TakeUp::End(command)));
+        }
+        Change::End(command) => (command, ENDED),
+        Change::Close(command) => (command, CLOSED),
+    };
+    let state = if command == EngineCommand::Abort { JobState::Aborted } else { JobState::Stopped };
+    let (mut journal, _) = Journal::open(path).map_err(unreadable)?;
+    let ended = Record::Ended { state, reason: reason.into() };
+    journal.append(ended, unix_ms()).map_err(|error| CommandError::new(507, error.to_string()))?;
+    Ok(Settled::Ended(state, reason))
 }
 
 /// Checks a new part from its first byte to its last. Blocks.

@@ -56,6 +56,8 @@ fn mebibytes(bytes: u64) -> String {
 /// Memory that a print takes at its peak, known from header and index alone. `layerctl check` tells the same figure.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PrintMemory {
+    /// That compute the layers.
+    pub(crate) threads: usize,
     slicer_bytes: u64,
     /// The picture, the encoder's output, a layer that waits for room in the queue, and the line.
     buffer_bytes: u64,
@@ -64,10 +66,24 @@ pub(crate) struct PrintMemory {
 }
 
 impl PrintMemory {
-    /// Of a part on a raster, computed by `threads` threads.
-    pub(crate) fn new(file: &BuildFile, plan: &SlicePlan, threads: usize) -> Self {
+    /// Of a part on a raster, computed by as many of `most_threads` threads as `limit_bytes` allow: each takes memory of its
+    /// own, and a host with many cores is to print what one with few can.
+    pub(crate) fn within(file: &BuildFile, plan: &SlicePlan, most_threads: usize, limit_bytes: u64) -> Self {
+        let all = (1..=most_threads.max(1)).rev().map(|threads| Self::new(file, plan, threads));
+        let mut least = None;
+        for memory in all {
+            if memory.need_bytes() <= limit_bytes {
+                return memory;
+            }
+            least = Some(memory);
+        }
+        least.unwrap_or_else(|| Self::new(file, plan, 1))
+    }
+
+    fn new(file: &BuildFile, plan: &SlicePlan, threads: usize) -> Self {
         let raw_bytes = plan.depth.stride_bytes(plan.raster.width_px) as u64 * u64::from(plan.raster.height_px);
         Self {
+            threads,
             slicer_bytes: Slicer::memory_bytes(file, plan, threads),
             buffer_bytes: raw_bytes + 2 * encoding::largest_encoded_bytes(plan.depth, raw_bytes) + LINK_BYTES,
             least_queue_bytes: 2 * raw_bytes + (64 << 10),
@@ -99,19 +115,19 @@ impl Part {
         path: &Path,
         machine: &Machine,
         recipe: &Recipe,
-        threads: usize,
+        most_threads: usize,
         limit_bytes: u64,
     ) -> Result<Self, Unprintable> {
         let file = BuildFile::open(path).map_err(|error| Unprintable::Part(error.to_string()))?;
         let depth = if recipe.antialias { Depth::Grey } else { Depth::Bit };
         let plan = SlicePlan::new(file.header(), machine.raster(), depth, recipe.layer_height_um)
             .map_err(|error| Unprintable::Part(error.to_string()))?;
-        let memory = PrintMemory::new(&file, &plan, threads);
+        let memory = PrintMemory::within(&file, &plan, most_threads, limit_bytes);
         let need_bytes = memory.need_bytes();
         if need_bytes > limit_bytes {
             return Err(Unprintable::Memory { need_bytes, limit_bytes });
         }
-        let PrintMemory { buffer_bytes, least_queue_bytes, .. } = memory;
+        let PrintMemory { threads, buffer_bytes, least_queue_bytes, .. } = memory;
         let room_bytes = limit_bytes - need_bytes + least_queue_bytes;
         let queue_bytes = room_bytes.min(LARGEST_QUEUE_BYTES.max(least_queue_bytes));
         Ok(Self { path: path.into(), plan, threads, queue_bytes, buffer_bytes })

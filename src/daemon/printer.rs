@@ -13,7 +13,7 @@ use super::api::{DeviceView, Event as News, LayerExposed};
 use super::background::Background;
 use super::clock::Clock;
 use super::handle::Desk;
-use super::jobs::Jobs;
+use super::jobs::{Jobs, TakeUp};
 use super::line::Line;
 use super::opened::{Opened, Unopened};
 use super::part::EncodedLayer;
@@ -43,8 +43,6 @@ pub(super) struct Printer {
     pub(super) running: Option<Running>,
     /// The job being opened.
     pub(super) opening: Option<u32>,
-    /// The operator aborted the job being opened.
-    pub(super) abort_opening: bool,
     /// The last job's memory is still being given back.
     releasing: bool,
     pub(super) background: mpsc::Sender<Background>,
@@ -86,7 +84,6 @@ impl Printer {
             jobs,
             running: None,
             opening: None,
-            abort_opening: false,
             releasing: false,
             background,
             finished_background,
@@ -205,7 +202,7 @@ impl Printer {
         }
     }
 
-    fn send_urgent(&mut self, urgent: Urgent) {
+    pub(super) fn send_urgent(&mut self, urgent: Urgent) {
         // What waits for room must not reach the device after an abort.
         self.message = None;
         let number = self.link.urgent(urgent);
@@ -224,15 +221,15 @@ impl Printer {
     fn open_next(&mut self) {
         let Some(id) = self.jobs.take_next(self.setting.machine.confirm_plate) else { return };
         let Some(job) = self.jobs.get_mut(id) else { return };
-        job.view.state = JobState::Checking;
+        let (directory, take_up) = (job.directory.clone(), job.take_up);
+        job.view.state = take_up.state_before(JobState::Checking);
         job.view.reason = None;
-        let (directory, choice) = (job.directory.clone(), std::mem::take(&mut job.choice));
         let (threads, limit_bytes) = (self.setting.threads, self.budget.limit_bytes());
         let background = self.background.clone();
         self.opening = Some(id);
         self.publish_job(id);
         tokio::task::spawn_blocking(move || {
-            let result = Opened::open(&directory, choice, threads, limit_bytes).map(Box::new);
+            let result = Opened::open(&directory, take_up, threads, limit_bytes).map(Box::new);
             let _ = background.blocking_send(Background::Opened { job: id, result });
         });
     }
@@ -264,13 +261,17 @@ impl Printer {
 
     fn opened(&mut self, id: u32, result: Result<Box<Opened>, Unopened>, now_us: u64) {
         self.opening = None;
-        let abort = std::mem::take(&mut self.abort_opening);
+        // Perhaps ordered while it was opened.
+        let end = self.jobs.get(id).and_then(|job| match job.take_up {
+            TakeUp::Print(_) => None,
+            TakeUp::End(command) => Some(command),
+        });
         match result {
             Ok(opened) => {
                 tracing::info!(job = id, "job begins");
                 let mut running = Running::new(id, *opened, self.background.clone(), now_us);
-                if abort {
-                    running.command(crate::job::Command::Abort, now_us);
+                if let Some(command) = end {
+                    running.command(command, now_us);
                 }
                 if self.shutting_down {
                     running.engine.handle(Event::Shutdown, now_us);
@@ -288,8 +289,8 @@ impl Printer {
                 }
                 self.jobs_ended += 1;
                 self.publish_job(id);
-                if abort && state == JobState::Interrupted {
-                    self.end_aborted(id);
+                if let (Some(command), JobState::Interrupted) = (end, state) {
+                    self.close(id, command);
                 }
             }
         }

@@ -54,8 +54,9 @@ impl Printer {
         });
         let Some((running, urgent)) = awaited else {
             if self.last_abort.take_if(|abort| *abort == number).is_some() {
-                // Of a job that ended before the device came back. It obeys now, and does nothing more until a new hello.
-                self.lost("the device has only now obeyed the abort of an earlier job".into(), now_us);
+                // Of a job that does not run: ended before the device came back, or interrupted. It does nothing more until
+                // a new hello.
+                self.lost("the device has obeyed an abort; a new session begins".into(), now_us);
                 self.link.reconnect();
             }
             return;

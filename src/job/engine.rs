@@ -229,7 +229,7 @@ impl Engine {
                 }
             }
             Event::UrgentDone => {}
-            Event::UrgentFailed(text) => self.out.notice(format!("an urgent order did not reach the device: {text}")),
+            Event::UrgentFailed(text) => self.out.notice(format!("an urgent order had no effect: {text}")),
             Event::Fault(fault) => self.on_fault(fault.as_ref(), now_us),
             Event::Command(command) => self.command(command, now_us),
             Event::Shutdown => self.shutdown(now_us),
@@ -275,7 +275,7 @@ impl Engine {
             // Not before its record is on disk and the machine given back: only then can the job be resumed.
             (Phase::Done, Intent::End(state, _)) => *state,
             _ if self.aborting => JobState::Aborting,
-            (Phase::Checking, _) => JobState::Checking,
+            (Phase::Checking, Intent::Print | Intent::Pause) => JobState::Checking,
             (Phase::Resting, Intent::Pause) => JobState::Paused,
             (_, Intent::Pause) => JobState::Pausing,
             (_, Intent::End(JobState::Completed, _) | Intent::Print) => JobState::Printing,
@@ -323,7 +323,7 @@ impl Engine {
             }
             _ => return self.out.notice(format!("nothing to do: the job is {}", self.state())),
         }
-        self.reconsider(now_us);
+        self.reconsider(false, now_us);
     }
 
     fn on_timeout(&mut self, now_us: u64) {

@@ -52,7 +52,7 @@ pub enum Event {
     },
     /// The device acknowledged the last [`Action::Urgent`].
     UrgentDone,
-    /// The last [`Action::Urgent`] could not be sent or was not acknowledged.
+    /// The device carried out the last [`Action::Urgent`] and says that its light is still on.
     UrgentFailed(String),
     /// The device has a fault, or is rid of it.
     Fault(Option<Fault>),

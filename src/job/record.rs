@@ -193,12 +193,27 @@ impl History {
         }
         match (&self.in_doubt, choice) {
             (Some(why), ResumeChoice::None) => Err(ResumeError::InDoubt { layer: self.next_layer, why: why.clone() }),
-            _ => Ok(StartPoint {
-                next_layer: self.next_layer,
-                unconfirmed: self.unconfirmed,
-                in_doubt: self.in_doubt.is_some(),
-                choice,
-            }),
+            _ => Ok(self.start_point(choice)),
+        }
+    }
+
+    /// Where an engine takes the job up only to end it, machine and all: a layer in doubt stays in doubt.
+    ///
+    /// # Errors
+    /// [`ResumeError::Over`].
+    pub fn start_to_end(&self) -> Result<StartPoint, ResumeError> {
+        if self.state.is_final() {
+            return Err(ResumeError::Over(self.state));
+        }
+        Ok(self.start_point(ResumeChoice::None))
+    }
+
+    fn start_point(&self, choice: ResumeChoice) -> StartPoint {
+        StartPoint {
+            next_layer: self.next_layer,
+            unconfirmed: self.unconfirmed,
+            in_doubt: self.in_doubt.is_some(),
+            choice,
         }
     }
 

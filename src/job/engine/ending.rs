@@ -18,19 +18,21 @@ impl Engine {
     /// Ends the job after the step under way.
     pub(super) fn wind_down(&mut self, state: JobState, reason: String, now_us: u64) {
         self.intend_to_end(state, reason);
-        self.reconsider(now_us);
+        self.reconsider(matches!(state, JobState::Interrupted | JobState::Failed), now_us);
     }
 
-    /// After a change of intent: ends waits that have lost their purpose. Acts under way end by themselves.
-    pub(super) fn reconsider(&mut self, now_us: u64) {
-        let Intent::End(state, _) = &self.intent else {
+    /// After a change of intent: ends waits that have lost their purpose. Acts under way end by themselves. What is to end
+    /// `at_once` begins nothing more.
+    pub(super) fn reconsider(&mut self, at_once: bool, now_us: u64) {
+        if !matches!(self.intent, Intent::End(..)) {
             return match self.phase {
                 Phase::Settling | Phase::WarmingUp | Phase::Waiting { .. } | Phase::Dripping => self.advance(now_us),
                 _ => {}
             };
-        };
-        let at_once = matches!(state, JobState::Interrupted | JobState::Failed);
+        }
         match self.phase {
+            // With a part in the vat the device is waited for, to lift it.
+            Phase::Checking if self.touched && !at_once => {}
             Phase::Checking | Phase::Resting => self.end(),
             Phase::Settling | Phase::WarmingUp | Phase::Waiting { .. } | Phase::Dripping => self.advance(now_us),
             Phase::Commanding if at_once => self.withdraw(now_us),
@@ -199,7 +201,7 @@ impl Engine {
                 self.advance(now_us);
             }
             Phase::Confirming => self.advance(now_us),
-            _ => self.reconsider(now_us),
+            _ => self.reconsider(true, now_us),
         }
     }
 
@@ -230,11 +232,7 @@ impl Engine {
                 self.wait_until(Phase::AbortReconnect, now_us + ABORT_RECONNECT_US);
             }
             Event::UrgentFailed(text) => {
-                self.out.notice(format!("the abort did not reach the device: {text}"));
-                if !self.ever_connected {
-                    self.intend_to_end(JobState::Aborted, LIGHT_UNKNOWN.into());
-                    return self.end();
-                }
+                self.out.notice(format!("the abort had no effect: {text}"));
                 self.wait_until(Phase::AbortReconnect, now_us + ABORT_RECONNECT_US);
             }
             Event::Connected { state, max_position_um } => {

@@ -1,0 +1,92 @@
+//! An interrupted job, whose part hangs in the vat and under whose part there may still be light, and what ends it.
+
+mod support;
+
+use std::time::Duration;
+
+use serde_json::Value;
+use support::{Bench, Setup, wait_until};
+
+const SMALL: [&str; 10] = ["generate", "bcc", "--struts", "300", "--box", "8,8,3", "--seed", "1", "-o", "part.layerd"];
+
+/// `clear_height_um` of the bench's machine.
+const CLEAR_UM: i64 = 30_000;
+
+/// The daemon was killed under light and runs again; the device goes on exposing for some seconds.
+fn killed_under_light() -> (Bench, u64) {
+    let mut bench = Bench::start(Setup { exposure_ms: 60_000, time_scale: 10, ..Setup::default() });
+    bench.ok(&SMALL);
+    let id = bench.start_job("part.layerd");
+    wait_until("light", || has(&bench.acts(), "light_on"));
+    bench.kill_daemon();
+    bench.start_daemon();
+    assert_eq!(bench.job(id)["state"], "interrupted");
+    (bench, id)
+}
+
+fn has(acts: &[Value], event: &str) -> bool {
+    acts.iter().any(|act| act["event"] == event)
+}
+
+/// Where the plate came to rest last.
+fn plate_um(acts: &[Value]) -> Option<i64> {
+    acts.iter().rev().find(|act| act["event"] == "moved").and_then(|act| act["position_um"].as_i64())
+}
+
+#[test]
+fn abort_puts_its_light_off_and_lifts() {
+    let (bench, id) = killed_under_light();
+    bench.ok(&["abort"]);
+    let job = bench.wait_for(id, &["aborted", "interrupted", "failed"]);
+    assert_eq!(job["state"], "aborted", "{job}");
+    let acts = bench.acts();
+    assert!(has(&acts, "light_off") && !has(&acts, "exposed"), "{acts:?}");
+    assert_eq!(plate_um(&acts), Some(CLEAR_UM), "{acts:?}");
+}
+
+#[test]
+fn stop_lets_its_layer_end_and_lifts() {
+    let (bench, id) = killed_under_light();
+    bench.ok(&["stop"]);
+    let job = bench.wait_for(id, &["stopped", "interrupted", "failed"]);
+    assert_eq!((&job["state"], &job["layers_done"]), (&"stopped".into(), &1.into()), "{job}");
+    let acts = bench.acts();
+    assert!(has(&acts, "exposed"), "{acts:?}");
+    assert_eq!(plate_um(&acts), Some(CLEAR_UM), "{acts:?}");
+}
+
+#[test]
+fn abort_of_a_job_whose_part_is_gone_still_puts_its_light_off() {
+    let (bench, id) = killed_under_light();
+    std::fs::remove_file(bench.path(&format!("spool/jobs/{id:08}/part.layerd"))).expect("the spool's copy");
+    bench.ok(&["abort"]);
+    let job = bench.wait_for(id, &["aborted", "failed"]);
+    let reason = job["reason"].as_str().unwrap_or_default();
+    assert!(job["state"] == "aborted" && reason.contains("plate was not lifted"), "{job}");
+    wait_until("the light off", || has(&bench.acts(), "light_off"));
+    assert!(!has(&bench.acts(), "exposed"), "{:?}", bench.acts());
+}
+
+#[test]
+fn abort_without_a_job_puts_the_light_off() {
+    let (mut bench, _) = killed_under_light();
+    bench.kill_daemon();
+    std::fs::remove_dir_all(bench.path("spool")).expect("the spool");
+    bench.start_daemon();
+    let output = bench.layerctl(&["abort"]);
+    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(!output.status.success() && told.contains("no job is active") && told.contains("go dark"), "{told}");
+    wait_until("the light off", || has(&bench.acts(), "light_off"));
+    assert!(!has(&bench.acts(), "exposed"), "{:?}", bench.acts());
+}
+
+#[test]
+fn abort_without_a_device_ends_the_job_with_a_warning() {
+    let (mut bench, id) = killed_under_light();
+    bench.kill_device();
+    std::thread::sleep(Duration::from_millis(200));
+    bench.ok(&["abort"]);
+    let job = bench.wait_for(id, &["aborted", "interrupted", "failed"]);
+    let reason = job["reason"].as_str().unwrap_or_default();
+    assert!(job["state"] == "aborted" && reason.contains("did not confirm that its light is off"), "{job}");
+}
