@@ -1,23 +1,29 @@
-//! An interrupted job, whose part hangs in the vat and under whose part there may still be light, and what ends it.
+//! Light that falls while no daemon, or one that ends, holds the machine, and what puts it off.
 
 mod support;
 
 use std::time::Duration;
 
 use serde_json::Value;
-use support::{Bench, Setup, wait_until};
+use support::{Bench, Setup, signal, wait_until};
 
 const SMALL: [&str; 10] = ["generate", "bcc", "--struts", "300", "--box", "8,8,3", "--seed", "1", "-o", "part.layerd"];
 
 /// `clear_height_um` of the bench's machine.
 const CLEAR_UM: i64 = 30_000;
 
-/// The daemon was killed under light and runs again; the device goes on exposing for some seconds.
-fn killed_under_light() -> (Bench, u64) {
-    let mut bench = Bench::start(Setup { exposure_ms: 60_000, time_scale: 10, ..Setup::default() });
+/// A print whose first layer has light for some seconds.
+fn under_light() -> (Bench, u64) {
+    let bench = Bench::start(Setup { exposure_ms: 24_000, time_scale: 4, ..Setup::default() });
     bench.ok(&SMALL);
     let id = bench.start_job("part.layerd");
     wait_until("light", || has(&bench.acts(), "light_on"));
+    (bench, id)
+}
+
+/// The same after the daemon was killed and started again: the device goes on exposing.
+fn killed_under_light() -> (Bench, u64) {
+    let (mut bench, id) = under_light();
     bench.kill_daemon();
     bench.start_daemon();
     assert_eq!(bench.job(id)["state"], "interrupted");
@@ -89,4 +95,28 @@ fn abort_without_a_device_ends_the_job_with_a_warning() {
     let job = bench.wait_for(id, &["aborted", "interrupted", "failed"]);
     let reason = job["reason"].as_str().unwrap_or_default();
     assert!(job["state"] == "aborted" && reason.contains("did not confirm that its light is off"), "{job}");
+}
+
+#[test]
+fn abort_gets_through_to_a_daemon_that_ends() {
+    let (mut bench, id) = under_light();
+    signal(bench.daemon_pid(), "TERM");
+    std::thread::sleep(Duration::from_millis(300));
+    bench.ok(&["abort"]);
+    assert_eq!(bench.wait_daemon(), Some(0));
+    let acts = bench.acts();
+    assert!(has(&acts, "light_off") && !has(&acts, "exposed"), "{acts:?}");
+    assert_eq!(plate_um(&acts), Some(CLEAR_UM), "{acts:?}");
+    bench.start_daemon();
+    let state = bench.job(id)["state"].clone();
+    assert!(state == "aborted" || state == "interrupted", "{state}");
+}
+
+#[test]
+fn the_device_is_seen_to_shine_while_it_does() {
+    let (bench, _) = under_light();
+    wait_until("`device` says so", || bench.json(&["device"])["state"]["light_on"] == true);
+    assert!(!has(&bench.acts(), "light_off"), "it was seen in time");
+    bench.ok(&["abort"]);
+    wait_until("`device` says that it is dark", || bench.json(&["device"])["state"]["light_on"] == false);
 }

@@ -551,6 +551,8 @@ fn an_abort_that_finds_the_plate_moving_stops_it_before_it_lifts() {
         assert!(world.next_event());
     }
     assert_eq!((world.end().0, world.device.position_um), (JobState::Aborted, Some(CLEAR_UM)));
+    let lifts = world.acts.iter().filter(|act| matches!(act, Act::Move { position_um: CLEAR_UM, .. }));
+    assert_eq!(lifts.count(), 1, "nothing is commanded that the abort on its way would end: {:?}", world.acts);
 }
 
 /// Runs a print up to its layer `layer` being exposed.
@@ -588,6 +590,81 @@ fn a_device_reset_under_light_leaves_the_layer_in_doubt_and_never_homes() {
     assert_eq!(state, JobState::Interrupted);
     assert!(reason.contains("no longer knows where its plate is"), "{reason}");
     assert_eq!(History::replay(&world.journal).expect("true").next_layer, 3);
+}
+
+/// What was said of one layer must not settle a later one: it would have light twice, or too little.
+#[test]
+fn a_word_about_a_layer_in_doubt_holds_for_no_other() {
+    for choice in [ResumeChoice::Repeat, ResumeChoice::AssumeExposed] {
+        let mut world = world_exposing(0);
+        let history = History::replay(&world.journal).expect("true");
+        world.engine = Engine::new(plan(), history.start(choice).expect("the device may not know"));
+        world.flushing = None;
+        world.drop_line(1_000_000);
+        world.tell(Event::Ready);
+        while world.device.exposing != Some(ExposureId { job: KEY, layer: 2 }) {
+            assert!(world.next_event(), "the device knows of layer 0, and the print goes on");
+        }
+        world.urgent(Urgent::LightOff);
+        world.carry_out();
+        while world.finished.is_none() {
+            assert!(world.next_event());
+        }
+        assert_eq!((world.end().0, world.exposed.as_slice()), (JobState::Interrupted, [0, 1].as_slice()), "{choice:?}");
+        assert!(world.end().1.contains("layer 2 is in doubt"), "{}", world.end().1);
+    }
+    let history = History::replay(&[accepted(), Record::Started { layer: 0 }]).expect("true");
+    assert_eq!(history.start(ResumeChoice::Repeat), Err(ResumeError::NoDoubt { next_layer: 0 }));
+}
+
+#[test]
+fn a_job_whose_device_has_printed_another_since_moves_nothing() {
+    let mut world = world_exposing(3);
+    world.tell(Event::Shutdown);
+    while world.finished.is_none() {
+        assert!(world.next_event());
+    }
+    let acts = world.acts.len();
+    world.device.last_exposed = Some(ExposureId { job: KEY + 1, layer: 90 });
+    world.crash();
+    while world.finished.is_none() {
+        assert!(world.next_event());
+    }
+    assert!(world.end().0 == JobState::Interrupted && world.end().1.contains("another job"), "{:?}", world.end());
+    assert_eq!(world.acts.len(), acts);
+}
+
+/// Cut short and to be repeated, layer 0 hangs on the plate half cured.
+#[test]
+fn a_device_that_lost_its_position_never_homes_onto_a_layer_that_had_some_light() {
+    let records = [
+        accepted(),
+        Record::Started { layer: 0 },
+        Record::Commanded { layer: 0, boot_id: 1 },
+        Record::InDoubt { layer: 0, why: "cut short".into() },
+        Record::Decided { layer: 0, exposed: false },
+    ];
+    let history = History::replay(&records).expect("true");
+    let mut world = World::new();
+    world.journal = records.to_vec();
+    world.engine = Engine::new(plan(), history.start(ResumeChoice::None).expect("decided"));
+    assert!(world.run());
+    assert!(world.end().0 == JobState::Interrupted && world.acts.is_empty(), "{:?} {:?}", world.end(), world.acts);
+}
+
+#[test]
+fn a_plate_that_cannot_be_lifted_is_told() {
+    let mut world = world_exposing(1);
+    world.drop_line(3_000_000);
+    world.device_act = None;
+    world.device = DeviceState { boot_id: 2, slots: vec![None, None], ..DeviceState::default() };
+    world.tell(Event::LineLost("reset".into()));
+    world.tell(Event::Command(Command::Stop));
+    while world.finished.is_none() {
+        assert!(world.next_event());
+    }
+    let (state, reason) = world.end();
+    assert!(state == JobState::Stopped && reason.contains("the plate was not lifted"), "{state}: {reason}");
 }
 
 #[test]
@@ -646,14 +723,14 @@ fn a_part_taller_than_the_travel_is_refused_before_anything_moves() {
 }
 
 #[test]
-fn a_layer_that_cannot_be_computed_fails_the_job_with_the_plate_clear() {
+fn a_layer_that_cannot_be_computed_interrupts_the_job_with_the_plate_clear() {
     let mut world = world_exposing(1);
     world.tell(Event::LayerFailed { layer: 3, text: "chunk 4 is corrupt".into() });
     while world.finished.is_none() {
         assert!(world.next_event());
     }
     let (state, reason) = world.end();
-    assert_eq!(state, JobState::Failed);
+    assert_eq!(state, JobState::Interrupted);
     assert!(reason.contains("layer 3") && reason.contains("chunk 4 is corrupt"), "{reason}");
     assert_eq!((world.exposed.as_slice(), world.device.position_um), ([0, 1].as_slice(), Some(CLEAR_UM)));
 }

@@ -7,6 +7,7 @@ use clap::Args;
 use super::client::Client;
 use super::{block_on, duration_text, print, print_json};
 use crate::daemon::api::{JobList, JobView};
+use crate::job::JobState;
 
 /// List the jobs the daemon remembers.
 #[derive(Debug, Args)]
@@ -47,7 +48,7 @@ pub(super) fn run(args: &JobsArgs) -> anyhow::Result<()> {
 /// What an operator must know of a job beyond its numbers.
 pub(super) fn notes(job: &JobView) -> Vec<String> {
     let mut notes: Vec<String> = job.reason.iter().cloned().collect();
-    if let Some(layer) = job.in_doubt {
+    if let (Some(layer), JobState::Interrupted) = (job.in_doubt, job.state) {
         let id = &job.id;
         notes.push(format!(
             "layer {layer} may or may not have been exposed: layerctl resume {id} --in-doubt exposed|repeat"

@@ -23,6 +23,8 @@ pub(super) struct Job {
     pub awaits_plate: bool,
     /// Whether an order is being checked or written in its journal; until then nothing else is done with it.
     pub ordered: bool,
+    /// An abort came meanwhile; it is carried out next.
+    pub abort_ordered: bool,
 }
 
 /// What a job is given the machine for.
@@ -185,7 +187,15 @@ impl Job {
         view.recipe = recipe;
         view.layers_total = layer_count;
         view.submitted_ms = unix_ms();
-        Self { directory, key, view, take_up: TakeUp::Print(ResumeChoice::None), awaits_plate: false, ordered: false }
+        Self {
+            directory,
+            key,
+            view,
+            take_up: TakeUp::Print(ResumeChoice::None),
+            awaits_plate: false,
+            ordered: false,
+            abort_ordered: false,
+        }
     }
 
     fn load(directory: JobDirectory, awaits_plate: bool) -> Self {
@@ -206,7 +216,20 @@ impl Job {
             view.recipe = recipe.name;
         }
         let awaits_plate = awaits_plate && view.state == JobState::Queued;
-        Self { directory, key, view, take_up: TakeUp::Print(ResumeChoice::None), awaits_plate, ordered: false }
+        Self {
+            directory,
+            key,
+            view,
+            take_up: TakeUp::Print(ResumeChoice::None),
+            awaits_plate,
+            ordered: false,
+            abort_ordered: false,
+        }
+    }
+
+    /// Whether it ever had the machine, so that plate and light may be its own.
+    pub(super) fn has_begun(&self) -> bool {
+        self.view.started_ms.is_some()
     }
 
     /// Takes over what the engine says. Returns whether anything changed.

@@ -6,7 +6,7 @@ use super::clock::unix_ms;
 use super::jobs::TakeUp;
 use super::part::Part;
 use crate::config::{Machine, Recipe};
-use crate::job::{JobDirectory, JobState, Journal, Record, StartPoint};
+use crate::job::{JobDirectory, JobState, Journal, JournalError, Record, StartPoint};
 
 /// A job read from the spool, ready to run.
 #[derive(Debug)]
@@ -35,21 +35,26 @@ pub(super) struct Unopened {
 }
 
 impl Opened {
-    /// Opens a job of the spool: journal, recipe, machine and part as they were when it was accepted. Blocks.
+    /// Opens a job of the spool: journal, recipe, machine and part as they were when it was accepted. `has_begun` says
+    /// whether it ever had the machine. Blocks.
     ///
     /// # Errors
     /// What is missing or does not fit; where the journal can be written, the job's end stands in it.
     pub(super) fn open(
         job: &JobDirectory,
         take_up: TakeUp,
+        has_begun: bool,
         threads: usize,
         limit_bytes: u64,
     ) -> Result<Self, Unopened> {
-        let (mut journal, history) = Journal::open(&job.journal())
-            .map_err(|error| Unopened { text: error.to_string(), state: JobState::Failed })?;
+        let (mut journal, history) = Journal::open(&job.journal()).map_err(|error| {
+            // What cannot be read now may be read once the disk is mended; what is damaged stays so.
+            let may_be_mended = has_begun && matches!(error, JournalError::Io { .. });
+            let state = if may_be_mended { JobState::Interrupted } else { JobState::Failed };
+            Unopened { text: error.to_string(), state }
+        })?;
         // Such a part stays resumable: whatever is wrong may be mended.
-        let on_plate = history.next_layer > 0 || history.unconfirmed.is_some() || history.in_doubt.is_some();
-        let state = if on_plate { JobState::Interrupted } else { JobState::Failed };
+        let state = if history.touched() { JobState::Interrupted } else { JobState::Failed };
         let start = match take_up {
             TakeUp::Print(choice) => history.start(choice),
             TakeUp::End(_) => history.start_to_end(),
@@ -59,6 +64,12 @@ impl Opened {
             let recipe = Recipe::load(&job.recipe()).map_err(|error| error.to_string())?;
             let machine = Machine::load(&job.machine()).map_err(|error| error.to_string())?;
             let part = Part::open(&job.part(), &machine, &recipe, threads, limit_bytes).map_err(|e| e.to_string())?;
+            if part.layer_count() != history.layer_count {
+                let (found, accepted) = (part.layer_count(), history.layer_count);
+                return Err(format!(
+                    "the part in the spool has {found} layers, the one accepted had {accepted}: it was replaced"
+                ));
+            }
             Ok((recipe, machine, Arc::new(part)))
         };
         match open() {

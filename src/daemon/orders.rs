@@ -56,6 +56,10 @@ impl Printer {
     /// Carries an order out and answers it.
     pub(super) fn order(&mut self, order: Order) {
         let Order { command, reply } = order;
+        if self.shutting_down && matches!(command, Command::Submit(_) | Command::Resume { .. }) {
+            let _ = reply.send(Err(CommandError::new(503, "the daemon is ending and begins nothing more")));
+            return;
+        }
         let step = match command {
             Command::Submit(submission) => return self.submit(submission, reply),
             Command::Pause(id) => self.steer(&id, EngineCommand::Pause),
@@ -119,7 +123,7 @@ impl Printer {
             return Ok(Step::Done(id));
         }
         let (is_opening, holder) = (self.opening == Some(id), self.holder());
-        let job = self.waiting(id)?;
+        let job = self.known(id)?;
         let state = job.view.state;
         let ends = match command {
             EngineCommand::Abort => !state.is_final(),
@@ -133,12 +137,22 @@ impl Printer {
             job.take_up = TakeUp::End(command);
             job.view.state = job.take_up.state_before(state);
         }
-        let has_begun = job.view.started_ms.is_some();
-        if command == EngineCommand::Abort && has_begun && holder.is_none_or(|holder| holder == id) {
-            // Its light first, before any disk is asked.
-            self.send_urgent(Urgent::Abort);
+        let (has_begun, is_ordered) = (job.has_begun(), job.ordered);
+        if command == EngineCommand::Abort {
+            job.abort_ordered = is_ordered;
+            if has_begun && holder.is_none_or(|holder| holder == id) {
+                // Its light first, before any disk is asked.
+                self.send_urgent(Urgent::Abort);
+            }
+            if is_ordered {
+                return Ok(Step::Done(id));
+            }
         }
-        if is_opening { Ok(Step::Done(id)) } else { Ok(Step::Change(id, Change::End(command))) }
+        if is_opening {
+            return Ok(Step::Done(id));
+        }
+        self.waiting(id)?;
+        Ok(Step::Change(id, Change::End(command)))
     }
 
     fn resume(&mut self, id: &str, in_doubt: Option<InDoubt>) -> Result<Step, CommandError> {
@@ -170,10 +184,10 @@ impl Printer {
         Ok(Step::Done(id))
     }
 
-    /// Ends a job that cannot be opened, for an operator who has had the answer already.
-    pub(super) fn close(&mut self, id: u32, command: EngineCommand) {
+    /// A change ordered by an operator who has had the answer already.
+    pub(super) fn change_unasked(&mut self, id: u32, change: Change) {
         let (reply, _) = tokio::sync::oneshot::channel();
-        self.change(id, Change::Close(command), reply);
+        self.change(id, change, reply);
     }
 
     /// Gives the order to the engine if the job is the running one; says whether it is.
@@ -208,8 +222,10 @@ impl Printer {
 
     /// The journal allows the change and says so, or not.
     pub(super) fn changed(&mut self, id: u32, result: Result<Settled, CommandError>, reply: Reply) {
+        let mut abort = false;
         if let Some(job) = self.jobs.get_mut(id) {
             job.ordered = false;
+            abort = std::mem::take(&mut job.abort_ordered) && !matches!(result, Ok(Settled::Ended(..)));
             match &result {
                 Ok(Settled::Ended(state, reason)) => {
                     self.jobs_ended += 1;
@@ -222,11 +238,18 @@ impl Printer {
         }
         self.publish_job(id);
         let _ = reply.send(result.and_then(|_| self.view(id)));
+        if abort {
+            self.change_unasked(id, Change::End(EngineCommand::Abort));
+        }
+    }
+
+    fn known(&mut self, id: u32) -> Result<&mut Job, CommandError> {
+        self.jobs.get_mut(id).ok_or_else(|| no_such_job(&id.to_string()))
     }
 
     /// A job that no other order is being carried out on.
     fn waiting(&mut self, id: u32) -> Result<&mut Job, CommandError> {
-        let job = self.jobs.get_mut(id).ok_or_else(|| no_such_job(&id.to_string()))?;
+        let job = self.known(id)?;
         if job.ordered {
             let text = format!("another order for job {id} is being carried out; look at it and try again");
             return Err(CommandError::new(409, text));

@@ -16,6 +16,7 @@ use super::handle::Desk;
 use super::jobs::{Jobs, TakeUp};
 use super::line::Line;
 use super::opened::{Opened, Unopened};
+use super::orders::Change;
 use super::part::EncodedLayer;
 use super::running::{Running, Task};
 use super::setting::Setting;
@@ -27,7 +28,7 @@ use crate::stream::{Finished, MemoryBudget};
 
 /// Ends from the background that may wait; what more ends waits with its thread: nobody gives so many orders at once.
 const BACKGROUND_EVENTS: usize = 16;
-/// How often statistics are published, and the idle device asked how it is.
+/// How often statistics are published, and the device asked how it is.
 const HEARTBEAT: Duration = Duration::from_millis(500);
 /// Half a minute for an exposure to end and a slow lift of 40 mm behind it, below systemd's TimeoutStopSec of 120 s.
 const SHUTDOWN_LIMIT_US: u64 = 110_000_000;
@@ -61,7 +62,7 @@ pub(super) struct Printer {
     pub(super) jobs_ended: u64,
     /// Sessions begun because the one before was lost.
     pub(super) reconnects: u64,
-    shutting_down: bool,
+    pub(super) shutting_down: bool,
 }
 
 impl Printer {
@@ -221,7 +222,7 @@ impl Printer {
     fn open_next(&mut self) {
         let Some(id) = self.jobs.take_next(self.setting.machine.confirm_plate) else { return };
         let Some(job) = self.jobs.get_mut(id) else { return };
-        let (directory, take_up) = (job.directory.clone(), job.take_up);
+        let (directory, take_up, has_begun) = (job.directory.clone(), job.take_up, job.has_begun());
         job.view.state = take_up.state_before(JobState::Checking);
         job.view.reason = None;
         let (threads, limit_bytes) = (self.setting.threads, self.budget.limit_bytes());
@@ -229,7 +230,7 @@ impl Printer {
         self.opening = Some(id);
         self.publish_job(id);
         tokio::task::spawn_blocking(move || {
-            let result = Opened::open(&directory, take_up, threads, limit_bytes).map(Box::new);
+            let result = Opened::open(&directory, take_up, has_begun, threads, limit_bytes).map(Box::new);
             let _ = background.blocking_send(Background::Opened { job: id, result });
         });
     }
@@ -290,7 +291,7 @@ impl Printer {
                 self.jobs_ended += 1;
                 self.publish_job(id);
                 if let (Some(command), JobState::Interrupted) = (end, state) {
-                    self.close(id, command);
+                    self.change_unasked(id, Change::Close(command));
                 }
             }
         }
@@ -323,8 +324,8 @@ impl Printer {
 
     fn heartbeat(&mut self) {
         notify::alive();
-        if let Some(idle) = &mut self.idle {
-            idle.query_state();
+        if let Some(driver) = self.driver() {
+            driver.query_state();
         }
         self.publish();
     }

@@ -57,9 +57,11 @@ async fn serve(setting: Setting) -> anyhow::Result<()> {
     let budget = MemoryBudget::new(setting.config.memory_budget);
     let (handle, desk) = handle::channel(first_snapshot(&setting, &jobs));
     let (shutdown, ending) = watch::channel(false);
+    // The API answers until the machine is safe: an abort must get through while a last exposure ends.
+    let (hang_up, over) = watch::channel(false);
     let link = setting.machine.link.clone();
     let socket = setting.config.socket.clone();
-    let server = tokio::spawn(server::serve(listener, handle, incoming, ending.clone()));
+    let server = tokio::spawn(server::serve(listener, handle, incoming, over));
     let printer = Printer::new(Arc::new(setting), spool, jobs, budget, desk, Line::start(link));
     let mut printer = tokio::spawn(printer.run(ending));
     notify::ready();
@@ -76,6 +78,7 @@ async fn serve(setting: Setting) -> anyhow::Result<()> {
         Some(ended) => ended,
         None => printer.await,
     };
+    let _ = hang_up.send(true);
     let _ = server.await;
     let _ = std::fs::remove_file(&socket);
     printed.context("the printer's loop ended with a panic; the device's own limits keep it safe")?

@@ -54,8 +54,12 @@ pub(super) fn device_told(view: &mut DeviceView, event: &DriverEvent, jobs: &Job
     let state = view.state.get_or_insert_with(DeviceStateView::default);
     match event {
         DriverEvent::StateKnown(known) => *state = state_view(known, jobs),
-        DriverEvent::ActDone(Outcome::Arrived { position_um }) => state.position_um = Some(*position_um),
+        DriverEvent::ActDone(Outcome::Arrived { position_um }) => {
+            state.position_um = Some(*position_um);
+            state.moving = false;
+        }
         DriverEvent::ActDone(Outcome::Exposed { layer, .. }) => {
+            state.light_on = false;
             state.last_exposed = holder.map(|job| ExposureView { job: job.to_string(), layer: *layer });
         }
         DriverEvent::Fault(fault) => state.fault = fault.as_ref().map(|fault| fault.text.clone()),

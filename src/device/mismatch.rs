@@ -3,6 +3,9 @@
 use crate::config::Machine;
 use crate::link::message::{Capabilities, DeviceKind};
 
+/// One layer is exposed while the next arrives.
+const LEAST_SLOTS: u8 = 2;
+
 /// The device is not the machine that is configured.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
@@ -43,6 +46,9 @@ pub fn check_capabilities(machine: &Machine, capabilities: &Capabilities) -> Res
     let wanted = machine.pixel_um.map(|um| (um * 1000.0).round() as u32);
     if wanted != capabilities.pixel_nm {
         return differs("a pixel pitch of", pitch(wanted), pitch(capabilities.pixel_nm));
+    }
+    if capabilities.layer_slots < LEAST_SLOTS {
+        return differs("room for", format!("{LEAST_SLOTS} layers or more"), capabilities.layer_slots.to_string());
     }
     Ok(())
 }

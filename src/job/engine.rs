@@ -146,7 +146,9 @@ pub struct Engine {
     immobile: bool,
     aborting: bool,
     light_known_off: bool,
-    aborts_sent: u32,
+    abort_sessions: u32,
+    /// The device has answered the abort sent last.
+    abort_answered: bool,
     act_number: u64,
     act_running: Option<u64>,
     commands_of_layer: u32,
@@ -160,7 +162,6 @@ impl Engine {
     /// An engine that waits for [`Event::Ready`] and [`Event::Connected`]. `start` comes from
     /// [`super::History::start`], or is the default for a new job.
     pub fn new(plan: JobPlan, start: StartPoint) -> Self {
-        let touched = start.next_layer > 0 || start.unconfirmed.is_some() || start.in_doubt;
         Self {
             plan,
             phase: Phase::Checking,
@@ -178,13 +179,14 @@ impl Engine {
             unconfirmed: start.unconfirmed,
             in_doubt: start.in_doubt,
             choice: start.choice,
-            touched,
-            stuck: start.next_layer > 0 || touched,
+            touched: start.touched,
+            stuck: start.touched,
             warm: false,
             immobile: false,
             aborting: false,
             light_known_off: false,
-            aborts_sent: 0,
+            abort_sessions: 0,
+            abort_answered: false,
             act_number: 0,
             act_running: None,
             commands_of_layer: 0,
@@ -220,7 +222,8 @@ impl Engine {
             }
             Event::LayerFailed { layer, text } => {
                 self.uploads.cancel();
-                self.wind_down(JobState::Failed, format!("layer {layer} cannot be computed: {text}"), now_us);
+                let text = format!("layer {layer} cannot be computed: {text}");
+                self.wind_down(self.failed_or_interrupted(), text, now_us);
             }
             Event::ActDone { number, outcome } => {
                 if self.act_running == Some(number) {

@@ -96,6 +96,8 @@ pub struct History {
     pub in_doubt: Option<String>,
     /// Why the job ended, where it did.
     pub reason: String,
+    /// Light was confirmed, or was ever in doubt.
+    lit: bool,
 }
 
 /// What the operator says about a layer in doubt.
@@ -122,6 +124,8 @@ pub struct StartPoint {
     pub in_doubt: bool,
     /// What the operator said.
     pub choice: ResumeChoice,
+    /// [`History::touched`].
+    pub touched: bool,
 }
 
 /// Why a job cannot be taken up.
@@ -140,6 +144,15 @@ pub enum ResumeError {
         layer: u32,
         /// What is known.
         why: String,
+    },
+    /// The operator spoke of a layer that is not in doubt.
+    #[error(
+        "no layer is in doubt: layers below {next_layer} are known to be exposed, and layer {next_layer} not to be; resume \
+         without --in-doubt"
+    )]
+    NoDoubt {
+        /// The first layer not exposed.
+        next_layer: u32,
     },
 }
 
@@ -172,6 +185,7 @@ impl History {
             unconfirmed: None,
             in_doubt: None,
             reason: String::new(),
+            lit: false,
         };
         for (position, record) in records.enumerate() {
             history.apply(record).map_err(|what| Contradiction { index: position + 1, what })?;
@@ -193,6 +207,9 @@ impl History {
         }
         match (&self.in_doubt, choice) {
             (Some(why), ResumeChoice::None) => Err(ResumeError::InDoubt { layer: self.next_layer, why: why.clone() }),
+            (None, ResumeChoice::AssumeExposed | ResumeChoice::Repeat) if self.unconfirmed.is_none() => {
+                Err(ResumeError::NoDoubt { next_layer: self.next_layer })
+            }
             _ => Ok(self.start_point(choice)),
         }
     }
@@ -214,7 +231,13 @@ impl History {
             unconfirmed: self.unconfirmed,
             in_doubt: self.in_doubt.is_some(),
             choice,
+            touched: self.touched(),
         }
+    }
+
+    /// Whether light may ever have fallen for this job, so that a part may hang on the plate.
+    pub fn touched(&self) -> bool {
+        self.lit || self.unconfirmed.is_some()
     }
 
     fn apply(&mut self, record: &Record) -> Result<(), String> {
@@ -237,6 +260,7 @@ impl History {
             }
             Record::Confirmed { layer } => {
                 self.expect_commanded(*layer)?;
+                self.lit = true;
                 self.settle(true);
             }
             Record::NotExposed { layer } => {
@@ -246,10 +270,12 @@ impl History {
             Record::InDoubt { layer, why } => {
                 self.expect_commanded(*layer)?;
                 self.unconfirmed = None;
+                self.lit = true;
                 self.in_doubt = Some(why.clone());
             }
             Record::Decided { layer, exposed } => {
                 self.expect_commanded(*layer)?;
+                self.lit = true;
                 self.settle(*exposed);
             }
             Record::Paused => self.state = JobState::Paused,

@@ -176,9 +176,13 @@ impl Bench {
 
     /// SIGTERM to the daemon; returns once it has ended, with its exit code.
     pub(crate) fn terminate_daemon(&mut self) -> Option<i32> {
-        let mut daemon = self.daemon.take().expect("the daemon runs");
-        signal(daemon.id(), "TERM");
-        daemon.wait().expect("waited").code()
+        signal(self.daemon_pid(), "TERM");
+        self.wait_daemon()
+    }
+
+    /// Returns once the daemon has ended by itself, with its exit code.
+    pub(crate) fn wait_daemon(&mut self) -> Option<i32> {
+        self.daemon.take().expect("the daemon runs").wait().expect("waited").code()
     }
 
     /// `kill -9` of the simulated device.

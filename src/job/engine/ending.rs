@@ -11,8 +11,8 @@ const SHUTDOWN_EXPOSURE_US: u64 = 30 * SECOND_US;
 const URGENT_US: u64 = 5 * SECOND_US;
 /// An aborted device says hello again at once, a restarted one within seconds.
 const ABORT_RECONNECT_US: u64 = 10 * SECOND_US;
-/// Aborts sent to a device that still shows light or moves.
-const MOST_ABORTS: u32 = 5;
+/// Sessions with a device that does not answer an abort, or goes on showing light or moving after one.
+const MOST_ABORT_SESSIONS: u32 = 5;
 
 impl Engine {
     /// Ends the job after the step under way.
@@ -56,8 +56,22 @@ impl Engine {
             Some(position_um) if position_um < target_um && !self.immobile => {
                 self.start_move(target_um, self.plan.recipe.lift_speed_um_s, Phase::Parking, now_us);
             }
-            _ => self.parked(now_us),
+            Some(position_um) if position_um >= target_um => self.parked(now_us),
+            Some(_) => self.unparked("the device has a fault", now_us),
+            None => self.unparked("the device does not know where it is", now_us),
         }
+    }
+
+    /// The plate cannot be lifted; where a part may hang on it, the operator must know.
+    fn unparked(&mut self, why: &str, now_us: u64) {
+        if self.touched {
+            let text = format!("the plate was not lifted: {why}");
+            match self.intent.clone() {
+                Intent::End(state, _) => self.intend_to_end(state, text),
+                Intent::Print | Intent::Pause => self.out.notice(text),
+            }
+        }
+        self.parked(now_us);
     }
 
     pub(super) fn parked(&mut self, now_us: u64) {
@@ -208,6 +222,7 @@ impl Engine {
     /// Light off before anything else.
     pub(super) fn abort(&mut self, now_us: u64) {
         self.out.urgent = Some(Urgent::Abort);
+        self.abort_answered = false;
         if matches!(self.phase, Phase::Ending | Phase::Done) {
             return;
         }
@@ -220,7 +235,7 @@ impl Engine {
         self.uploads.cancel();
         self.act_running = None;
         self.aborting = true;
-        self.aborts_sent = 1;
+        self.abort_sessions = 1;
         self.intent = Intent::End(JobState::Aborted, "aborted by the operator".into());
         self.wait_until(Phase::AbortSent, now_us + URGENT_US);
     }
@@ -228,10 +243,12 @@ impl Engine {
     pub(super) fn while_aborting(&mut self, event: Event, now_us: u64) {
         match event {
             Event::UrgentDone => {
+                self.abort_answered = true;
                 self.light_is_off();
                 self.wait_until(Phase::AbortReconnect, now_us + ABORT_RECONNECT_US);
             }
             Event::UrgentFailed(text) => {
+                self.abort_answered = true;
                 self.out.notice(format!("the abort had no effect: {text}"));
                 self.wait_until(Phase::AbortReconnect, now_us + ABORT_RECONNECT_US);
             }
@@ -240,19 +257,22 @@ impl Engine {
                 let moving = state.moving;
                 self.immobile = state.fault.is_some();
                 self.greet(state, max_position_um);
-                if dark {
+                if self.abort_answered && dark {
                     self.light_is_off();
                 }
-                if dark && !moving {
+                if self.abort_answered && dark && !moving {
                     return self.park(now_us);
                 }
-                // No abort has reached it: what it was told before goes on.
-                if self.aborts_sent == MOST_ABORTS {
+                if self.abort_sessions == MOST_ABORT_SESSIONS {
                     self.light_known_off = dark;
                     return self.end_aborted();
                 }
-                self.aborts_sent += 1;
-                self.out.urgent = Some(Urgent::Abort);
+                self.abort_sessions += 1;
+                // Unanswered, it is on its way in this session and ends it: a move begun now would be lost with it.
+                if self.abort_answered {
+                    self.out.urgent = Some(Urgent::Abort);
+                    self.abort_answered = false;
+                }
                 self.wait_until(Phase::AbortSent, now_us + URGENT_US);
             }
             Event::LineLost(_) => self.line_up = false,

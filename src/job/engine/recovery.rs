@@ -57,11 +57,11 @@ impl Engine {
                 "the part needs the plate {height_um} µm above the vat, the device goes up to {} µm: choose a lower part",
                 self.max_position_um
             );
-            return self.wind_down(JobState::Failed, text, now_us);
+            return self.wind_down(self.failed_or_interrupted(), text, now_us);
         }
         if self.device.slots.is_empty() {
             let text = "the device says it has no layer slots; it cannot print. Check its firmware".to_owned();
-            return self.wind_down(JobState::Failed, text, now_us);
+            return self.wind_down(self.failed_or_interrupted(), text, now_us);
         }
         self.out.journal(Record::Started { layer: self.next_layer });
         self.take_stock(now_us);
@@ -153,11 +153,17 @@ impl Engine {
         if self.aborting {
             return self.advance(now_us);
         }
+        if self.next_layer > 0 && self.device.last_exposed.is_some_and(|id| id.job != self.plan.key) {
+            let text = "the device has exposed layers of another job since: this job's part is no longer where it was. Abort it";
+            return self.end_unparked(text.into());
+        }
+        // It was said of this layer, as it is now, and of no later one.
+        let choice = std::mem::take(&mut self.choice);
         if self.unconfirmed.is_some() || self.in_doubt {
             match self.fate() {
                 Fate::Exposed => return self.confirm(now_us),
                 Fate::NotExposed => self.deny(),
-                Fate::Unknown(why) => return self.settle_doubt(&why, now_us),
+                Fate::Unknown(why) => return self.settle_doubt(choice, &why, now_us),
             }
         } else if let Some(id) =
             self.device.last_exposed.filter(|id| id.job == self.plan.key && id.layer >= self.next_layer)
@@ -192,9 +198,9 @@ impl Engine {
     }
 
     /// Only the operator can tell; perhaps they did already.
-    fn settle_doubt(&mut self, why: &str, now_us: u64) {
+    fn settle_doubt(&mut self, choice: ResumeChoice, why: &str, now_us: u64) {
         let layer = self.next_layer;
-        match std::mem::take(&mut self.choice) {
+        match choice {
             ResumeChoice::None => self.doubt(why, now_us),
             ResumeChoice::AssumeExposed => {
                 self.out.journal(Record::Decided { layer, exposed: true });
