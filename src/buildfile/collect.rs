@@ -338,8 +338,7 @@ impl<'a> Collector<'a> {
 
     fn note_supports(&mut self, support_mm: f64) {
         for (place, stated_mm) in &self.stated_supports {
-            let stated_mm = stated_mm * self.rules.scale;
-            if (stated_mm - support_mm).abs() > 1e-9 {
+            if (stated_mm * self.rules.scale - support_mm).abs() > 1e-9 {
                 self.notes.push(format!(
                     "{place} states a convolution radius of {stated_mm} mm, which files in the wild mean otherwise; the support \
                      used is R = {support_mm} mm (name another, above the thickest radius, with --support)"

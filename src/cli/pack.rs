@@ -24,7 +24,8 @@ Examples:
   layerctl pack edges.txt --rotate 0,0,90 --scale 0.5 -o half.layerd
   layerctl pack huge.txt --memory 64MiB -o huge.layerd            sorts on the disk what memory does not hold
 
-Edge text: a first line `COUNT RADIUS SUPPORT 0`, then one strut a line, `x1 y1 z1 x2 y2 z2 [radius]`, millimetres.")]
+Edge text: a first line `COUNT RADIUS [CONVOLUTION_RADIUS [0]]`, whose third number is told but not used (see --support), then
+one strut a line, `x1 y1 z1 x2 y2 z2 [radius]`, millimetres.")]
 pub struct PackArgs {
     /// Sources, joined into one part: 3MF (.3mf) or edge text (.txt).
     #[arg(required = true, value_name = "IN")]

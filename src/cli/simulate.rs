@@ -26,7 +26,7 @@ pub struct SimulateArgs {
     /// Directory for `acts.jsonl` and a PNG of each exposed layer.
     #[arg(short = 'o', long = "output", value_name = "DIR")]
     output: Option<PathBuf>,
-    /// Rate at which bytes pass, both ways; without it as fast as they come.
+    /// Rate at which bytes pass, both ways, 300 to 100000000; without it as fast as they come.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(300..=100_000_000))]
     baud: Option<u32>,
     /// Fault to inject (see below); may be given several times.
@@ -35,13 +35,13 @@ pub struct SimulateArgs {
     /// Seed of faults and identities.
     #[arg(long, value_name = "S", default_value_t = 1)]
     seed: u64,
-    /// How many times faster than real the device's clock runs: exposures, moves, `t_ms` in the log.
+    /// How many times faster than real the device's clock runs, 0.001 to 100000: exposures, moves, `t_ms` in the log.
     #[arg(long, value_name = "X", default_value_t = 1.0, value_parser = time_scale)]
     time_scale: f64,
     /// Machine, a name or a path, whose picture and travel the device has; without it 960 × 540 pixels of 40 µm, 60 mm travel.
     #[arg(long, value_name = "NAME|PATH")]
     machine: Option<String>,
-    /// Receive window it declares, bytes.
+    /// Receive window it declares, 1024 to 1048576 bytes.
     #[arg(long, value_name = "BYTES", default_value_t = 4096, value_parser = clap::value_parser!(u32).range(1024..=1 << 20))]
     window: u32,
     /// Longest exposure it allows, milliseconds.

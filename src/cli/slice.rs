@@ -20,7 +20,11 @@ use crate::stream::MemoryBudget;
 #[command(after_help = super::with_names("\
 Examples:
   layerctl slice lattice.layerd --machine lcd-4k-35um --recipe fine -o layers
-  layerctl slice lattice.layerd -m sim-dlp --layers 100..110 --antialias -o some"))]
+  layerctl slice lattice.layerd -m sim-dlp --layers 100..110 --antialias -o some
+
+manifest.json says where each picture lies in the build file's coordinates: `origin_mm` is the centre of the first pixel, `z_mm` of a
+layer its middle, from the part's lowest point on. `source_digest` is that of the file that was packed. Grey is the share of a
+pixel that is inside, nearly."))]
 pub struct SliceArgs {
     /// Build file (.layerd)
     pub file: PathBuf,
@@ -30,8 +34,8 @@ pub struct SliceArgs {
     /// Recipe: a name, or the path of a TOML file; gives layer height and antialiasing
     #[arg(long, short, value_name = "NAME|PATH", default_value = "default")]
     pub recipe: String,
-    /// Layer height in micrometres instead of the recipe's
-    #[arg(long, value_name = "UM", allow_negative_numbers = true)]
+    /// Layer height, 1 to 1000 micrometres, instead of the recipe's
+    #[arg(long, value_name = "UM", allow_negative_numbers = true, value_parser = parse_layer_height)]
     pub layer_height: Option<f64>,
     /// Layers A to before B, e.g. 100..200, ..10 or 2990..; default all
     #[arg(long, value_name = "A..B", value_parser = parse_layers)]
@@ -42,9 +46,17 @@ pub struct SliceArgs {
     /// Threads that compute; default one for each core
     #[arg(long, value_name = "N", value_parser = RangedU64ValueParser::<usize>::new().range(1..=Slicer::MOST_THREADS as u64))]
     pub threads: Option<usize>,
-    /// Directory for the pictures and manifest.json; made where it is missing
+    /// Directory for layer_000000.png and on (8 bits a pixel: 0 and 255, or grey) and manifest.json; made where it is missing
     #[arg(long, short)]
     pub output: PathBuf,
+}
+
+fn parse_layer_height(text: &str) -> Result<f64, String> {
+    let height =
+        text.parse().ok().filter(|height| (SlicePlan::LEAST_HEIGHT_UM..=SlicePlan::MOST_HEIGHT_UM).contains(height));
+    height.ok_or_else(|| {
+        format!("write micrometres from {} to {}", SlicePlan::LEAST_HEIGHT_UM, SlicePlan::MOST_HEIGHT_UM)
+    })
 }
 
 /// Layers from a first to before an end, or to the last.

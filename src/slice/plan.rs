@@ -94,6 +94,11 @@ pub struct SlicePlan {
 const TOLERANCE_UM: f64 = 1e-3;
 
 impl SlicePlan {
+    /// Least layer height, micrometres: no mechanism steps less.
+    pub const LEAST_HEIGHT_UM: f64 = 1.0;
+    /// Greatest layer height, micrometres: no resin cures through more.
+    pub const MOST_HEIGHT_UM: f64 = 1000.0;
+
     /// Places a part on a raster.
     ///
     /// # Errors
@@ -101,8 +106,7 @@ impl SlicePlan {
     /// names axis and excess), or there would be too many layers.
     pub fn new(header: &Header, raster: Raster, depth: Depth, layer_height_um: f64) -> Result<Self, PlanError> {
         raster.check()?;
-        // From what no mechanism can step to what no resin cures through.
-        if !(1.0..=1000.0).contains(&layer_height_um) {
+        if !(Self::LEAST_HEIGHT_UM..=Self::MOST_HEIGHT_UM).contains(&layer_height_um) {
             return Err(PlanError::BadLayerHeight(layer_height_um));
         }
         let low_um = header.bounds.min.map(|x| f64::from(x) * header.quantum_um);

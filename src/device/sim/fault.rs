@@ -9,7 +9,7 @@ corrupt=P      flip a bit of a frame with probability P
 duplicate=P    send a frame twice with probability P
 stall=NxMS     N times in the print, let the line stand still for MS milliseconds, such as stall=2x1500 (stall=N: 1000 ms)
 disconnect=N   N times in the print, take the pseudo-terminal away and bring a new one after a while
-reset=N        N times in the print, restart the device: it forgets all but the last layer it exposed";
+reset=N        N times in the print, restart the device: it keeps the layers exposed and cut short last, and a resting plate";
 
 /// A `--fault` that is none.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
