@@ -79,7 +79,7 @@ fn mistakes_in_machine_and_daemon_files_are_told() {
         ),
         (machine.replace("clear_height_um", "clear_um"), vec!["m.toml", "clear_um", "unknown field"]),
         (machine.replace("[link]", "[mirror]\nz = true\n[link]"), vec!["m.toml", "`z`", "unknown field"]),
-        (machine.replace("baud = ", "flow_control = \"ack\"\nbaud = "), vec!["m.toml", "ack", "rts_cts", "xon_xoff"]),
+        (machine.replace("\"none\"", "\"ack\""), vec!["m.toml", "ack", "rts_cts", "xon_xoff"]),
     ];
     for (text, words) in cases {
         std::fs::write(&path, text).unwrap();
