@@ -611,7 +611,7 @@ fn a_word_about_a_layer_in_doubt_holds_for_no_other() {
             assert!(world.next_event());
         }
         assert_eq!((world.end().0, world.exposed.as_slice()), (JobState::Interrupted, [0, 1].as_slice()), "{choice:?}");
-        assert!(world.end().1.contains("layer 2 is in doubt"), "{}", world.end().1);
+        assert!(world.end().1.contains("layer 2 is in doubt: its light was cut short after 1 ms"), "{}", world.end().1);
     }
     let history = History::replay(&[accepted(), Record::Started { layer: 0 }]).expect("true");
     assert_eq!(history.start(ResumeChoice::Repeat), Err(ResumeError::NoDoubt { next_layer: 0 }));

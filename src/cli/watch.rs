@@ -10,11 +10,14 @@ use ratatui::crossterm::event::{self, Event as Input, KeyCode, KeyEventKind, Key
 use ratatui::layout::{Constraint, Layout};
 use ratatui::style::{Color, Style};
 use ratatui::widgets::{Block, Gauge, Paragraph, Wrap};
+use tokio::time::timeout;
 
 use super::client::Client;
 use super::{block_on, duration_text, print_json, status};
 use crate::daemon::api::{DeviceView, JobView, ResumeBody, Status};
 
+/// A daemon that does not answer must not keep the keys from working.
+const ANSWER_LIMIT: Duration = Duration::from_secs(1);
 /// How often the daemon is asked; people read no faster.
 const ASK_INTERVAL: Duration = Duration::from_millis(500);
 /// How often keys are looked for.
@@ -91,9 +94,10 @@ async fn follow(client: &Client, terminal: &mut ratatui::DefaultTerminal, mut vi
         }
         if asked.elapsed() >= ASK_INTERVAL {
             asked = tokio::time::Instant::now();
-            match View::read(client, view.note.clone()).await {
-                Ok(read) => view = View { asks_abort: view.asks_abort, ..read },
-                Err(error) => view.note = format!("{error:#}"),
+            match timeout(ANSWER_LIMIT, View::read(client, view.note.clone())).await {
+                Ok(Ok(read)) => view = View { asks_abort: view.asks_abort, ..read },
+                Ok(Err(error)) => view.note = format!("{error:#}"),
+                Err(_) => view.note = "the daemon does not answer; what is shown is old".into(),
             }
         }
     }

@@ -182,7 +182,9 @@ impl Engine {
             return self.end_unparked(format!("the device refused to move: {}", remedy(refusal)));
         }
         match refusal {
-            Refusal::CutShort => self.doubt("the device ended its light early", now_us),
+            Refusal::CutShort if self.immobile => self.doubt("the device ended its light early", now_us),
+            // Its state tells how much light there was.
+            Refusal::CutShort => self.ask(now_us),
             Refusal::AlreadyExposed => {
                 self.out.notice(format!("the device says it exposed layer {layer} before; asking it for its state"));
                 self.ask(now_us);

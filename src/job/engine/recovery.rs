@@ -63,6 +63,12 @@ impl Engine {
             let text = "the device says it has no layer slots; it cannot print. Check its firmware".to_owned();
             return self.wind_down(self.failed_or_interrupted(), text, now_us);
         }
+        if self.plan.clear_height_um > f64::from(self.max_position_um) {
+            self.out.notice(format!(
+                "the plate cannot lift to the machine's clear_height_um of {}: the device goes up to {} µm, and it rests there",
+                self.plan.clear_height_um, self.max_position_um
+            ));
+        }
         self.out.journal(Record::Started { layer: self.next_layer });
         self.take_stock(now_us);
     }
