@@ -252,7 +252,7 @@ impl World {
                 assert_eq!(duration_ms, [20_000, 11_000, 2000, 2000, 2000][layer as usize]);
                 self.awaited = Some(number);
                 let id = ExposureId { job: KEY, layer };
-                if self.device.last_exposed.is_some_and(|last| last.layer >= layer) {
+                if self.device.last_exposed.is_some_and(|last| last.job == KEY && last.layer >= layer) {
                     return self.answer(number, Outcome::Refused(Refusal::AlreadyExposed));
                 }
                 assert!(self.device.slots.contains(&Some(id)), "layer {layer} is not on the device");
@@ -611,7 +611,7 @@ fn a_word_about_a_layer_in_doubt_holds_for_no_other() {
             assert!(world.next_event());
         }
         assert_eq!((world.end().0, world.exposed.as_slice()), (JobState::Interrupted, [0, 1].as_slice()), "{choice:?}");
-        assert!(world.end().1.contains("layer 2 is in doubt: its light was cut short after 1 ms"), "{}", world.end().1);
+        assert!(world.end().1.contains("layer 2 is in doubt: the device ended its light early"), "{}", world.end().1);
     }
     let history = History::replay(&[accepted(), Record::Started { layer: 0 }]).expect("true");
     assert_eq!(history.start(ResumeChoice::Repeat), Err(ResumeError::NoDoubt { next_layer: 0 }));
@@ -632,6 +632,40 @@ fn a_job_whose_device_has_printed_another_since_moves_nothing() {
     }
     assert!(world.end().0 == JobState::Interrupted && world.end().1.contains("another job"), "{:?}", world.end());
     assert_eq!(world.acts.len(), acts);
+}
+
+/// What the device exposed last may be older than the job as long as it confirmed none of the job's layers.
+#[test]
+fn a_first_layer_that_the_operator_decided_on_goes_on_with_an_older_jobs_exposure_in_the_device() {
+    let records = [
+        accepted(),
+        Record::Started { layer: 0 },
+        Record::Commanded { layer: 0, boot_id: 1 },
+        Record::InDoubt { layer: 0, why: "reset".into() },
+        Record::Decided { layer: 0, exposed: true },
+    ];
+    let history = History::replay(&records).expect("true");
+    let mut world = World::new();
+    world.journal = records.to_vec();
+    world.device.last_exposed = Some(ExposureId { job: KEY + 1, layer: 90 });
+    world.device.position_um = Some(50);
+    world.engine = Engine::new(plan(), history.start(ResumeChoice::None).expect("decided"));
+    assert!(world.run());
+    assert_eq!((world.end(), world.exposed.as_slice()), ((JobState::Completed, ""), [1, 2, 3, 4].as_slice()));
+}
+
+/// A part in the vat keeps the machine until somebody lifted it, or aborts.
+#[test]
+fn a_stop_that_could_lift_nothing_leaves_the_job_interrupted() {
+    let mut world = world_exposing(2);
+    world.crash();
+    world.tell(Event::Command(Command::Stop));
+    world.tell(Event::Shutdown);
+    while world.finished.is_none() {
+        assert!(world.next_event());
+    }
+    let (state, reason) = world.end();
+    assert!(state == JobState::Interrupted && reason.contains("the plate was not lifted"), "{state}: {reason}");
 }
 
 /// Cut short and to be repeated, layer 0 hangs on the plate half cured.

@@ -187,6 +187,29 @@ fn urgent_frames_survive_loss_and_are_carried_out_once() {
 }
 
 #[test]
+fn an_answered_abort_ends_what_was_ordered_before_it() {
+    let mut pair = Pair::new(4, 115_200, 4096, 512, Faults::default());
+    pair.connect(1_000_000);
+    pair.host.send_urgent(Urgent::Abort, pair.now_us);
+    let second = pair.host.send_urgent(Urgent::Abort, pair.now_us);
+    // The answer to the first is lost.
+    while !pair
+        .device_events()
+        .iter()
+        .any(|event| matches!(event, DeviceEvent::Urgent { number, .. } if *number == second))
+    {
+        pair.step();
+    }
+    pair.device.urgent_done(second, false);
+    pair.run_for(50_000);
+    assert_eq!(pair.host_events(), [HostEvent::UrgentDone { number: second, light_on: false }]);
+    pair.host = pair.host.successor(77, pair.now_us);
+    pair.connect(pair.now_us + 1_000_000);
+    pair.run_for(200_000);
+    assert!(pair.device_events().is_empty(), "nothing old is sent in the next session");
+}
+
+#[test]
 fn silence_ends_the_session_at_both_ends_and_a_successor_starts_another() {
     let mut pair = Pair::new(2, 115_200, 4096, 512, Faults::default());
     pair.connect(1_000_000);

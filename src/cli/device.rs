@@ -52,5 +52,11 @@ fn print_state(state: &DeviceStateView) -> anyhow::Result<()> {
     if let Some(last) = &state.last_exposed {
         print(&format!("exposed    layer {} of job {}", last.layer, last.job))?;
     }
+    if let Some(cut) = &state.cut_short {
+        print(&format!(
+            "cut short  layer {} of job {}, after {} ms",
+            cut.exposure.layer, cut.exposure.job, cut.light_ms
+        ))?;
+    }
     state.fault.as_ref().map_or(Ok(()), |fault| print(&format!("FAULT      {fault}")))
 }

@@ -195,6 +195,8 @@ pub struct DeviceStateView {
     pub moving: bool,
     /// The last exposure that ran its whole time.
     pub last_exposed: Option<ExposureView>,
+    /// The last exposure that ended early.
+    pub cut_short: Option<CutShortView>,
     /// What keeps it from working.
     pub fault: Option<String>,
 }
@@ -206,6 +208,16 @@ pub struct ExposureView {
     pub job: String,
     /// The layer, from 0.
     pub layer: u32,
+}
+
+/// An exposure that ended early.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct CutShortView {
+    /// Which.
+    #[serde(flatten)]
+    pub exposure: ExposureView,
+    /// How long it had light, milliseconds.
+    pub light_ms: u32,
 }
 
 /// What `GET /v1/events` tells, one JSON object in each `data:` line; `event:` repeats the tag.

@@ -94,6 +94,13 @@ impl Jobs {
         self.jobs.iter().find(|(_, job)| job.view.state == JobState::Interrupted).map(|(id, _)| *id)
     }
 
+    /// A job that is to be given the machine only to end.
+    pub(super) fn ending(&self) -> Option<u32> {
+        self.queue.iter().copied().find(|id| {
+            self.jobs.get(id).is_some_and(|job| matches!(job.view.state, JobState::Aborting | JobState::Stopping))
+        })
+    }
+
     /// Puts an interrupted job in front of the queue: its part hangs on the plate.
     pub(super) fn take_up(&mut self, id: u32, take_up: TakeUp) {
         if let Some(job) = self.jobs.get_mut(&id) {
@@ -207,7 +214,8 @@ impl Job {
             }
             Err(error) => {
                 tracing::error!(job = directory.id, "{error}");
-                view.state = JobState::Failed;
+                // What is there and cannot be read now may be read later; until then its part may be on the plate.
+                view.state = if error.may_be_mended() { JobState::Interrupted } else { JobState::Failed };
                 view.reason = Some(format!("{error}. If its part is on the plate, take it off"));
                 0
             }

@@ -6,7 +6,7 @@ use super::clock::unix_ms;
 use super::jobs::TakeUp;
 use super::part::Part;
 use crate::config::{Machine, Recipe};
-use crate::job::{JobDirectory, JobState, Journal, JournalError, Record, StartPoint};
+use crate::job::{JobDirectory, JobState, Journal, Record, StartPoint};
 
 /// A job read from the spool, ready to run.
 #[derive(Debug)]
@@ -49,8 +49,7 @@ impl Opened {
     ) -> Result<Self, Unopened> {
         let (mut journal, history) = Journal::open(&job.journal()).map_err(|error| {
             // What cannot be read now may be read once the disk is mended; what is damaged stays so.
-            let may_be_mended = has_begun && matches!(error, JournalError::Io { .. });
-            let state = if may_be_mended { JobState::Interrupted } else { JobState::Failed };
+            let state = if has_begun && error.may_be_mended() { JobState::Interrupted } else { JobState::Failed };
             Unopened { text: error.to_string(), state }
         })?;
         // Such a part stays resumable: whatever is wrong may be mended.

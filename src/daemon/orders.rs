@@ -32,10 +32,10 @@ pub(super) enum Change {
 }
 
 /// What the journal made of a change.
-#[derive(Clone, Copy, Debug)]
+#[derive(Debug)]
 pub(super) enum Settled {
     /// The job is over, for that reason.
-    Ended(JobState, &'static str),
+    Ended(JobState, String),
     /// It is taken up as soon as the machine is free.
     TakenUp(TakeUp),
 }
@@ -66,16 +66,17 @@ impl Printer {
             Command::Stop(id) => self.steer(&id, EngineCommand::Stop),
             Command::Resume { id, in_doubt } => self.resume(&id, in_doubt),
             Command::Abort(Some(id)) => self.steer(&id, EngineCommand::Abort),
-            Command::Abort(None) => match self.holder().or_else(|| self.jobs.interrupted()) {
-                Some(id) => self.steer(&id.to_string(), EngineCommand::Abort),
-                None => {
-                    // Light without a job is not for the daemon to explain, but to end.
-                    self.send_urgent(Urgent::Abort);
-                    let text =
-                        "no job is active, so there is nothing to abort; the device was told to go dark all the same";
-                    Err(CommandError::new(409, text))
+            Command::Abort(None) => {
+                match self.holder().or_else(|| self.jobs.interrupted()).or_else(|| self.jobs.ending()) {
+                    Some(id) => self.steer(&id.to_string(), EngineCommand::Abort),
+                    None => {
+                        // Light without a job is not for the daemon to explain, but to end.
+                        self.send_urgent(Urgent::Abort);
+                        let text = "no job is active, so there is nothing to abort; the device was told to go dark all the same";
+                        Err(CommandError::new(409, text))
+                    }
                 }
-            },
+            }
         };
         let answer = match step {
             Ok(Step::Change(id, change)) => return self.change(id, change, reply),
@@ -105,8 +106,8 @@ impl Printer {
             self.jobs.accept(*job);
             // Started with nothing before it, the operator has just seen the plate. Nobody has behind another job, not even
             // one that ended while this one arrived, nor where who asked did not wait for the answer.
-            let is_seen =
-                jobs_ended == self.jobs_ended && !reply.is_closed() && self.jobs.ahead_of(id, self.holder()).is_none();
+            let is_next = self.jobs.ahead_of(id, self.holder()).is_none();
+            let is_seen = jobs_ended == self.jobs_ended && !reply.is_closed() && !self.part_in_vat && is_next;
             if let Some(job) = self.jobs.get_mut(id) {
                 job.awaits_plate = self.setting.machine.confirm_plate && !is_seen;
             }
@@ -140,7 +141,8 @@ impl Printer {
         let (has_begun, is_ordered) = (job.has_begun(), job.ordered);
         if command == EngineCommand::Abort {
             job.abort_ordered = is_ordered;
-            if has_begun && holder.is_none_or(|holder| holder == id) {
+            let may_shine = has_begun || state == JobState::Interrupted;
+            if may_shine && holder.is_none_or(|holder| holder == id) {
                 // Its light first, before any disk is asked.
                 self.send_urgent(Urgent::Abort);
             }
@@ -150,6 +152,9 @@ impl Printer {
         }
         if is_opening {
             return Ok(Step::Done(id));
+        }
+        if self.shutting_down {
+            return Err(CommandError::new(503, "the daemon is ending; end the job when it runs again"));
         }
         self.waiting(id)?;
         Ok(Step::Change(id, Change::End(command)))
@@ -180,6 +185,7 @@ impl Printer {
             return Err(CommandError::new(409, text));
         }
         self.waiting(id)?.awaits_plate = false;
+        self.part_in_vat = false;
         self.publish_job(id);
         Ok(Step::Done(id))
     }
@@ -229,7 +235,8 @@ impl Printer {
             match &result {
                 Ok(Settled::Ended(state, reason)) => {
                     self.jobs_ended += 1;
-                    job.end(*state, Some((*reason).into()));
+                    self.part_in_vat |= job.has_begun() || job.view.state == JobState::Interrupted;
+                    job.end(*state, Some(reason.clone()));
                     self.jobs.unqueue(id);
                 }
                 Ok(Settled::TakenUp(take_up)) => self.jobs.take_up(id, *take_up),
@@ -237,6 +244,9 @@ impl Printer {
             }
         }
         self.publish_job(id);
+        if let (Err(error), true) = (&result, reply.is_closed()) {
+            self.notice(format!("job {id} could not be ended: {}", error.message));
+        }
         let _ = reply.send(result.and_then(|_| self.view(id)));
         if abort {
             self.change_unasked(id, Change::End(EngineCommand::Abort));
@@ -295,7 +305,15 @@ fn no_such_job(id: &str) -> CommandError {
 /// Checks a change against the job's journal and writes there what must be known after a crash. Blocks.
 fn settle_in_journal(path: &Path, change: Change) -> Result<Settled, CommandError> {
     let unreadable = |error: JournalError| CommandError::new(500, error.to_string());
-    let (_, history) = read_journal(path).map_err(unreadable)?;
+    let history = match read_journal(path) {
+        Ok((_, history)) => history,
+        // The operator must get rid of it; after a restart it comes back for as long as it cannot be read.
+        Err(error) if matches!(change, Change::End(EngineCommand::Abort)) => {
+            let reason = format!("{ENDED}, but {error}: the plate was not lifted; see to plate and light");
+            return Ok(Settled::Ended(JobState::Aborted, reason));
+        }
+        Err(error) => return Err(unreadable(error)),
+    };
     let (command, reason) = match change {
         Change::Resume(choice) => {
             history.start(choice).map_err(|error| CommandError::new(409, error.to_string()))?;
@@ -308,10 +326,15 @@ fn settle_in_journal(path: &Path, change: Change) -> Result<Settled, CommandErro
         Change::Close(command) => (command, CLOSED),
     };
     let state = if command == EngineCommand::Abort { JobState::Aborted } else { JobState::Stopped };
-    let (mut journal, _) = Journal::open(path).map_err(unreadable)?;
     let ended = Record::Ended { state, reason: reason.into() };
-    journal.append(ended, unix_ms()).map_err(|error| CommandError::new(507, error.to_string()))?;
-    Ok(Settled::Ended(state, reason))
+    let written = Journal::open(path).and_then(|(mut journal, _)| journal.append(ended, unix_ms()));
+    match (written, change) {
+        (Ok(()), _) => Ok(Settled::Ended(state, reason.into())),
+        (Err(error), Change::Close(_)) => {
+            Ok(Settled::Ended(state, format!("{reason}. A restart forgets this: {error}")))
+        }
+        (Err(error), _) => Err(CommandError::new(507, error.to_string())),
+    }
 }
 
 /// Checks a new part from its first byte to its last. Blocks.

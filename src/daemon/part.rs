@@ -69,15 +69,11 @@ impl PrintMemory {
     /// Of a part on a raster, computed by as many of `most_threads` threads as `limit_bytes` allow: each takes memory of its
     /// own, and a host with many cores is to print what one with few can.
     pub(crate) fn within(file: &BuildFile, plan: &SlicePlan, most_threads: usize, limit_bytes: u64) -> Self {
-        let all = (1..=most_threads.max(1)).rev().map(|threads| Self::new(file, plan, threads));
-        let mut least = None;
-        for memory in all {
-            if memory.need_bytes() <= limit_bytes {
-                return memory;
-            }
-            least = Some(memory);
-        }
-        least.unwrap_or_else(|| Self::new(file, plan, 1))
+        let several = (2..=most_threads).rev().map(|threads| Self::new(file, plan, threads));
+        several
+            .into_iter()
+            .find(|memory| memory.need_bytes() <= limit_bytes)
+            .unwrap_or_else(|| Self::new(file, plan, 1))
     }
 
     fn new(file: &BuildFile, plan: &SlicePlan, threads: usize) -> Self {

@@ -23,7 +23,7 @@ use super::setting::Setting;
 use super::{notify, view};
 use crate::device::DlpDriver;
 use crate::job::{Event, JobState, Progress, Spool};
-use crate::link::message::{Capabilities, HostMessage, Urgent};
+use crate::link::message::{Capabilities, HostMessage, Request, Urgent};
 use crate::stream::{Finished, MemoryBudget};
 
 /// Ends from the background that may wait; what more ends waits with its thread: nobody gives so many orders at once.
@@ -60,6 +60,8 @@ pub(super) struct Printer {
     last_progress: Option<Progress>,
     /// See [`super::handle::Snapshot::jobs_ended`].
     pub(super) jobs_ended: u64,
+    /// The last job ended with its part in the vat; no job begins without a word that the plate is clear.
+    pub(super) part_in_vat: bool,
     /// Sessions begun because the one before was lost.
     pub(super) reconnects: u64,
     pub(super) shutting_down: bool,
@@ -96,6 +98,7 @@ impl Printer {
             last_abort: None,
             last_progress: None,
             jobs_ended: 0,
+            part_in_vat: false,
             reconnects: 0,
             shutting_down: false,
         }
@@ -204,8 +207,10 @@ impl Printer {
     }
 
     pub(super) fn send_urgent(&mut self, urgent: Urgent) {
-        // What waits for room must not reach the device after an abort.
-        self.message = None;
+        // An exposure that waits for room must not reach the device after an order to be dark; anything else only an abort ends.
+        let is_exposure =
+            |message: &mut HostMessage| matches!(message, HostMessage::Request { request: Request::Expose { .. }, .. });
+        self.message.take_if(|message| urgent == Urgent::Abort || is_exposure(message));
         let number = self.link.urgent(urgent);
         if urgent == Urgent::Abort {
             self.last_abort = Some(number);
@@ -291,6 +296,7 @@ impl Printer {
                 self.jobs_ended += 1;
                 self.publish_job(id);
                 if let (Some(command), JobState::Interrupted) = (end, state) {
+                    self.send_urgent(Urgent::Abort);
                     self.change_unasked(id, Change::Close(command));
                 }
             }
@@ -305,6 +311,7 @@ impl Printer {
         self.last_progress = None;
         let id = running.job;
         self.jobs_ended += 1;
+        self.part_in_vat = running.engine.progress().unlifted;
         tracing::info!(job = id, state = %self.jobs.get(id).map_or(JobState::Failed, |job| job.view.state), "job ended");
         self.idle = None;
         self.link.reconnect();

@@ -36,7 +36,7 @@ const LONGEST_HEAD: Duration = Duration::from_secs(10);
 const LARGEST_ORDER_BYTES: usize = 4 << 10;
 /// A subscriber hears at least this often, so that both ends notice a broken connection.
 const KEEP_ALIVE: Duration = Duration::from_secs(5);
-/// Requests under way get this long to end at shutdown; the printer has been told by then.
+/// Requests under way get this long to end once the printer has ended.
 const LAST_WORDS: Duration = Duration::from_secs(1);
 
 /// Why the socket cannot be served.
@@ -134,6 +134,8 @@ async fn converse(
     let connection = hyper::server::conn::http1::Builder::new()
         .timer(TokioTimer::new())
         .header_read_timeout(LONGEST_HEAD)
+        // One request a connection: a client that asks on without reading must not hold a place that an abort needs.
+        .keep_alive(false)
         .max_buf_size(LARGEST_HEAD_BYTES)
         .serve_connection(TokioIo::new(stream), service);
     tokio::pin!(connection);

@@ -3,7 +3,7 @@
 use super::api::{Event as News, LinkState, LinkView};
 use super::printer::Printer;
 use super::view;
-use crate::device::DlpDriver;
+use crate::device::{DlpDriver, DriverEvent};
 use crate::job::Event;
 use crate::link::driver::LinkEvent;
 use crate::link::message::Urgent;
@@ -29,7 +29,11 @@ impl Printer {
                 if let Some(event) = event {
                     let holder = self.holder();
                     view::device_told(&mut self.device, &event, &self.jobs, holder);
+                    let is_state = matches!(event, DriverEvent::StateKnown(_));
                     self.with_engine(|running| running.driver_event(event, now_us));
+                    if is_state {
+                        self.publish();
+                    }
                 }
             }
             LinkEvent::Session(HostEvent::UrgentDone { number, light_on }) => {

@@ -1,6 +1,6 @@
 //! From what the parts know to what operators see.
 
-use super::api::{BudgetView, DeviceInfo, DeviceStateView, DeviceView, ExposureView, JobView, LineView};
+use super::api::{BudgetView, CutShortView, DeviceInfo, DeviceStateView, DeviceView, ExposureView, JobView, LineView};
 use super::jobs::Jobs;
 use crate::device::{DriverEvent, Outcome};
 use crate::link::message::{Capabilities, DeviceKind, DeviceState, ExposureId};
@@ -73,6 +73,7 @@ fn state_view(state: &DeviceState, jobs: &Jobs) -> DeviceStateView {
         position_um: state.position_um,
         moving: state.moving,
         last_exposed: state.last_exposed.map(|id| exposure(id, jobs)),
+        cut_short: state.cut_short.map(|(id, light_ms)| CutShortView { exposure: exposure(id, jobs), light_ms }),
         fault: state.fault.as_ref().map(|fault| fault.text.clone()),
     }
 }

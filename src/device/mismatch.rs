@@ -25,7 +25,7 @@ pub struct MachineMismatch {
     pub found: String,
 }
 
-/// Checks that a device is the configured machine: kind, picture size and pixel pitch.
+/// Checks that a device is the configured machine: kind, picture size and pixel pitch; and that it has the slots of one.
 ///
 /// # Errors
 /// [`MachineMismatch`] names the first difference, configured and found.
@@ -48,7 +48,11 @@ pub fn check_capabilities(machine: &Machine, capabilities: &Capabilities) -> Res
         return differs("a pixel pitch of", pitch(wanted), pitch(capabilities.pixel_nm));
     }
     if capabilities.layer_slots < LEAST_SLOTS {
-        return differs("room for", format!("{LEAST_SLOTS} layers or more"), capabilities.layer_slots.to_string());
+        return differs(
+            "a device of",
+            format!("{LEAST_SLOTS} layer slots or more"),
+            capabilities.layer_slots.to_string(),
+        );
     }
     Ok(())
 }

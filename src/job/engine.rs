@@ -138,6 +138,10 @@ pub struct Engine {
     choice: ResumeChoice,
     /// Whether light may ever have fallen for this job: then homing would crush the part.
     touched: bool,
+    /// Whether the device ever confirmed a layer of this job.
+    confirmed: bool,
+    /// The job ends with its plate where it was.
+    unlifted: bool,
     /// Whether the layer exposed last still sticks to the vat's film.
     stuck: bool,
     /// Whether the first layer of this run has been there: from then on a missing layer is late.
@@ -180,6 +184,8 @@ impl Engine {
             in_doubt: start.in_doubt,
             choice: start.choice,
             touched: start.touched,
+            confirmed: start.confirmed,
+            unlifted: false,
             stuck: start.touched,
             warm: false,
             immobile: false,
@@ -210,6 +216,7 @@ impl Engine {
             _ if self.phase == Phase::Ending || self.phase == Phase::Done => {}
             _ if matches!(self.phase, Phase::AbortSent | Phase::AbortReconnect) => self.while_aborting(event, now_us),
             Event::Ready => self.on_ready(now_us),
+            Event::Unfit(text) if self.phase == Phase::Checking => self.end_unbegun(&text),
             Event::Unfit(text) => self.wind_down(self.failed_or_interrupted(), text, now_us),
             Event::Connected { state, max_position_um } => self.on_connected(state, max_position_um, now_us),
             Event::LineLost(reason) => self.on_line_lost(reason, now_us),
@@ -217,7 +224,7 @@ impl Engine {
             Event::Uploaded { layer } => self.on_uploaded(layer, now_us),
             Event::UploadRefused { layer, refusal } => {
                 if let Err(text) = self.uploads.refused(layer, refusal) {
-                    self.wind_down(JobState::Failed, text, now_us);
+                    self.wind_down(self.failed_or_interrupted(), text, now_us);
                 }
             }
             Event::LayerFailed { layer, text } => {
@@ -269,6 +276,7 @@ impl Engine {
             eta_ms: self.plan.remaining_ms(self.next_layer),
             in_doubt: self.in_doubt.then_some(self.next_layer),
             reason: self.reason(),
+            unlifted: self.unlifted && self.touched,
         }
     }
 
@@ -348,7 +356,7 @@ impl Engine {
                 let text = "the plate did not arrive in time: check the axis and the device".into();
                 self.end_unparked(text);
             }
-            Phase::Checking | Phase::Lost => self.on_no_device(now_us),
+            Phase::Checking | Phase::Lost => self.on_no_device(),
             _ => {}
         }
     }

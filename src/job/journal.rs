@@ -57,6 +57,13 @@ pub enum JournalError {
     },
 }
 
+impl JournalError {
+    /// Whether the journal may be readable once the disk or its permissions are mended.
+    pub fn may_be_mended(&self) -> bool {
+        matches!(self, Self::Io { source, .. } if source.kind() != std::io::ErrorKind::NotFound)
+    }
+}
+
 const MAGIC: [u8; 12] = *b"layerjnl\x01\0\0\0";
 const FRAME_BYTES: usize = 8;
 /// The longest record is an end with its reason, which the engine keeps below 4 KiB.

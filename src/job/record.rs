@@ -98,6 +98,8 @@ pub struct History {
     pub reason: String,
     /// Light was confirmed, or was ever in doubt.
     lit: bool,
+    /// The device confirmed a layer.
+    confirmed: bool,
 }
 
 /// What the operator says about a layer in doubt.
@@ -126,6 +128,8 @@ pub struct StartPoint {
     pub choice: ResumeChoice,
     /// [`History::touched`].
     pub touched: bool,
+    /// The device confirmed a layer of this job: as long as it exposes for no other, its last exposure is this job's.
+    pub confirmed: bool,
 }
 
 /// Why a job cannot be taken up.
@@ -186,6 +190,7 @@ impl History {
             in_doubt: None,
             reason: String::new(),
             lit: false,
+            confirmed: false,
         };
         for (position, record) in records.enumerate() {
             history.apply(record).map_err(|what| Contradiction { index: position + 1, what })?;
@@ -232,6 +237,7 @@ impl History {
             in_doubt: self.in_doubt.is_some(),
             choice,
             touched: self.touched(),
+            confirmed: self.confirmed,
         }
     }
 
@@ -260,7 +266,7 @@ impl History {
             }
             Record::Confirmed { layer } => {
                 self.expect_commanded(*layer)?;
-                self.lit = true;
+                (self.lit, self.confirmed) = (true, true);
                 self.settle(true);
             }
             Record::NotExposed { layer } => {

@@ -13,7 +13,7 @@ use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 pub(super) struct Pty {
     master: OwnedFd,
     /// Kept open: without any open host's end, reading the master would fail whenever a host closes the line.
-    _slave: OwnedFd,
+    slave: OwnedFd,
     link: PathBuf,
     target: PathBuf,
 }
@@ -52,7 +52,16 @@ impl Pty {
         let _ = std::fs::remove_file(&part);
         std::os::unix::fs::symlink(&target, &part)?;
         std::fs::rename(&part, link)?;
-        Ok(Self { master, _slave: slave, link: link.into(), target })
+        Ok(Self { master, slave, link: link.into(), target })
+    }
+}
+
+impl Pty {
+    /// Lets another host open the line, as a real port does once a host that had it for itself is gone. Here the host's end
+    /// never closes, and a host that was killed does not give its claim up.
+    pub(super) fn release(&self) {
+        // Nothing hangs on it but that other host's patience.
+        let _ = rustix::termios::ioctl_tiocnxcl(&self.slave);
     }
 }
 

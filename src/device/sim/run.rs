@@ -224,6 +224,9 @@ impl Device {
                 DeviceEvent::HostSilent => {
                     eprintln!("the host is silent: nothing begins until a hello");
                     self.core.host_silent(device_us);
+                    if let Some(pty) = &self.pty {
+                        pty.get_ref().release();
+                    }
                 }
             }
         }

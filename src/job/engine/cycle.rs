@@ -90,6 +90,7 @@ impl Engine {
 
     /// The device says that the layer commanded had its light.
     pub(super) fn confirm(&mut self, now_us: u64) {
+        self.confirmed = true;
         self.out.journal(Record::Confirmed { layer: self.next_layer });
         self.count_as_exposed();
         self.phase = Phase::Confirming;

@@ -64,6 +64,7 @@ impl Engine {
 
     /// The plate cannot be lifted; where a part may hang on it, the operator must know.
     fn unparked(&mut self, why: &str, now_us: u64) {
+        self.unlifted = true;
         if self.touched {
             let text = format!("the plate was not lifted: {why}");
             match self.intent.clone() {
@@ -108,8 +109,20 @@ impl Engine {
         }
     }
 
+    /// Ends a job for which the device could do nothing. Whatever was ordered, a part in the vat keeps the machine.
+    pub(super) fn end_unbegun(&mut self, text: &str) {
+        self.unlifted = true;
+        self.intent = if self.touched {
+            Intent::End(JobState::Interrupted, format!("{text}; the plate was not lifted"))
+        } else {
+            Intent::End(JobState::Failed, text.into())
+        };
+        self.end();
+    }
+
     /// Ends the job without moving the plate.
     pub(super) fn end_unparked(&mut self, text: String) {
+        self.unlifted = true;
         self.intend_to_end(JobState::Interrupted, text);
         self.end();
     }
@@ -147,7 +160,14 @@ impl Engine {
     }
 
     pub(super) fn shutdown(&mut self, now_us: u64) {
-        self.wind_down(JobState::Interrupted, "the daemon was stopped; resume when it runs again".into(), now_us);
+        const STOPPED: &str = "the daemon was stopped; resume when it runs again";
+        match self.phase {
+            Phase::Checking if self.touched => return self.end_unbegun(STOPPED),
+            // The plate lifts, or the line is waited for, a minute at most.
+            _ if self.aborting => return,
+            _ => {}
+        }
+        self.wind_down(JobState::Interrupted, STOPPED.into(), now_us);
         match &mut self.phase {
             Phase::Lost | Phase::Homing => self.end(),
             Phase::Asking { until_us } => *until_us = (*until_us).min(now_us + SHUTDOWN_EXPOSURE_US),
@@ -182,9 +202,9 @@ impl Engine {
             return self.end_unparked(format!("the device refused to move: {}", remedy(refusal)));
         }
         match refusal {
-            Refusal::CutShort if self.immobile => self.doubt("the device ended its light early", now_us),
-            // Its state tells how much light there was.
-            Refusal::CutShort => self.ask(now_us),
+            Refusal::CutShort => {
+                self.doubt("the device ended its light early (`layerctl device` tells after how long)", now_us);
+            }
             Refusal::AlreadyExposed => {
                 self.out.notice(format!("the device says it exposed layer {layer} before; asking it for its state"));
                 self.ask(now_us);
@@ -296,6 +316,7 @@ impl Engine {
 
     /// The device did not come back at rest after an abort.
     fn end_aborted(&mut self) {
+        self.unlifted = true;
         let text = if self.light_known_off {
             "the light is off, but the device did not come back at rest: the plate was not lifted"
         } else {

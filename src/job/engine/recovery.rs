@@ -57,11 +57,10 @@ impl Engine {
                 "the part needs the plate {height_um} µm above the vat, the device goes up to {} µm: choose a lower part",
                 self.max_position_um
             );
-            return self.wind_down(self.failed_or_interrupted(), text, now_us);
+            return self.end_unbegun(&text);
         }
         if self.device.slots.is_empty() {
-            let text = "the device says it has no layer slots; it cannot print. Check its firmware".to_owned();
-            return self.wind_down(self.failed_or_interrupted(), text, now_us);
+            return self.end_unbegun("the device says it has no layer slots; it cannot print. Check its firmware");
         }
         if self.plan.clear_height_um > f64::from(self.max_position_um) {
             self.out.notice(format!(
@@ -102,13 +101,12 @@ impl Engine {
         self.wait_until(Phase::Lost, now_us + RECONNECT_US);
     }
 
-    pub(super) fn on_no_device(&mut self, now_us: u64) {
+    pub(super) fn on_no_device(&mut self) {
         let why = if self.loss.is_empty() { "no answer" } else { self.loss.as_str() };
         let (seconds, remedy) =
             (RECONNECT_US / SECOND_US, "check its power and cable and the machine file's link.path");
         if !self.ever_connected {
-            let text = format!("no device was there within {seconds} s ({why}): {remedy}");
-            return self.wind_down(self.failed_or_interrupted(), text, now_us);
+            return self.end_unbegun(&format!("no device was there within {seconds} s ({why}): {remedy}"));
         }
         self.end_unparked(format!(
             "the device did not come back within {seconds} s ({why}): {remedy}; the plate was not lifted"
@@ -159,7 +157,7 @@ impl Engine {
         if self.aborting {
             return self.advance(now_us);
         }
-        if self.next_layer > 0 && self.device.last_exposed.is_some_and(|id| id.job != self.plan.key) {
+        if self.confirmed && self.device.last_exposed.is_some_and(|id| id.job != self.plan.key) {
             let text = "the device has exposed layers of another job since: this job's part is no longer where it was. Abort it";
             return self.end_unparked(text.into());
         }

@@ -278,11 +278,13 @@ impl HostSession {
     }
 
     fn urgent_done(&mut self, number: u32, light_on: bool) {
-        let before = self.urgents.len();
-        self.urgents.retain(|pending| pending.number != number);
-        if self.urgents.len() < before {
-            self.events.push_back(HostEvent::UrgentDone { number, light_on });
+        let Some(place) = self.urgents.iter().position(|pending| pending.number == number) else { return };
+        let done = self.urgents.remove(place);
+        if done.is_some_and(|done| done.urgent == Urgent::Abort) {
+            // They stand in order. What went before an abort is over with it; sent again, it would end what comes after.
+            self.urgents.drain(..place);
         }
+        self.events.push_back(HostEvent::UrgentDone { number, light_on });
     }
 
     /// The next whole frame for the line, urgent first. The caller asks again only once the line is about to take it.
