@@ -698,7 +698,8 @@ fn a_plate_that_cannot_be_lifted_is_told() {
         assert!(world.next_event());
     }
     let (state, reason) = world.end();
-    assert!(state == JobState::Stopped && reason.contains("the plate was not lifted"), "{state}: {reason}");
+    assert!(state == JobState::Interrupted && reason.contains("the plate was not lifted"), "{state}: {reason}");
+    assert!(world.engine.progress().part_in_vat);
 }
 
 #[test]

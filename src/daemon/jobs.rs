@@ -94,6 +94,22 @@ impl Jobs {
         self.jobs.iter().find(|(_, job)| job.view.state == JobState::Interrupted).map(|(id, _)| *id)
     }
 
+    /// Lets every queued job wait for a word that the plate is clear.
+    pub(super) fn await_plate(&mut self) {
+        for id in &self.queue {
+            if let Some(job) = self.jobs.get_mut(id) {
+                job.awaits_plate = matches!(job.take_up, TakeUp::Print(_)) && !job.has_begun();
+            }
+        }
+    }
+
+    /// Whether the job that ended last, as far as the spool tells, may have left its part in the vat.
+    pub(super) fn ended_unknown(&self) -> bool {
+        let begun = self.jobs.values().filter(|job| job.view.state.is_final() && job.has_begun());
+        let last = begun.max_by_key(|job| (job.view.ended_ms.unwrap_or(u64::MAX), job.directory.id));
+        last.is_some_and(|job| job.view.state != JobState::Completed)
+    }
+
     /// A job that is to be given the machine only to end.
     pub(super) fn ending(&self) -> Option<u32> {
         self.queue.iter().copied().find(|id| {
@@ -237,7 +253,8 @@ impl Job {
 
     /// Whether it ever had the machine, so that plate and light may be its own.
     pub(super) fn has_begun(&self) -> bool {
-        self.view.started_ms.is_some()
+        // Without a key its journal could not be read, and nobody knows.
+        self.view.started_ms.is_some() || self.key == 0
     }
 
     /// Takes over what the engine says. Returns whether anything changed.

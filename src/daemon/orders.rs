@@ -107,9 +107,9 @@ impl Printer {
             // Started with nothing before it, the operator has just seen the plate. Nobody has behind another job, not even
             // one that ended while this one arrived, nor where who asked did not wait for the answer.
             let is_next = self.jobs.ahead_of(id, self.holder()).is_none();
-            let is_seen = jobs_ended == self.jobs_ended && !reply.is_closed() && !self.part_in_vat && is_next;
+            let is_seen = jobs_ended == self.jobs_ended && !reply.is_closed() && is_next;
             if let Some(job) = self.jobs.get_mut(id) {
-                job.awaits_plate = self.setting.machine.confirm_plate && !is_seen;
+                job.awaits_plate = self.part_in_vat || (self.setting.machine.confirm_plate && !is_seen);
             }
             self.publish_job(id);
             id
@@ -141,8 +141,7 @@ impl Printer {
         let (has_begun, is_ordered) = (job.has_begun(), job.ordered);
         if command == EngineCommand::Abort {
             job.abort_ordered = is_ordered;
-            let may_shine = has_begun || state == JobState::Interrupted;
-            if may_shine && holder.is_none_or(|holder| holder == id) {
+            if has_begun && holder.is_none_or(|holder| holder == id) {
                 // Its light first, before any disk is asked.
                 self.send_urgent(Urgent::Abort);
             }
@@ -170,9 +169,10 @@ impl Printer {
             Some(InDoubt::Exposed) => ResumeChoice::AssumeExposed,
             Some(InDoubt::Repeat) => ResumeChoice::Repeat,
         };
-        let state = self.waiting(id)?.view.state;
+        let job = self.waiting(id)?;
+        let (state, awaits_plate) = (job.view.state, job.awaits_plate);
         match state {
-            JobState::Queued if self.setting.machine.confirm_plate => self.plate_is_clear(id),
+            JobState::Queued if awaits_plate || self.setting.machine.confirm_plate => self.plate_is_clear(id),
             JobState::Interrupted => Ok(Step::Change(id, Change::Resume(choice))),
             state => Err(wrong_state(id, state, EngineCommand::Resume)),
         }
@@ -234,10 +234,13 @@ impl Printer {
             abort = std::mem::take(&mut job.abort_ordered) && !matches!(result, Ok(Settled::Ended(..)));
             match &result {
                 Ok(Settled::Ended(state, reason)) => {
+                    let is_left = job.has_begun() && *state != JobState::Completed;
                     self.jobs_ended += 1;
-                    self.part_in_vat |= job.has_begun() || job.view.state == JobState::Interrupted;
                     job.end(*state, Some(reason.clone()));
                     self.jobs.unqueue(id);
+                    if is_left {
+                        self.leave_part_in_vat();
+                    }
                 }
                 Ok(Settled::TakenUp(take_up)) => self.jobs.take_up(id, *take_up),
                 Err(_) => {}
@@ -245,7 +248,7 @@ impl Printer {
         }
         self.publish_job(id);
         if let (Err(error), true) = (&result, reply.is_closed()) {
-            self.notice(format!("job {id} could not be ended: {}", error.message));
+            self.notice(format!("an order for job {id} could not be carried out: {}", error.message));
         }
         let _ = reply.send(result.and_then(|_| self.view(id)));
         if abort {
@@ -314,6 +317,10 @@ fn settle_in_journal(path: &Path, change: Change) -> Result<Settled, CommandErro
         }
         Err(error) => return Err(unreadable(error)),
     };
+    if history.state.is_final() {
+        // It could not be read when the daemon started.
+        return Ok(Settled::Ended(history.state, history.reason));
+    }
     let (command, reason) = match change {
         Change::Resume(choice) => {
             history.start(choice).map_err(|error| CommandError::new(409, error.to_string()))?;

@@ -69,11 +69,8 @@ impl PrintMemory {
     /// Of a part on a raster, computed by as many of `most_threads` threads as `limit_bytes` allow: each takes memory of its
     /// own, and a host with many cores is to print what one with few can.
     pub(crate) fn within(file: &BuildFile, plan: &SlicePlan, most_threads: usize, limit_bytes: u64) -> Self {
-        let several = (2..=most_threads).rev().map(|threads| Self::new(file, plan, threads));
-        several
-            .into_iter()
-            .find(|memory| memory.need_bytes() <= limit_bytes)
-            .unwrap_or_else(|| Self::new(file, plan, 1))
+        let mut several = (2..=most_threads).rev().map(|threads| Self::new(file, plan, threads));
+        several.find(|memory| memory.need_bytes() <= limit_bytes).unwrap_or_else(|| Self::new(file, plan, 1))
     }
 
     fn new(file: &BuildFile, plan: &SlicePlan, threads: usize) -> Self {

@@ -78,6 +78,7 @@ impl Printer {
         link: Line,
     ) -> Self {
         let (background, finished_background) = mpsc::channel(BACKGROUND_EVENTS);
+        let part_in_vat = jobs.ended_unknown();
         Self {
             setting,
             spool: Arc::new(Mutex::new(spool)),
@@ -98,7 +99,7 @@ impl Printer {
             last_abort: None,
             last_progress: None,
             jobs_ended: 0,
-            part_in_vat: false,
+            part_in_vat,
             reconnects: 0,
             shutting_down: false,
         }
@@ -290,10 +291,15 @@ impl Printer {
             }
             Err(Unopened { text, state }) => {
                 self.notice(format!("job {id} cannot be printed: {text}"));
+                let mut has_begun = false;
                 if let Some(job) = self.jobs.get_mut(id) {
+                    has_begun = job.has_begun();
                     job.end(state, Some(text));
                 }
                 self.jobs_ended += 1;
+                if has_begun {
+                    self.leave_part_in_vat();
+                }
                 self.publish_job(id);
                 if let (Some(command), JobState::Interrupted) = (end, state) {
                     self.send_urgent(Urgent::Abort);
@@ -311,7 +317,10 @@ impl Printer {
         self.last_progress = None;
         let id = running.job;
         self.jobs_ended += 1;
-        self.part_in_vat = running.engine.progress().unlifted;
+        self.part_in_vat = false;
+        if running.engine.progress().part_in_vat {
+            self.leave_part_in_vat();
+        }
         tracing::info!(job = id, state = %self.jobs.get(id).map_or(JobState::Failed, |job| job.view.state), "job ended");
         self.idle = None;
         self.link.reconnect();
@@ -327,6 +336,12 @@ impl Printer {
             let _ = background.send(Background::Released { forgotten }).await;
         });
         self.publish();
+    }
+
+    /// A job ended without its plate lifted, or nobody knows: whatever comes next waits for a word.
+    pub(super) fn leave_part_in_vat(&mut self) {
+        self.part_in_vat = true;
+        self.jobs.await_plate();
     }
 
     fn heartbeat(&mut self) {

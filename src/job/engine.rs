@@ -140,8 +140,8 @@ pub struct Engine {
     touched: bool,
     /// Whether the device ever confirmed a layer of this job.
     confirmed: bool,
-    /// The job ends with its plate where it was.
-    unlifted: bool,
+    /// The plate is where it was parked.
+    lifted: bool,
     /// Whether the layer exposed last still sticks to the vat's film.
     stuck: bool,
     /// Whether the first layer of this run has been there: from then on a missing layer is late.
@@ -185,7 +185,7 @@ impl Engine {
             choice: start.choice,
             touched: start.touched,
             confirmed: start.confirmed,
-            unlifted: false,
+            lifted: false,
             stuck: start.touched,
             warm: false,
             immobile: false,
@@ -276,7 +276,7 @@ impl Engine {
             eta_ms: self.plan.remaining_ms(self.next_layer),
             in_doubt: self.in_doubt.then_some(self.next_layer),
             reason: self.reason(),
-            unlifted: self.unlifted && self.touched,
+            part_in_vat: self.touched && !self.lifted,
         }
     }
 
@@ -369,6 +369,7 @@ impl Engine {
     }
 
     fn start_act(&mut self, act: Act, phase: Phase, deadline_us: u64) {
+        self.lifted = false;
         self.act_number += 1;
         self.act_running = Some(self.act_number);
         self.out.act = Some((self.act_number, act));

@@ -147,6 +147,6 @@ pub struct Progress {
     pub in_doubt: Option<u32>,
     /// What the job is waiting for or why it ended, for people; empty where there is nothing to say.
     pub reason: String,
-    /// The job ends, or ended, with a part in the vat: nobody lifted the plate.
-    pub unlifted: bool,
+    /// Light may have fallen, and the plate is not parked.
+    pub part_in_vat: bool,
 }

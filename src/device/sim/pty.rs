@@ -54,9 +54,7 @@ impl Pty {
         std::fs::rename(&part, link)?;
         Ok(Self { master, slave, link: link.into(), target })
     }
-}
 
-impl Pty {
     /// Lets another host open the line, as a real port does once a host that had it for itself is gone. Here the host's end
     /// never closes, and a host that was killed does not give its claim up.
     pub(super) fn release(&self) {

@@ -64,7 +64,6 @@ impl Engine {
 
     /// The plate cannot be lifted; where a part may hang on it, the operator must know.
     fn unparked(&mut self, why: &str, now_us: u64) {
-        self.unlifted = true;
         if self.touched {
             let text = format!("the plate was not lifted: {why}");
             match self.intent.clone() {
@@ -72,10 +71,15 @@ impl Engine {
                 Intent::Print | Intent::Pause => self.out.notice(text),
             }
         }
-        self.parked(now_us);
+        self.rest(now_us);
     }
 
     pub(super) fn parked(&mut self, now_us: u64) {
+        self.lifted = true;
+        self.rest(now_us);
+    }
+
+    fn rest(&mut self, now_us: u64) {
         if self.intent != Intent::Pause {
             return self.end();
         }
@@ -94,6 +98,13 @@ impl Engine {
         self.act_running = None;
         self.deadline_us = None;
         self.phase = Phase::Ending;
+        // A part in the vat keeps the machine, unless it was aborted.
+        if let Intent::End(state @ JobState::Stopped, _) = &mut self.intent
+            && self.touched
+            && !self.lifted
+        {
+            *state = JobState::Interrupted;
+        }
         if let Intent::End(state, reason) = &self.intent {
             self.out.journal(Record::Ended { state: *state, reason: reason.clone() });
         }
@@ -111,7 +122,6 @@ impl Engine {
 
     /// Ends a job for which the device could do nothing. Whatever was ordered, a part in the vat keeps the machine.
     pub(super) fn end_unbegun(&mut self, text: &str) {
-        self.unlifted = true;
         self.intent = if self.touched {
             Intent::End(JobState::Interrupted, format!("{text}; the plate was not lifted"))
         } else {
@@ -122,7 +132,6 @@ impl Engine {
 
     /// Ends the job without moving the plate.
     pub(super) fn end_unparked(&mut self, text: String) {
-        self.unlifted = true;
         self.intend_to_end(JobState::Interrupted, text);
         self.end();
     }
@@ -163,13 +172,12 @@ impl Engine {
         const STOPPED: &str = "the daemon was stopped; resume when it runs again";
         match self.phase {
             Phase::Checking if self.touched => return self.end_unbegun(STOPPED),
-            // The plate lifts, or the line is waited for, a minute at most.
-            _ if self.aborting => return,
-            _ => {}
+            // It ends as aborted: the plate lifts, or the line is waited for, a minute at most.
+            _ if self.aborting => {}
+            _ => self.wind_down(JobState::Interrupted, STOPPED.into(), now_us),
         }
-        self.wind_down(JobState::Interrupted, STOPPED.into(), now_us);
         match &mut self.phase {
-            Phase::Lost | Phase::Homing => self.end(),
+            Phase::Lost | Phase::Homing if !self.aborting => self.end(),
             Phase::Asking { until_us } => *until_us = (*until_us).min(now_us + SHUTDOWN_EXPOSURE_US),
             Phase::Exposing { light_until_us } if *light_until_us > now_us + SHUTDOWN_EXPOSURE_US => {
                 self.cut_short(now_us);
@@ -316,7 +324,6 @@ impl Engine {
 
     /// The device did not come back at rest after an abort.
     fn end_aborted(&mut self) {
-        self.unlifted = true;
         let text = if self.light_known_off {
             "the light is off, but the device did not come back at rest: the plate was not lifted"
         } else {
