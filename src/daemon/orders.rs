@@ -25,8 +25,8 @@ use crate::random;
 pub(super) enum Change {
     /// Stop or abort it; one that has begun needs the machine for that.
     End(EngineCommand),
-    /// The same where the machine cannot be used.
-    Close(EngineCommand),
+    /// Abort it though it cannot be given the machine.
+    Close,
     /// Print an interrupted job further.
     Resume(ResumeChoice),
 }
@@ -330,16 +330,14 @@ fn settle_in_journal(path: &Path, change: Change) -> Result<Settled, CommandErro
             return Ok(Settled::TakenUp(TakeUp::End(command)));
         }
         Change::End(command) => (command, ENDED),
-        Change::Close(command) => (command, CLOSED),
+        Change::Close => (EngineCommand::Abort, CLOSED),
     };
     let state = if command == EngineCommand::Abort { JobState::Aborted } else { JobState::Stopped };
     let ended = Record::Ended { state, reason: reason.into() };
     let written = Journal::open(path).and_then(|(mut journal, _)| journal.append(ended, unix_ms()));
     match (written, change) {
         (Ok(()), _) => Ok(Settled::Ended(state, reason.into())),
-        (Err(error), Change::Close(_)) => {
-            Ok(Settled::Ended(state, format!("{reason}. A restart forgets this: {error}")))
-        }
+        (Err(error), Change::Close) => Ok(Settled::Ended(state, format!("{reason}. A restart forgets this: {error}"))),
         (Err(error), _) => Err(CommandError::new(507, error.to_string())),
     }
 }

@@ -22,7 +22,7 @@ use super::running::{Running, Task};
 use super::setting::Setting;
 use super::{notify, view};
 use crate::device::DlpDriver;
-use crate::job::{Event, JobState, Progress, Spool};
+use crate::job::{Command, Event, JobState, Progress, Spool};
 use crate::link::message::{Capabilities, HostMessage, Request, Urgent};
 use crate::stream::{Finished, MemoryBudget};
 
@@ -301,9 +301,8 @@ impl Printer {
                     self.leave_part_in_vat();
                 }
                 self.publish_job(id);
-                if let (Some(command), JobState::Interrupted) = (end, state) {
-                    self.send_urgent(Urgent::Abort);
-                    self.change_unasked(id, Change::Close(command));
+                if let (Some(Command::Abort), JobState::Interrupted) = (end, state) {
+                    self.change_unasked(id, Change::Close);
                 }
             }
         }
