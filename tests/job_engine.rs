@@ -1,374 +1,16 @@
 //! The job engine against a scripted device under virtual time: the print as it should go, every disturbance at every step.
 
+mod job_world;
 mod properties;
 
-use layerd::config::Recipe;
-use layerd::device::{Act, Outcome};
-use layerd::job::{
-    Action, Command, Engine, Event, History, JobPlan, JobState, Record, ResumeChoice, ResumeError, StartPoint,
-};
-use layerd::link::message::{DeviceState, ExposureId, Fault, Refusal, Urgent};
+use job_world::{CLEAR_UM, Disturbance, KEY, LAYERS, World, accepted, plan, world_exposing};
+use layerd::device::Act;
+use layerd::job::{Command, Engine, Event, History, JobState, Record, ResumeChoice, ResumeError};
+use layerd::link::message::{DeviceState, ExposureId, Fault, Urgent};
 use proptest::prelude::*;
 
-const KEY: u64 = 7;
-const LAYERS: u32 = 5;
-const CLEAR_UM: i32 = 20_000;
-const MAX_POSITION_UM: i32 = 150_000;
 /// What an abort says that nobody confirmed.
 const LIGHT_UNCONFIRMED: &str = "did not confirm that its light is off";
-
-fn plan() -> JobPlan {
-    let recipe = Recipe {
-        name: "test".into(),
-        layer_height_um: 50.0,
-        exposure_ms: 2000,
-        bottom_exposure_ms: 20_000,
-        bottom_layers: 1,
-        transition_layers: 1,
-        lift_height_um: 5000,
-        lift_speed_um_s: 1000,
-        retract_speed_um_s: 3000,
-        light_off_delay_ms: 500,
-        wait_before_exposure_ms: 500,
-        wait_after_exposure_ms: 200,
-        wait_after_lift_ms: 300,
-        light_pwm: 255,
-        antialias: false,
-    };
-    JobPlan { key: KEY, layer_count: LAYERS, recipe, clear_height_um: f64::from(CLEAR_UM) }
-}
-
-fn accepted() -> Record {
-    Record::Accepted { key: KEY, layer_count: LAYERS, name: "cube".into() }
-}
-
-/// What happens to the world at a given step.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Disturbance {
-    /// The line is down for this long.
-    LineLost {
-        for_us: u64,
-    },
-    /// The host dies; the daemon starts again and resumes.
-    Crash,
-    Order(Command),
-    Shutdown,
-}
-
-/// Engine, device, journal and line, with a clock of their own.
-struct World {
-    engine: Engine,
-    now_us: u64,
-    journal: Vec<Record>,
-    /// A record being flushed, and until when.
-    flushing: Option<(u64, Record)>,
-    device: DeviceState,
-    /// End of the device's act, and what it comes to.
-    device_act: Option<(u64, Act)>,
-    /// The act whose outcome the host will hear of.
-    awaited: Option<u64>,
-    upload: Option<(u64, u32, u8)>,
-    upload_us: u64,
-    line_up: bool,
-    /// Sent without a line; the next session begins with it.
-    urgent_waits: Option<Urgent>,
-    reconnect_at_us: Option<u64>,
-    /// Layers that had their whole light, in order.
-    exposed: Vec<u32>,
-    acts: Vec<Act>,
-    steps: usize,
-    disturb_at: Vec<(usize, Disturbance)>,
-    aborted: bool,
-    journal_full: bool,
-    finished: Option<(JobState, String)>,
-}
-
-impl World {
-    fn new() -> Self {
-        let device = DeviceState { boot_id: 1, slots: vec![None, None], ..DeviceState::default() };
-        Self {
-            engine: Engine::new(plan(), StartPoint::default()),
-            now_us: 0,
-            journal: vec![accepted()],
-            flushing: None,
-            device,
-            device_act: None,
-            awaited: None,
-            upload: None,
-            upload_us: 300_000,
-            line_up: false,
-            urgent_waits: None,
-            reconnect_at_us: Some(0),
-            exposed: Vec::new(),
-            acts: Vec::new(),
-            steps: 0,
-            disturb_at: Vec::new(),
-            aborted: false,
-            journal_full: false,
-            finished: None,
-        }
-    }
-
-    fn disturbed(at: Vec<(usize, Disturbance)>) -> Self {
-        Self { disturb_at: at, ..Self::new() }
-    }
-
-    /// Runs until the engine is done; false if it rests in a pause.
-    fn run(&mut self) -> bool {
-        self.tell(Event::Ready);
-        while self.finished.is_none() {
-            if !self.next_event() {
-                assert_eq!(self.engine.state(), JobState::Paused, "only a pause may wait for ever");
-                return false;
-            }
-            assert!(self.steps < 3000, "the job does not end: {:?}", self.engine.progress());
-        }
-        true
-    }
-
-    fn tell(&mut self, event: Event) {
-        self.engine.handle(event, self.now_us);
-        self.carry_out();
-    }
-
-    fn carry_out(&mut self) {
-        while let Some(action) = self.engine.next_action() {
-            self.steps += 1;
-            match self.disturbance() {
-                // Before the action takes effect, or after it.
-                Some(disturbance) if self.steps.is_multiple_of(2) => {
-                    self.disturb(disturbance);
-                    if matches!(disturbance, Disturbance::Crash) {
-                        return;
-                    }
-                    self.perform(action);
-                }
-                Some(disturbance) => {
-                    self.perform(action);
-                    self.disturb(disturbance);
-                }
-                None => self.perform(action),
-            }
-        }
-    }
-
-    fn disturbance(&mut self) -> Option<Disturbance> {
-        let place = self.disturb_at.iter().position(|(step, _)| *step <= self.steps)?;
-        Some(self.disturb_at.remove(place).1)
-    }
-
-    fn disturb(&mut self, disturbance: Disturbance) {
-        match disturbance {
-            Disturbance::LineLost { for_us } => {
-                self.drop_line(for_us);
-                self.engine.handle(Event::LineLost("cable".into()), self.now_us);
-            }
-            Disturbance::Crash => self.crash(),
-            Disturbance::Order(command) => {
-                self.engine.handle(Event::Command(command), self.now_us);
-                if command == Command::Abort {
-                    self.aborted = true;
-                    let action = self.engine.next_action();
-                    assert_eq!(action, Some(Action::Urgent(Urgent::Abort)), "light off before anything else");
-                    self.perform(Action::Urgent(Urgent::Abort));
-                }
-            }
-            Disturbance::Shutdown => self.engine.handle(Event::Shutdown, self.now_us),
-        }
-    }
-
-    fn drop_line(&mut self, for_us: u64) {
-        self.line_up = false;
-        self.awaited = None;
-        self.upload = None;
-        self.reconnect_at_us = Some(self.now_us + for_us);
-    }
-
-    /// A new engine from what the journal says.
-    fn crash(&mut self) {
-        let history = History::replay(&self.journal).expect("the journal is true at every moment");
-        let Ok(start) = history.start(ResumeChoice::None) else {
-            self.finished = Some((history.state, history.reason));
-            return;
-        };
-        self.drop_line(2_000_000);
-        self.flushing = None;
-        self.engine = Engine::new(plan(), start);
-        self.finished = None;
-        self.tell(Event::Ready);
-    }
-
-    fn perform(&mut self, action: Action) {
-        let may_overtake = matches!(action, Action::Urgent(_) | Action::Notice(_));
-        assert!(may_overtake || self.flushing.is_none(), "{action:?} before the journal is on disk");
-        match action {
-            Action::Journal(_) if self.journal_full => {
-                self.engine.handle(Event::JournalFailed("no space left".into()), self.now_us);
-            }
-            Action::Journal(record) => {
-                self.flushing = Some((self.now_us + 5000, record));
-            }
-            Action::Act { number, act } => self.begin_act(number, act),
-            Action::QueryState => {
-                if self.line_up {
-                    self.engine.handle(Event::State(self.device.clone()), self.now_us);
-                }
-            }
-            Action::Upload { layer, slot } => {
-                if self.line_up {
-                    assert!(self.upload.is_none(), "one upload at a time");
-                    assert!(layer < LAYERS);
-                    self.device.slots[usize::from(slot)] = None;
-                    self.upload = Some((self.now_us + self.upload_us, layer, slot));
-                }
-            }
-            Action::Urgent(urgent) => self.urgent(urgent),
-            Action::Finished { state, reason } => self.finished = Some((state, reason)),
-            Action::NeedLayers { .. } | Action::Notice(_) => {}
-        }
-    }
-
-    fn begin_act(&mut self, number: u64, act: Act) {
-        self.acts.push(act);
-        if !self.line_up {
-            return;
-        }
-        assert!(self.awaited.is_none() && self.device_act.is_none(), "two acts at once: {act:?}");
-        let position_um = self.device.position_um.unwrap_or(0);
-        let duration_us = match act {
-            Act::Home => {
-                assert!(self.exposed.is_empty(), "homing with a part on the plate");
-                3_000_000
-            }
-            Act::Move { position_um: to_um, speed_um_s } => {
-                assert!((0..=MAX_POSITION_UM).contains(&to_um));
-                u64::from(to_um.abs_diff(position_um)) * 1_000_000 / u64::from(speed_um_s)
-            }
-            Act::Expose { layer, duration_ms, .. } => {
-                assert!(!self.aborted, "light after an abort");
-                let commanded = self.journal.iter().rev().find(|r| !matches!(r, Record::Paused | Record::Resumed));
-                assert!(matches!(commanded, Some(Record::Commanded { layer: l, .. }) if *l == layer), "{commanded:?}");
-                assert_eq!(self.device.position_um, Some(50 * (layer as i32 + 1)), "layer {layer} at a wrong height");
-                assert_eq!(duration_ms, [20_000, 11_000, 2000, 2000, 2000][layer as usize]);
-                self.awaited = Some(number);
-                let id = ExposureId { job: KEY, layer };
-                if self.device.last_exposed.is_some_and(|last| last.job == KEY && last.layer >= layer) {
-                    return self.answer(number, Outcome::Refused(Refusal::AlreadyExposed));
-                }
-                assert!(self.device.slots.contains(&Some(id)), "layer {layer} is not on the device");
-                self.device.exposing = Some(id);
-                self.device.light_on = true;
-                u64::from(duration_ms) * 1000
-            }
-        };
-        self.device.moving = !matches!(act, Act::Expose { .. });
-        self.awaited = Some(number);
-        self.device_act = Some((self.now_us + duration_us, act));
-    }
-
-    fn answer(&mut self, number: u64, outcome: Outcome) {
-        self.awaited = None;
-        self.engine.handle(Event::ActDone { number, outcome }, self.now_us);
-    }
-
-    fn urgent(&mut self, urgent: Urgent) {
-        if !self.line_up {
-            self.urgent_waits = Some(urgent);
-            return;
-        }
-        if let Some(id) = self.device.exposing.take() {
-            self.device.cut_short = Some((id, 1));
-            self.device.light_on = false;
-            self.device_act = None;
-            if let (Urgent::LightOff, Some(number)) = (urgent, self.awaited) {
-                self.answer(number, Outcome::Refused(Refusal::CutShort));
-            }
-        }
-        self.engine.handle(Event::UrgentDone, self.now_us);
-        if urgent == Urgent::Abort {
-            self.device.moving = false;
-            self.device_act = None;
-            self.device.slots = vec![None, None];
-            self.drop_line(500_000);
-            self.engine.handle(Event::LineLost("aborted".into()), self.now_us);
-        }
-    }
-
-    /// Lets time pass to the next thing that happens; false if nothing ever will.
-    fn next_event(&mut self) -> bool {
-        self.steps += 1;
-        if let Some(disturbance) = self.disturbance() {
-            self.disturb(disturbance);
-            self.carry_out();
-            return true;
-        }
-        let act_us = self.device_act.map(|(at_us, _)| at_us);
-        let upload_us = self.upload.map(|(at_us, ..)| at_us);
-        let flushed_us = self.flushing.as_ref().map(|(at_us, _)| *at_us);
-        let times = [flushed_us, act_us, upload_us, self.reconnect_at_us, self.engine.next_timeout_us()];
-        let Some(at_us) = times.iter().flatten().min().copied() else {
-            return false;
-        };
-        self.now_us = self.now_us.max(at_us);
-        if flushed_us == Some(at_us) {
-            self.journal.extend(self.flushing.take().map(|(_, record)| record));
-            self.tell(Event::Journalled);
-        } else if act_us == Some(at_us) {
-            self.end_act();
-        } else if upload_us == Some(at_us) {
-            if let Some((_, layer, slot)) = self.upload.take() {
-                self.device.slots[usize::from(slot)] = Some(ExposureId { job: KEY, layer });
-                self.tell(Event::Uploaded { layer });
-            }
-        } else if self.reconnect_at_us == Some(at_us) {
-            self.reconnect_at_us = None;
-            self.line_up = true;
-            self.tell(Event::Connected { state: self.device.clone(), max_position_um: MAX_POSITION_UM });
-            if let Some(urgent) = self.urgent_waits.take() {
-                self.urgent(urgent);
-                self.carry_out();
-            }
-        } else {
-            self.tell(Event::Timeout);
-        }
-        true
-    }
-
-    fn end_act(&mut self) {
-        let Some((_, act)) = self.device_act.take() else { return };
-        self.device.moving = false;
-        let outcome = match act {
-            Act::Home => {
-                self.device.position_um = Some(0);
-                Outcome::Arrived { position_um: 0 }
-            }
-            Act::Move { position_um, .. } => {
-                self.device.position_um = Some(position_um);
-                Outcome::Arrived { position_um }
-            }
-            Act::Expose { layer, duration_ms, .. } => {
-                self.exposed.push(layer);
-                self.device.light_on = false;
-                self.device.last_exposed = self.device.exposing.take();
-                for slot in &mut self.device.slots {
-                    *slot = slot.filter(|id| id.layer != layer);
-                }
-                Outcome::Exposed { layer, duration_ms }
-            }
-        };
-        if let Some(number) = self.awaited.take() {
-            self.tell(Event::ActDone { number, outcome });
-        }
-    }
-
-    fn all_exposed_once(&self) -> bool {
-        self.exposed == (0..LAYERS).collect::<Vec<_>>()
-    }
-
-    fn end(&self) -> (JobState, &str) {
-        self.finished.as_ref().map(|(state, reason)| (*state, reason.as_str())).expect("the job ended")
-    }
-}
 
 #[test]
 fn a_print_homes_exposes_every_layer_and_lifts_clear() {
@@ -555,16 +197,6 @@ fn an_abort_that_finds_the_plate_moving_stops_it_before_it_lifts() {
     assert_eq!(lifts.count(), 1, "nothing is commanded that the abort on its way would end: {:?}", world.acts);
 }
 
-/// Runs a print up to its layer `layer` being exposed.
-fn world_exposing(layer: u32) -> World {
-    let mut world = World::new();
-    world.tell(Event::Ready);
-    while world.device.exposing != Some(ExposureId { job: KEY, layer }) {
-        assert!(world.next_event());
-    }
-    world
-}
-
 #[test]
 fn a_device_reset_under_light_leaves_the_layer_in_doubt_and_never_homes() {
     let mut world = world_exposing(2);
@@ -634,22 +266,27 @@ fn a_job_whose_device_has_printed_another_since_moves_nothing() {
     assert_eq!(world.acts.len(), acts);
 }
 
-/// What the device exposed last may be older than the job as long as it confirmed none of the job's layers.
-#[test]
-fn a_first_layer_that_the_operator_decided_on_goes_on_with_an_older_jobs_exposure_in_the_device() {
-    let records = [
+/// A daemon starts again after the operator decided on layer 0, which had an unknown share of its light.
+fn decided(exposed: bool) -> World {
+    let mut world = World::new();
+    world.journal = vec![
         accepted(),
         Record::Started { layer: 0 },
         Record::Commanded { layer: 0, boot_id: 1 },
-        Record::InDoubt { layer: 0, why: "reset".into() },
-        Record::Decided { layer: 0, exposed: true },
+        Record::InDoubt { layer: 0, why: "cut short".into() },
+        Record::Decided { layer: 0, exposed },
     ];
-    let history = History::replay(&records).expect("true");
-    let mut world = World::new();
-    world.journal = records.to_vec();
+    let history = History::replay(&world.journal).expect("true");
+    world.engine = Engine::new(plan(), history.start(ResumeChoice::None).expect("decided"));
+    world
+}
+
+/// What the device exposed last may be older than the job as long as it confirmed none of the job's layers.
+#[test]
+fn a_first_layer_that_the_operator_decided_on_goes_on_with_an_older_jobs_exposure_in_the_device() {
+    let mut world = decided(true);
     world.device.last_exposed = Some(ExposureId { job: KEY + 1, layer: 90 });
     world.device.position_um = Some(50);
-    world.engine = Engine::new(plan(), history.start(ResumeChoice::None).expect("decided"));
     assert!(world.run());
     assert_eq!((world.end(), world.exposed.as_slice()), ((JobState::Completed, ""), [1, 2, 3, 4].as_slice()));
 }
@@ -671,17 +308,7 @@ fn a_stop_that_could_lift_nothing_leaves_the_job_interrupted() {
 /// Cut short and to be repeated, layer 0 hangs on the plate half cured.
 #[test]
 fn a_device_that_lost_its_position_never_homes_onto_a_layer_that_had_some_light() {
-    let records = [
-        accepted(),
-        Record::Started { layer: 0 },
-        Record::Commanded { layer: 0, boot_id: 1 },
-        Record::InDoubt { layer: 0, why: "cut short".into() },
-        Record::Decided { layer: 0, exposed: false },
-    ];
-    let history = History::replay(&records).expect("true");
-    let mut world = World::new();
-    world.journal = records.to_vec();
-    world.engine = Engine::new(plan(), history.start(ResumeChoice::None).expect("decided"));
+    let mut world = decided(false);
     assert!(world.run());
     assert!(world.end().0 == JobState::Interrupted && world.acts.is_empty(), "{:?} {:?}", world.end(), world.acts);
 }

@@ -1,0 +1,374 @@
+//! A scripted device, a line, a journal and a clock around a job's engine.
+
+use layerd::config::Recipe;
+use layerd::device::{Act, Outcome};
+use layerd::job::{Action, Command, Engine, Event, History, JobPlan, JobState, Record, ResumeChoice, StartPoint};
+use layerd::link::message::{DeviceState, ExposureId, Refusal, Urgent};
+
+pub(crate) const KEY: u64 = 7;
+pub(crate) const LAYERS: u32 = 5;
+pub(crate) const CLEAR_UM: i32 = 20_000;
+pub(crate) const MAX_POSITION_UM: i32 = 150_000;
+
+pub(crate) fn plan() -> JobPlan {
+    let recipe = Recipe {
+        name: "test".into(),
+        layer_height_um: 50.0,
+        exposure_ms: 2000,
+        bottom_exposure_ms: 20_000,
+        bottom_layers: 1,
+        transition_layers: 1,
+        lift_height_um: 5000,
+        lift_speed_um_s: 1000,
+        retract_speed_um_s: 3000,
+        light_off_delay_ms: 500,
+        wait_before_exposure_ms: 500,
+        wait_after_exposure_ms: 200,
+        wait_after_lift_ms: 300,
+        light_pwm: 255,
+        antialias: false,
+    };
+    JobPlan { key: KEY, layer_count: LAYERS, recipe, clear_height_um: f64::from(CLEAR_UM) }
+}
+
+pub(crate) fn accepted() -> Record {
+    Record::Accepted { key: KEY, layer_count: LAYERS, name: "cube".into() }
+}
+
+/// What happens to the world at a given step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Disturbance {
+    /// The line is down for this long.
+    LineLost {
+        for_us: u64,
+    },
+    /// The host dies; the daemon starts again and resumes.
+    Crash,
+    Order(Command),
+    Shutdown,
+}
+
+/// Engine, device, journal and line, with a clock of their own.
+pub(crate) struct World {
+    pub(crate) engine: Engine,
+    pub(crate) now_us: u64,
+    pub(crate) journal: Vec<Record>,
+    /// A record being flushed, and until when.
+    pub(crate) flushing: Option<(u64, Record)>,
+    pub(crate) device: DeviceState,
+    /// End of the device's act, and what it comes to.
+    pub(crate) device_act: Option<(u64, Act)>,
+    /// The act whose outcome the host will hear of.
+    pub(crate) awaited: Option<u64>,
+    pub(crate) upload: Option<(u64, u32, u8)>,
+    pub(crate) upload_us: u64,
+    pub(crate) line_up: bool,
+    /// Sent without a line; the next session begins with it.
+    pub(crate) urgent_waits: Option<Urgent>,
+    pub(crate) reconnect_at_us: Option<u64>,
+    /// Layers that had their whole light, in order.
+    pub(crate) exposed: Vec<u32>,
+    pub(crate) acts: Vec<Act>,
+    pub(crate) steps: usize,
+    pub(crate) disturb_at: Vec<(usize, Disturbance)>,
+    pub(crate) aborted: bool,
+    pub(crate) journal_full: bool,
+    pub(crate) finished: Option<(JobState, String)>,
+}
+
+impl World {
+    pub(crate) fn new() -> Self {
+        let device = DeviceState { boot_id: 1, slots: vec![None, None], ..DeviceState::default() };
+        Self {
+            engine: Engine::new(plan(), StartPoint::default()),
+            now_us: 0,
+            journal: vec![accepted()],
+            flushing: None,
+            device,
+            device_act: None,
+            awaited: None,
+            upload: None,
+            upload_us: 300_000,
+            line_up: false,
+            urgent_waits: None,
+            reconnect_at_us: Some(0),
+            exposed: Vec::new(),
+            acts: Vec::new(),
+            steps: 0,
+            disturb_at: Vec::new(),
+            aborted: false,
+            journal_full: false,
+            finished: None,
+        }
+    }
+
+    pub(crate) fn disturbed(at: Vec<(usize, Disturbance)>) -> Self {
+        Self { disturb_at: at, ..Self::new() }
+    }
+
+    /// Runs until the engine is done; false if it rests in a pause.
+    pub(crate) fn run(&mut self) -> bool {
+        self.tell(Event::Ready);
+        while self.finished.is_none() {
+            if !self.next_event() {
+                assert_eq!(self.engine.state(), JobState::Paused, "only a pause may wait for ever");
+                return false;
+            }
+            assert!(self.steps < 3000, "the job does not end: {:?}", self.engine.progress());
+        }
+        true
+    }
+
+    pub(crate) fn tell(&mut self, event: Event) {
+        self.engine.handle(event, self.now_us);
+        self.carry_out();
+    }
+
+    pub(crate) fn carry_out(&mut self) {
+        while let Some(action) = self.engine.next_action() {
+            self.steps += 1;
+            match self.disturbance() {
+                // Before the action takes effect, or after it.
+                Some(disturbance) if self.steps.is_multiple_of(2) => {
+                    self.disturb(disturbance);
+                    if matches!(disturbance, Disturbance::Crash) {
+                        return;
+                    }
+                    self.perform(action);
+                }
+                Some(disturbance) => {
+                    self.perform(action);
+                    self.disturb(disturbance);
+                }
+                None => self.perform(action),
+            }
+        }
+    }
+
+    pub(crate) fn disturbance(&mut self) -> Option<Disturbance> {
+        let place = self.disturb_at.iter().position(|(step, _)| *step <= self.steps)?;
+        Some(self.disturb_at.remove(place).1)
+    }
+
+    pub(crate) fn disturb(&mut self, disturbance: Disturbance) {
+        match disturbance {
+            Disturbance::LineLost { for_us } => {
+                self.drop_line(for_us);
+                self.engine.handle(Event::LineLost("cable".into()), self.now_us);
+            }
+            Disturbance::Crash => self.crash(),
+            Disturbance::Order(command) => {
+                self.engine.handle(Event::Command(command), self.now_us);
+                if command == Command::Abort {
+                    self.aborted = true;
+                    let action = self.engine.next_action();
+                    assert_eq!(action, Some(Action::Urgent(Urgent::Abort)), "light off before anything else");
+                    self.perform(Action::Urgent(Urgent::Abort));
+                }
+            }
+            Disturbance::Shutdown => self.engine.handle(Event::Shutdown, self.now_us),
+        }
+    }
+
+    pub(crate) fn drop_line(&mut self, for_us: u64) {
+        self.line_up = false;
+        self.awaited = None;
+        self.upload = None;
+        self.reconnect_at_us = Some(self.now_us + for_us);
+    }
+
+    /// A new engine from what the journal says.
+    pub(crate) fn crash(&mut self) {
+        let history = History::replay(&self.journal).expect("the journal is true at every moment");
+        let Ok(start) = history.start(ResumeChoice::None) else {
+            self.finished = Some((history.state, history.reason));
+            return;
+        };
+        self.drop_line(2_000_000);
+        self.flushing = None;
+        self.engine = Engine::new(plan(), start);
+        self.finished = None;
+        self.tell(Event::Ready);
+    }
+
+    pub(crate) fn perform(&mut self, action: Action) {
+        let may_overtake = matches!(action, Action::Urgent(_) | Action::Notice(_));
+        assert!(may_overtake || self.flushing.is_none(), "{action:?} before the journal is on disk");
+        match action {
+            Action::Journal(_) if self.journal_full => {
+                self.engine.handle(Event::JournalFailed("no space left".into()), self.now_us);
+            }
+            Action::Journal(record) => {
+                self.flushing = Some((self.now_us + 5000, record));
+            }
+            Action::Act { number, act } => self.begin_act(number, act),
+            Action::QueryState => {
+                if self.line_up {
+                    self.engine.handle(Event::State(self.device.clone()), self.now_us);
+                }
+            }
+            Action::Upload { layer, slot } => {
+                if self.line_up {
+                    assert!(self.upload.is_none(), "one upload at a time");
+                    assert!(layer < LAYERS);
+                    self.device.slots[usize::from(slot)] = None;
+                    self.upload = Some((self.now_us + self.upload_us, layer, slot));
+                }
+            }
+            Action::Urgent(urgent) => self.urgent(urgent),
+            Action::Finished { state, reason } => self.finished = Some((state, reason)),
+            Action::NeedLayers { .. } | Action::Notice(_) => {}
+        }
+    }
+
+    pub(crate) fn begin_act(&mut self, number: u64, act: Act) {
+        self.acts.push(act);
+        if !self.line_up {
+            return;
+        }
+        assert!(self.awaited.is_none() && self.device_act.is_none(), "two acts at once: {act:?}");
+        let position_um = self.device.position_um.unwrap_or(0);
+        let duration_us = match act {
+            Act::Home => {
+                assert!(self.exposed.is_empty(), "homing with a part on the plate");
+                3_000_000
+            }
+            Act::Move { position_um: to_um, speed_um_s } => {
+                assert!((0..=MAX_POSITION_UM).contains(&to_um));
+                u64::from(to_um.abs_diff(position_um)) * 1_000_000 / u64::from(speed_um_s)
+            }
+            Act::Expose { layer, duration_ms, .. } => {
+                assert!(!self.aborted, "light after an abort");
+                let commanded = self.journal.iter().rev().find(|r| !matches!(r, Record::Paused | Record::Resumed));
+                assert!(matches!(commanded, Some(Record::Commanded { layer: l, .. }) if *l == layer), "{commanded:?}");
+                assert_eq!(self.device.position_um, Some(50 * (layer as i32 + 1)), "layer {layer} at a wrong height");
+                assert_eq!(duration_ms, [20_000, 11_000, 2000, 2000, 2000][layer as usize]);
+                self.awaited = Some(number);
+                let id = ExposureId { job: KEY, layer };
+                if self.device.last_exposed.is_some_and(|last| last.job == KEY && last.layer >= layer) {
+                    return self.answer(number, Outcome::Refused(Refusal::AlreadyExposed));
+                }
+                assert!(self.device.slots.contains(&Some(id)), "layer {layer} is not on the device");
+                self.device.exposing = Some(id);
+                self.device.light_on = true;
+                u64::from(duration_ms) * 1000
+            }
+        };
+        self.device.moving = !matches!(act, Act::Expose { .. });
+        self.awaited = Some(number);
+        self.device_act = Some((self.now_us + duration_us, act));
+    }
+
+    pub(crate) fn answer(&mut self, number: u64, outcome: Outcome) {
+        self.awaited = None;
+        self.engine.handle(Event::ActDone { number, outcome }, self.now_us);
+    }
+
+    pub(crate) fn urgent(&mut self, urgent: Urgent) {
+        if !self.line_up {
+            self.urgent_waits = Some(urgent);
+            return;
+        }
+        if let Some(id) = self.device.exposing.take() {
+            self.device.cut_short = Some((id, 1));
+            self.device.light_on = false;
+            self.device_act = None;
+            if let (Urgent::LightOff, Some(number)) = (urgent, self.awaited) {
+                self.answer(number, Outcome::Refused(Refusal::CutShort));
+            }
+        }
+        self.engine.handle(Event::UrgentDone, self.now_us);
+        if urgent == Urgent::Abort {
+            self.device.moving = false;
+            self.device_act = None;
+            self.device.slots = vec![None, None];
+            self.drop_line(500_000);
+            self.engine.handle(Event::LineLost("aborted".into()), self.now_us);
+        }
+    }
+
+    /// Lets time pass to the next thing that happens; false if nothing ever will.
+    pub(crate) fn next_event(&mut self) -> bool {
+        self.steps += 1;
+        if let Some(disturbance) = self.disturbance() {
+            self.disturb(disturbance);
+            self.carry_out();
+            return true;
+        }
+        let act_us = self.device_act.map(|(at_us, _)| at_us);
+        let upload_us = self.upload.map(|(at_us, ..)| at_us);
+        let flushed_us = self.flushing.as_ref().map(|(at_us, _)| *at_us);
+        let times = [flushed_us, act_us, upload_us, self.reconnect_at_us, self.engine.next_timeout_us()];
+        let Some(at_us) = times.iter().flatten().min().copied() else {
+            return false;
+        };
+        self.now_us = self.now_us.max(at_us);
+        if flushed_us == Some(at_us) {
+            self.journal.extend(self.flushing.take().map(|(_, record)| record));
+            self.tell(Event::Journalled);
+        } else if act_us == Some(at_us) {
+            self.end_act();
+        } else if upload_us == Some(at_us) {
+            if let Some((_, layer, slot)) = self.upload.take() {
+                self.device.slots[usize::from(slot)] = Some(ExposureId { job: KEY, layer });
+                self.tell(Event::Uploaded { layer });
+            }
+        } else if self.reconnect_at_us == Some(at_us) {
+            self.reconnect_at_us = None;
+            self.line_up = true;
+            self.tell(Event::Connected { state: self.device.clone(), max_position_um: MAX_POSITION_UM });
+            if let Some(urgent) = self.urgent_waits.take() {
+                self.urgent(urgent);
+                self.carry_out();
+            }
+        } else {
+            self.tell(Event::Timeout);
+        }
+        true
+    }
+
+    pub(crate) fn end_act(&mut self) {
+        let Some((_, act)) = self.device_act.take() else { return };
+        self.device.moving = false;
+        let outcome = match act {
+            Act::Home => {
+                self.device.position_um = Some(0);
+                Outcome::Arrived { position_um: 0 }
+            }
+            Act::Move { position_um, .. } => {
+                self.device.position_um = Some(position_um);
+                Outcome::Arrived { position_um }
+            }
+            Act::Expose { layer, duration_ms, .. } => {
+                self.exposed.push(layer);
+                self.device.light_on = false;
+                self.device.last_exposed = self.device.exposing.take();
+                for slot in &mut self.device.slots {
+                    *slot = slot.filter(|id| id.layer != layer);
+                }
+                Outcome::Exposed { layer, duration_ms }
+            }
+        };
+        if let Some(number) = self.awaited.take() {
+            self.tell(Event::ActDone { number, outcome });
+        }
+    }
+
+    pub(crate) fn all_exposed_once(&self) -> bool {
+        self.exposed == (0..LAYERS).collect::<Vec<_>>()
+    }
+
+    pub(crate) fn end(&self) -> (JobState, &str) {
+        self.finished.as_ref().map(|(state, reason)| (*state, reason.as_str())).expect("the job ended")
+    }
+}
+
+/// Runs a print up to its layer `layer` being exposed.
+pub(crate) fn world_exposing(layer: u32) -> World {
+    let mut world = World::new();
+    world.tell(Event::Ready);
+    while world.device.exposing != Some(ExposureId { job: KEY, layer }) {
+        assert!(world.next_event());
+    }
+    world
+}
