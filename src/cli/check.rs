@@ -45,7 +45,8 @@ const SAMPLES: u32 = 12;
 /// A coprime of [`SAMPLES`]: samples are taken in steps of it, so that those of any beginning are spread over the height.
 const SAMPLE_STEP: u32 = 5;
 
-/// No further sample is begun after this long, nor a further dark layer looked for: to begin a sweep of a hundred million struts reads a million of them.
+/// No further sample is begun after this long, nor a further dark layer looked for: to begin a sweep of a hundred million struts
+/// reads a million of them.
 const SAMPLING_TIME: Duration = Duration::from_secs(2);
 
 /// Bits on the line a byte: 8N1.

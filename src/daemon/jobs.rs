@@ -210,12 +210,16 @@ impl Job {
         view.recipe = recipe;
         view.layers_total = layer_count;
         view.submitted_ms = unix_ms();
+        Self::new(directory, key, view, false)
+    }
+
+    fn new(directory: JobDirectory, key: u64, view: JobView, awaits_plate: bool) -> Self {
         Self {
             directory,
             key,
             view,
             take_up: TakeUp::Print(ResumeChoice::None),
-            awaits_plate: false,
+            awaits_plate,
             ordered: false,
             abort_ordered: false,
         }
@@ -240,15 +244,7 @@ impl Job {
             view.recipe = recipe.name;
         }
         let awaits_plate = awaits_plate && view.state == JobState::Queued;
-        Self {
-            directory,
-            key,
-            view,
-            take_up: TakeUp::Print(ResumeChoice::None),
-            awaits_plate,
-            ordered: false,
-            abort_ordered: false,
-        }
+        Self::new(directory, key, view, awaits_plate)
     }
 
     /// Whether it ever had the machine, so that plate and light may be its own.

@@ -138,18 +138,15 @@ impl Printer {
             job.take_up = TakeUp::End(command);
             job.view.state = job.take_up.state_before(state);
         }
-        let (has_begun, is_ordered) = (job.has_begun(), job.ordered);
-        if command == EngineCommand::Abort {
-            job.abort_ordered = is_ordered;
-            if has_begun && holder.is_none_or(|holder| holder == id) {
-                // Its light first, before any disk is asked.
-                self.send_urgent(Urgent::Abort);
-            }
-            if is_ordered {
-                return Ok(Step::Done(id));
-            }
+        let is_abort = command == EngineCommand::Abort;
+        let comes_next = is_abort && job.ordered;
+        job.abort_ordered |= comes_next;
+        let has_begun = job.has_begun();
+        if is_abort && has_begun && holder.is_none_or(|holder| holder == id) {
+            // Its light first, before any disk is asked.
+            self.send_urgent(Urgent::Abort);
         }
-        if is_opening {
+        if is_opening || comes_next {
             return Ok(Step::Done(id));
         }
         if self.shutting_down {

@@ -29,7 +29,7 @@ pub enum JobState {
     Aborted,
     /// Ended by an error that resuming cannot mend.
     Failed,
-    /// Ended by a crash, lost power, a lost line or a shutdown; can be resumed.
+    /// Ended by a crash, lost power, a lost line, a shutdown or what may be mended; can be resumed.
     Interrupted,
 }
 

@@ -136,7 +136,7 @@ impl Engine {
         self.end();
     }
 
-    /// What a job ends as that could not begin: a new one failed, one with layers on its plate can be resumed.
+    /// What a job ends as that cannot go on: one without light failed, one with a part on its plate can be resumed.
     pub(super) fn failed_or_interrupted(&self) -> JobState {
         if self.touched { JobState::Interrupted } else { JobState::Failed }
     }
