@@ -83,7 +83,7 @@ impl Printer {
             // Asked for before the fault was heard of.
             DriverEvent::ActDone(Outcome::Refused(_)) if self.fault.is_some() => {}
             DriverEvent::UploadRefused { refusal: Refusal::NotReady, .. } if self.fault.is_some() => {
-                self.uploading = None
+                self.uploading = None;
             }
             DriverEvent::Uploaded { layer } => {
                 let (sent, slot) = self.uploading.take().expect("an upload");
