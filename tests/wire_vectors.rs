@@ -192,10 +192,26 @@ fn every_vector_is_checked() {
 }
 
 #[test]
+fn the_document_says_what_every_vector_holds() {
+    let document = include_str!("../docs/protocol.md");
+    let (_, words) = document.split_once("## Vectors").expect("a section");
+    for name in vectors().keys() {
+        // The refusals share a row.
+        let row = if name.starts_with("reply_refused_") {
+            "| `reply_refused_1` to `reply_refused_12` |".into()
+        } else {
+            format!("| `{name}` ")
+        };
+        assert!(words.contains(&row), "docs/protocol.md has no row for the vector {name}");
+    }
+}
+
+#[test]
 fn a_largest_welcome_fits_a_host_frame() {
     let mut capabilities = capabilities();
     capabilities.name = "ä".repeat(64);
     capabilities.encodings = vec![Encoding::RawBit; 99];
+    capabilities.layer_slots = 16;
     let mut state = busy_state();
     state.slots = vec![Some(id(1)); 99];
     state.fault = Some(Fault { code: 1, text: "ö".repeat(500) });

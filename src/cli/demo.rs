@@ -195,7 +195,7 @@ async fn interrupted() {
 }
 
 fn summarise(directory: &Path, job: &JobView, status: &Status, took: Duration) -> anyhow::Result<()> {
-    let line = status.line;
+    let line = &status.line;
     super::print(&format!("layers   {} in {}", job.layers_done, duration_text(took.as_secs())))?;
     super::print(&format!("late     {} layers, {} ms in all", job.late_layers, job.late_ms_total))?;
     let sent = format!("{:.2} MB sent", line.sent_bytes as f64 / 1e6);

@@ -52,7 +52,7 @@ pub(super) fn lines(status: &Status) -> Vec<String> {
         mib(budget.limit_bytes),
         mib(budget.peak_bytes)
     ));
-    let line = status.line;
+    let line = &status.line;
     lines.push(format!(
         "traffic  {} bytes sent, {} of {} frames again, {} bad frames, {} reconnects",
         line.sent_bytes, line.retransmitted_frames, line.sent_frames, line.bad_frames, line.reconnects
@@ -63,6 +63,10 @@ pub(super) fn lines(status: &Status) -> Vec<String> {
     if let Some(busy_share) = line.busy_share {
         lines.push(format!("         busy {:.1} % of the time there was data to send", 100.0 * busy_share));
     }
+    if line.unknown_reports > 0 {
+        lines.push(format!("         {} reports of an unknown kind, ignored", line.unknown_reports));
+    }
+    lines.extend(line.hindrance.iter().map(|hindrance| format!("         {hindrance}")));
     lines
 }
 

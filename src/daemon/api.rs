@@ -126,7 +126,7 @@ pub struct BudgetView {
 }
 
 /// What the line carried since the daemon started.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct LineView {
     /// Bytes put on the line, repeats included.
     pub sent_bytes: u64,
@@ -138,12 +138,18 @@ pub struct LineView {
     pub retransmitted_frames: u64,
     /// Received frames whose checksum or form was wrong.
     pub bad_frames: u64,
+    /// Reports of a kind the daemon does not know, which it ignores.
+    #[serde(default)]
+    pub unknown_reports: u64,
     /// Sessions begun after the first.
     pub reconnects: u64,
     /// Smoothed round trip, milliseconds.
     pub round_trip_ms: Option<f64>,
     /// Share of the time with data to send in which the line was busy, 0 to 1.
     pub busy_share: Option<f64>,
+    /// What keeps data from getting through now, though the device is connected, and what to do.
+    #[serde(default)]
+    pub hindrance: Option<String>,
 }
 
 /// Answer of `GET /v1/device`.

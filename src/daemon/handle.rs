@@ -42,7 +42,7 @@ impl Snapshot {
             active: self.active().cloned(),
             queue: self.jobs.iter().filter(queued).cloned().collect(),
             budget: self.budget,
-            line: self.line,
+            line: self.line.clone(),
         }
     }
 

@@ -4,7 +4,7 @@ use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 
 use crate::config::LinkConfig;
-use crate::link::driver::{LinkEvent, LinkHandle, link};
+use crate::link::driver::{Delivery, LinkEvent, LinkHandle, link};
 use crate::link::message::{HostMessage, Urgent};
 use crate::link::session::{HostEvent, Statistics};
 
@@ -72,6 +72,11 @@ impl Line {
     /// Layer data is best sent in pieces of this size.
     pub(super) fn piece_bytes(&self) -> usize {
         self.piece_bytes
+    }
+
+    /// How far what was sent in the present session has come.
+    pub(super) fn delivery(&self) -> Delivery {
+        self.session_id.map_or_else(Delivery::default, |session_id| self.handle.delivery(session_id))
     }
 
     /// What the line carried since the start.

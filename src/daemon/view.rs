@@ -3,6 +3,7 @@
 use super::api::{BudgetView, CutShortView, DeviceInfo, DeviceStateView, DeviceView, ExposureView, JobView, LineView};
 use super::jobs::Jobs;
 use crate::device::{DriverEvent, Outcome};
+use crate::link::driver::Delivery;
 use crate::link::message::{Capabilities, DeviceKind, DeviceState, ExposureId};
 use crate::link::session::Statistics;
 use crate::stream::MemoryBudget;
@@ -13,16 +14,18 @@ pub(super) fn budget(budget: &MemoryBudget) -> BudgetView {
 }
 
 /// What the line carried.
-pub(super) fn line(statistics: &Statistics, reconnects: u64, busy_share: Option<f64>) -> LineView {
+pub(super) fn line(statistics: &Statistics, delivery: &Delivery, reconnects: u64, busy_share: Option<f64>) -> LineView {
     LineView {
         sent_bytes: statistics.bytes_sent,
         received_bytes: statistics.bytes_received,
         sent_frames: statistics.frames_sent,
         retransmitted_frames: statistics.retransmitted_frames,
         bad_frames: statistics.crc_errors + statistics.malformed_frames,
+        unknown_reports: statistics.unknown_reports,
         reconnects,
         round_trip_ms: (statistics.round_trip_us > 0).then(|| statistics.round_trip_us as f64 / 1000.0),
         busy_share,
+        hindrance: delivery.hindrance.map(|hindrance| hindrance.to_string()),
     }
 }
 

@@ -12,12 +12,10 @@ use crate::random;
 
 use super::message::{HostMessage, Urgent};
 use super::pacing::Pacing;
-use super::session::{HostEvent, HostSession, HostSettings, SendError, Statistics};
+use super::session::{Hindrance, HostEvent, HostSession, HostSettings, SendError, Statistics};
+use super::spacing::Spacing;
 use super::transport::{OpenError, SerialLine};
 
-/// Pauses between tries to open the port or to be accepted: soon at first, then seldom enough not to fill a log.
-const FIRST_PAUSE: Duration = Duration::from_millis(100);
-const LONGEST_PAUSE: Duration = Duration::from_secs(5);
 /// Events the owner has not taken. When full, the device is held back by its credit.
 const EVENT_QUEUE: usize = 64;
 /// More than an operator can press in the time in which the line answers.
@@ -51,7 +49,31 @@ pub struct LinkHandle {
 struct Shared {
     statistics: Mutex<Statistics>,
     busy_share: Mutex<Option<f64>>,
+    /// Of which session, and what it says.
+    delivery: Mutex<(u32, Delivery)>,
     renew: Notify,
+}
+
+/// How far what was given to the line has come.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Delivery {
+    /// Number of the newest request that the device has acknowledged: it has that one and all before it. 0 before the first.
+    /// A request above it has not reached the device, as far as anybody knows.
+    pub acknowledged_request: u32,
+    /// What keeps data from getting through although the device is heard; its text says what to do.
+    pub hindrance: Option<Hindrance>,
+}
+
+impl Delivery {
+    /// Why a request of this session has not reached the device, as far as anybody knows, and what to do; `None` where the
+    /// device has acknowledged it, so that the cause of a missing answer lies with the device.
+    pub fn withheld(&self, request: u32) -> Option<String> {
+        if self.acknowledged_request >= request {
+            return None;
+        }
+        let text = self.hindrance.map(|hindrance| hindrance.to_string());
+        Some(text.unwrap_or_else(|| "the request has not got through to the device: check the line".into()))
+    }
 }
 
 /// The line takes nothing now.
@@ -83,9 +105,16 @@ impl LinkHandle {
         self.urgents.try_send(urgent).map_err(|_| NoRoom)
     }
 
-    /// Ends the present session and begins another at once. There is no [`HostEvent::Lost`] for the one that ends.
+    /// Ends the present session and begins another, at once unless this is called again and again. There is no
+    /// [`HostEvent::Lost`] for the one that ends.
     pub fn renew(&self) {
         self.shared.renew.notify_one();
+    }
+
+    /// How far the messages of a session have come; nothing is known of one that does not stand.
+    pub fn delivery(&self, session_id: u32) -> Delivery {
+        let (of_session, delivery) = *self.shared.delivery.lock().unwrap_or_else(PoisonError::into_inner);
+        if of_session == session_id { delivery } else { Delivery::default() }
     }
 
     /// Counts since the task began.
@@ -112,7 +141,7 @@ pub struct LinkDriver {
     /// Taken from its queue, waiting for room in the session's.
     waiting: Option<(u32, HostMessage)>,
     pacing: Pacing,
-    pause: Duration,
+    spacing: Spacing,
 }
 
 /// Makes a line: the handle, its events, and the driver whose [`LinkDriver::run`] moves the bytes.
@@ -133,7 +162,7 @@ pub fn link(config: LinkConfig) -> (LinkHandle, mpsc::Receiver<LinkEvent>, LinkD
         events,
         shared,
         waiting: None,
-        pause: FIRST_PAUSE,
+        spacing: Spacing::new(),
     };
     (handle, event_receiver, driver)
 }
@@ -168,7 +197,7 @@ impl LinkDriver {
                         return;
                     }
                     last_reason = reason;
-                    if self.rest().await {
+                    if self.rest_after_failure().await {
                         return;
                     }
                     continue;
@@ -180,7 +209,8 @@ impl LinkDriver {
             match self.run_line(line).await {
                 Left::Owner | Left::Session | Left::Renewed => return,
                 Left::Port(error) => {
-                    if self.events.send(LinkEvent::PortFailed(error)).await.is_err() || self.rest().await {
+                    if self.events.send(LinkEvent::PortFailed(error)).await.is_err() || self.rest_after_failure().await
+                    {
                         return;
                     }
                 }
@@ -193,13 +223,16 @@ impl LinkDriver {
         loop {
             match self.run_session(&mut line).await {
                 Left::Session => {
-                    if self.rest().await {
+                    if self.rest_after_failure().await {
                         return Left::Owner;
                     }
                     self.renew();
                 }
                 Left::Renewed => {
-                    self.waiting = None;
+                    let pause_us = self.spacing.renewed(self.now_us());
+                    if self.rest(pause_us).await {
+                        return Left::Owner;
+                    }
                     self.renew();
                 }
                 left => return left,
@@ -219,12 +252,19 @@ impl LinkDriver {
         self.start + Duration::from_micros(at_us)
     }
 
-    /// Waits before the next try, each time longer; `true` when the owner has gone. Messages of the old session are void,
-    /// urgent frames are kept.
-    async fn rest(&mut self) -> bool {
+    async fn rest_after_failure(&mut self) -> bool {
+        let pause_us = self.spacing.failed(self.now_us());
+        self.rest(pause_us).await
+    }
+
+    /// Waits before the next try; `true` when the owner has gone. Messages of the old session are void, urgent frames are kept
+    /// and end the pause: only a new session can carry them.
+    async fn rest(&mut self, pause_us: u64) -> bool {
         self.waiting = None;
-        let end = Instant::now() + self.pause;
-        self.pause = (2 * self.pause).min(LONGEST_PAUSE);
+        if pause_us == 0 {
+            return false;
+        }
+        let mut end = Instant::now() + Duration::from_micros(pause_us);
         loop {
             tokio::select! {
                 () = sleep_until(end) => return self.events.is_closed(),
@@ -232,7 +272,10 @@ impl LinkDriver {
                     return true;
                 },
                 urgent = self.urgents.recv() => match urgent {
-                    Some(urgent) => { self.session.send_urgent(urgent, self.now_us()); }
+                    Some(urgent) => {
+                        self.session.send_urgent(urgent, self.now_us());
+                        end = Instant::now();
+                    }
                     None => return true,
                 },
             }
@@ -251,7 +294,7 @@ impl LinkDriver {
                 event = self.queue_waiting().or_else(|| self.session.event().map(LinkEvent::Session));
             }
             if matches!(event, Some(LinkEvent::Session(HostEvent::Connected { .. }))) {
-                self.pause = FIRST_PAUSE;
+                self.spacing.connected(now_us);
             }
             if event.is_none() && self.session.next_timeout_us().is_none() {
                 return Left::Session;
@@ -307,6 +350,9 @@ impl LinkDriver {
         self.pacing.count(writing || self.waiting.is_some() || self.session.has_unsent(), now_us);
         *self.shared.statistics.lock().unwrap_or_else(PoisonError::into_inner) = self.session.statistics();
         *self.shared.busy_share.lock().unwrap_or_else(PoisonError::into_inner) = self.pacing.busy_share();
+        let delivery =
+            Delivery { acknowledged_request: self.session.acknowledged_request(), hindrance: self.session.hindrance() };
+        *self.shared.delivery.lock().unwrap_or_else(PoisonError::into_inner) = (self.session.session_id(), delivery);
     }
 
     /// Gives the session the message that waits; one for another session is void.

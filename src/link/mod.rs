@@ -12,6 +12,7 @@
 pub mod driver;
 mod pacing;
 pub mod session;
+mod spacing;
 pub mod transport;
 pub mod wire;
 

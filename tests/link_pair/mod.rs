@@ -1,4 +1,5 @@
 //! A host and a device session joined by a line with a rate, a virtual clock and seeded faults.
+#![allow(dead_code, reason = "each test file uses its part")]
 
 use std::collections::VecDeque;
 

@@ -73,10 +73,7 @@ impl Uploads {
         if self.refusals < MOST_REFUSALS {
             return Ok(());
         }
-        Err(format!(
-            "the device refused layer {layer} {MOST_REFUSALS} times ({refusal:?}): check that the machine file's width_px \
-             and height_px are the device's"
-        ))
+        Err(format!("the device refused layer {layer} {MOST_REFUSALS} times: {}", remedy(refusal)))
     }
 
     /// The next upload, now that the layers from `next_layer` on are to be exposed; `None` while one is under way, all slots
@@ -95,5 +92,30 @@ impl Uploads {
         let new_sweep = self.sweep_at != Some(layer);
         self.sweep_at = Some(layer + 1);
         Some(Wanted { layer, slot, new_sweep })
+    }
+}
+
+/// Why a device takes no layer, and what to do about it.
+fn remedy(refusal: Refusal) -> &'static str {
+    match refusal {
+        Refusal::NotReady => "it is not ready; look at the device, then resume",
+        Refusal::NoSuchLayer => "it has not the slots that it stated; check its firmware",
+        Refusal::SlotBusy => {
+            "it says that the slot is being exposed, which this job did not ask for; check its firmware"
+        }
+        Refusal::BadLayer => {
+            "it cannot decode the layer; check that the machine file's width_px and height_px are the device's"
+        }
+        Refusal::BadEncoding => {
+            "it does not read the encoding, although it stated that it does; check its firmware, or change `antialias` in the \
+             recipe"
+        }
+        Refusal::Unknown => "it does not know the request; check that it is a DLP machine of this protocol version",
+        Refusal::AlreadyExposed
+        | Refusal::BadDuration
+        | Refusal::BadMove
+        | Refusal::NotHomed
+        | Refusal::Busy
+        | Refusal::CutShort => "its answer is none to a layer; check its firmware",
     }
 }

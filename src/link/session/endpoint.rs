@@ -4,9 +4,10 @@ use std::collections::VecDeque;
 
 use crate::link::wire::{Ack, Decoded, FrameKind, encode_frame, payload_limit};
 
+use super::hindrance::{Hindrance, Watch};
 use super::incoming::{Arrival, Incoming};
 use super::line::Line;
-use super::outgoing::Outgoing;
+use super::outgoing::{FalseAck, Outgoing};
 use super::timer::RetransmitTimer;
 use super::{DEAD_MAN_US, SendError, line_bytes, line_time_us};
 
@@ -17,6 +18,17 @@ const WINDOW_TIME_US: u64 = 250_000;
 /// Room beyond the data bound that only messages other than layer data may take, so that a request is not refused because
 /// layer data fills the queue. Several of the largest request.
 const RESERVE_BYTES: usize = 1024;
+
+/// What a message is to the queue.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Load {
+    /// Layer data: leaves the reserve to everything else.
+    Bulk,
+    /// The request of that number.
+    Request(u32),
+    /// Whatever a device says.
+    Other,
+}
 
 /// What both ends agreed on.
 #[derive(Clone, Copy, Debug)]
@@ -40,6 +52,7 @@ pub(super) struct Endpoint {
     frame_bytes: usize,
     queue_limit_bytes: usize,
     outgoing: Outgoing,
+    watch: Watch,
     incoming: Incoming,
     /// Payloads received, and the bytes their frames took; bounded by the window.
     received: VecDeque<(Vec<u8>, usize)>,
@@ -58,6 +71,7 @@ impl Endpoint {
             // One window on its way and one ready behind it.
             queue_limit_bytes: 2 * window,
             outgoing: Outgoing::new(terms.first_sequence, window),
+            watch: Watch::new(terms.baud),
             incoming: Incoming::new(terms.first_sequence, terms.own_window_bytes, now_us),
             received: VecDeque::new(),
             timer: RetransmitTimer::new(line_time_us(window, terms.baud)),
@@ -86,17 +100,18 @@ impl Endpoint {
     }
 
     /// Queues one message.
-    pub(super) fn send(&mut self, payload: &[u8], bulk: bool) -> Result<(), SendError> {
+    pub(super) fn send(&mut self, payload: &[u8], load: Load) -> Result<(), SendError> {
         let limit = self.payload_limit();
         if payload.len() > limit {
             return Err(SendError::TooLarge { bytes: payload.len(), limit });
         }
         let frame = encode_frame(FrameKind::Data, self.session_id, self.outgoing.next_sequence(), payload);
-        let reserve = if bulk { 0 } else { RESERVE_BYTES };
+        let reserve = if load == Load::Bulk { 0 } else { RESERVE_BYTES };
         if self.outgoing.queued_bytes() + frame.len() > self.queue_limit_bytes + reserve {
             return Err(SendError::Full);
         }
-        self.outgoing.push(frame);
+        let request = if let Load::Request(number) = load { Some(number) } else { None };
+        self.outgoing.push(frame, request);
         Ok(())
     }
 
@@ -115,9 +130,25 @@ impl Endpoint {
         }
     }
 
+    /// Number of the newest request the peer has acknowledged; 0 before the first.
+    pub(super) fn acknowledged_request(&self) -> u32 {
+        self.outgoing.acknowledged_request()
+    }
+
+    /// What keeps data from getting through.
+    pub(super) fn hindrance(&self, now_us: u64) -> Option<Hindrance> {
+        self.watch.hindrance(self.outgoing.missing_credit(), now_us)
+    }
+
     /// An acknowledgement came.
-    pub(super) fn receive_ack(&mut self, ack: &Ack, line: &mut Line, now_us: u64) {
-        let progress = self.outgoing.acknowledge(ack, now_us);
+    ///
+    /// # Errors
+    /// [`FalseAck`]; it changes nothing else.
+    pub(super) fn receive_ack(&mut self, ack: &Ack, line: &mut Line, now_us: u64) -> Result<(), FalseAck> {
+        let progress = self.outgoing.acknowledge(ack, now_us)?;
+        if progress.frames > 0 {
+            self.watch.acknowledged(progress.bytes, now_us);
+        }
         if let Some(round_trip_us) = progress.round_trip_us {
             self.timer.sample(round_trip_us);
         } else if progress.frames > 0 {
@@ -132,6 +163,7 @@ impl Endpoint {
             self.retransmit_at_us = Some(now_us + self.timer.timeout_us());
         }
         self.note_flight(line);
+        Ok(())
     }
 
     /// The next payload received in order; its room is free again.
@@ -163,6 +195,7 @@ impl Endpoint {
 
     /// Handles timers; `true` when the peer has been silent too long.
     pub(super) fn handle_timeout(&mut self, line: &mut Line, now_us: u64) -> bool {
+        self.watch.look(self.outgoing.queued_bytes() > 0, now_us);
         if self.retransmit_at_us.is_some_and(|at| now_us >= at) {
             self.outgoing.give_up_flight();
             self.timer.back_off();

@@ -2,14 +2,16 @@
 
 use std::collections::VecDeque;
 
-use crate::link::message::{Capabilities, DeviceMessage, DeviceState, HostMessage, Urgent};
+use crate::link::message::{Capabilities, DeviceMessage, DeviceState, HostMessage, Reply, Urgent};
 use crate::link::wire::{
-    Ack, Decoded, Frame, FrameKind, Hello, HelloRefused, MIN_FRAME_BYTES, PROTOCOL_VERSION, UrgentDone, Welcome,
-    WireError, decode_device_message, encode_host_message, encode_urgent,
+    Ack, Decoded, Frame, FrameKind, Hello, HelloRefused, MIN_FRAME_BYTES, PROTOCOL_VERSION, SLOT_LIMIT, UrgentDone,
+    Welcome, WireError, decode_device_message, encode_host_message, encode_urgent,
 };
 
-use super::endpoint::{Endpoint, Terms};
+use super::endpoint::{Endpoint, Load, Terms};
+use super::hindrance::Hindrance;
 use super::line::Line;
+use super::outgoing::FalseAck;
 use super::{DEAD_MAN_US, HELLO_REPEAT_US, SendError, Statistics, URGENT_LIMIT, URGENT_REPEAT_US, line_bytes};
 
 /// Largest frame the host takes; the largest the protocol needs is 640 bytes.
@@ -37,7 +39,7 @@ pub enum HostEvent {
         session_id: u32,
         /// What it is.
         capabilities: Capabilities,
-        /// What it was doing when it answered.
+        /// What it was doing when it answered. As in every state from here, `slots` has an entry for each slot.
         state: DeviceState,
         /// The longest piece of layer data that fits a frame.
         largest_layer_data_bytes: usize,
@@ -75,6 +77,17 @@ pub enum LostReason {
     /// A message came whole but makes no sense.
     #[error("the device sent a message that makes no sense: {0}")]
     BadMessage(WireError),
+    /// An acknowledgement of data that was never sent.
+    #[error(
+        "the device acknowledged data frames up to {acknowledged}, but only those below {sent} were sent: its firmware does \
+         not follow the protocol"
+    )]
+    FalseAck {
+        /// The number that the device expects next, by its own word.
+        acknowledged: u32,
+        /// The first number that was not sent.
+        sent: u32,
+    },
 }
 
 /// Without the count, which is another each time: one cause is told once.
@@ -86,11 +99,15 @@ fn no_answer(garbage_frames: u64) -> &'static str {
     }
 }
 
+fn versions(lowest: u16, highest: u16) -> String {
+    if lowest == highest { format!("version {lowest}") } else { format!("versions {lowest} to {highest}") }
+}
+
 /// Why host and device do not fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum HelloRefusal {
     /// No common version.
-    #[error("the device speaks versions {lowest} to {highest} of the protocol, this host speaks {PROTOCOL_VERSION}")]
+    #[error("the device speaks {} of the protocol, this host speaks {PROTOCOL_VERSION}", versions(*.lowest, *.highest))]
     Version {
         /// Lowest version the device speaks.
         lowest: u16,
@@ -122,6 +139,8 @@ pub struct HostSession {
     settings: HostSettings,
     line: Line,
     phase: Phase,
+    /// Of the open session's device.
+    layer_slots: u8,
     events: VecDeque<HostEvent>,
     /// Not yet answered, oldest first; at most [`URGENT_LIMIT`].
     urgents: VecDeque<PendingUrgent>,
@@ -166,6 +185,7 @@ impl HostSession {
             settings,
             line: Line::new(LARGEST_FRAME_BYTES.into(), settings.escaped, statistics),
             phase: Phase::Greeting { hello_at_us: now_us, give_up_at_us: now_us + DEAD_MAN_US, garbage_before },
+            layer_slots: 0,
             events: VecDeque::new(),
             urgents: VecDeque::new(),
             last_urgent: 0,
@@ -211,6 +231,9 @@ impl HostSession {
         match (&mut self.phase, kind) {
             (Phase::Greeting { .. }, FrameKind::Welcome) => match Welcome::decode(payload) {
                 Ok(welcome) => self.open(welcome),
+                Err(WireError::OtherVersion { version }) => {
+                    self.refuse(HelloRefusal::Version { lowest: version, highest: version });
+                }
                 Err(error) => self.refuse(HelloRefusal::BadWelcome(error)),
             },
             (Phase::Greeting { .. }, FrameKind::HelloRefused) => match HelloRefused::decode(payload) {
@@ -228,7 +251,11 @@ impl HostSession {
             (Phase::Open(endpoint), FrameKind::Ack) => {
                 endpoint.heard(now_us);
                 match Ack::decode(sequence, payload) {
-                    Ok(ack) => endpoint.receive_ack(&ack, &mut self.line, now_us),
+                    Ok(ack) => {
+                        if let Err(FalseAck { next_sequence }) = endpoint.receive_ack(&ack, &mut self.line, now_us) {
+                            self.lose(LostReason::FalseAck { acknowledged: sequence, sent: next_sequence });
+                        }
+                    }
                     Err(_) => self.line.statistics.malformed_frames += 1,
                 }
             }
@@ -245,10 +272,7 @@ impl HostSession {
     }
 
     fn open(&mut self, welcome: Welcome) {
-        let Welcome { version, capabilities, state } = welcome;
-        if version != PROTOCOL_VERSION {
-            return self.refuse(HelloRefusal::Version { lowest: version, highest: version });
-        }
+        let Welcome { capabilities, mut state, .. } = welcome;
         let (window_bytes, largest_frame_bytes) = (capabilities.window_bytes, capabilities.largest_frame_bytes);
         if largest_frame_bytes < MIN_FRAME_BYTES || window_bytes < u32::from(MIN_FRAME_BYTES) {
             return self.refuse(HelloRefusal::BadLimits { window_bytes, largest_frame_bytes });
@@ -263,6 +287,8 @@ impl HostSession {
             first_sequence: self.first_sequence,
         };
         self.phase = Phase::Open(Box::new(Endpoint::new(&terms, self.now_us)));
+        self.layer_slots = capabilities.layer_slots.min(SLOT_LIMIT);
+        name_every_slot(&mut state, self.layer_slots);
         let (session_id, largest_layer_data_bytes) = (self.session_id, self.largest_layer_data_bytes());
         self.events.push_back(HostEvent::Connected { session_id, capabilities, state, largest_layer_data_bytes });
     }
@@ -357,9 +383,21 @@ impl HostSession {
         loop {
             let Phase::Open(endpoint) = &mut self.phase else { return None };
             match decode_device_message(&endpoint.take_received(self.now_us)?) {
+                Ok(DeviceMessage::Reply { reply: Reply::State(state), .. })
+                    if state.slots.len() > self.layer_slots.into() =>
+                {
+                    self.phase = Phase::Ended;
+                    let error = WireError::BadValue { field: "slots", value: state.slots.len() as u32 };
+                    return Some(HostEvent::Lost(LostReason::BadMessage(error)));
+                }
+                Ok(DeviceMessage::Reply { number, reply: Reply::State(mut state) }) => {
+                    name_every_slot(&mut state, self.layer_slots);
+                    let reply = Reply::State(state);
+                    return Some(HostEvent::Message(DeviceMessage::Reply { number, reply }));
+                }
                 Ok(message) => return Some(HostEvent::Message(message)),
                 // Of a newer device: nobody waits for it.
-                Err(WireError::UnknownReport { .. }) => self.line.statistics.malformed_frames += 1,
+                Err(WireError::UnknownReport { .. }) => self.line.statistics.unknown_reports += 1,
                 Err(error) => {
                     self.phase = Phase::Ended;
                     return Some(HostEvent::Lost(LostReason::BadMessage(error)));
@@ -374,7 +412,24 @@ impl HostSession {
     /// [`SendError`]; the message is not queued then.
     pub fn send(&mut self, message: &HostMessage) -> Result<(), SendError> {
         let Phase::Open(endpoint) = &mut self.phase else { return Err(SendError::NotConnected) };
-        endpoint.send(&encode_host_message(message), matches!(message, HostMessage::LayerData(_)))
+        let load = match message {
+            HostMessage::LayerData(_) => Load::Bulk,
+            HostMessage::Request { number, .. } => Load::Request(*number),
+        };
+        endpoint.send(&encode_host_message(message), load)
+    }
+
+    /// Number of the newest request of this session that the device has acknowledged: it has that one and all before it. 0
+    /// before the first.
+    pub fn acknowledged_request(&self) -> u32 {
+        let Phase::Open(endpoint) = &self.phase else { return 0 };
+        endpoint.acknowledged_request()
+    }
+
+    /// What keeps data from getting through although the device is heard; `None` where nothing waits, or not for long.
+    pub fn hindrance(&self) -> Option<Hindrance> {
+        let Phase::Open(endpoint) = &self.phase else { return None };
+        endpoint.hindrance(self.now_us)
     }
 
     /// How many bytes of layer data may be queued now, in pieces of [`Self::largest_layer_data_bytes`].
@@ -421,4 +476,9 @@ impl HostSession {
     pub fn statistics(&self) -> Statistics {
         self.line.statistics
     }
+}
+
+/// A device may leave out the empty slots behind the last one that holds a layer.
+fn name_every_slot(state: &mut DeviceState, layer_slots: u8) {
+    state.slots.resize(layer_slots.into(), None);
 }

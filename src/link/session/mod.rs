@@ -7,6 +7,7 @@
 
 mod device;
 mod endpoint;
+mod hindrance;
 mod host;
 mod incoming;
 mod line;
@@ -16,6 +17,7 @@ mod tests;
 mod timer;
 
 pub use device::{DeviceEvent, DeviceSession, DeviceSettings};
+pub use hindrance::Hindrance;
 pub use host::{HelloRefusal, HostEvent, HostSession, HostSettings, LostReason};
 
 use serde::Serialize;
@@ -81,6 +83,8 @@ pub struct Statistics {
     pub crc_errors: u64,
     /// Bytes between delimiters that are no frame, and frames with a payload that makes no sense.
     pub malformed_frames: u64,
+    /// Reports of a kind this host does not know, which it ignores. They are no bad frames.
+    pub unknown_reports: u64,
     /// Frames of another session.
     pub stale_frames: u64,
     /// Data frames that had been received before.

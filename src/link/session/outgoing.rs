@@ -11,8 +11,17 @@ pub(super) struct Progress {
     pub(super) frames: usize,
     /// Round trip of the newest of them, if it was sent only once.
     pub(super) round_trip_us: Option<u64>,
+    /// Bytes of those frames.
+    pub(super) bytes: usize,
     /// The first frame not acknowledged is known to be lost; sending starts again there.
     pub(super) lost: bool,
+}
+
+/// An acknowledgement of frames that were never sent. Its sender does not follow the protocol.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct FalseAck {
+    /// The first frame that was never sent.
+    pub(super) next_sequence: u32,
 }
 
 /// Frames not yet acknowledged, in order.
@@ -32,11 +41,15 @@ pub(super) struct Outgoing {
     window_bytes: usize,
     /// What the peer last said it has room for.
     credit_bytes: usize,
+    /// Number of the newest request acknowledged; 0 before the first.
+    acknowledged_request: u32,
 }
 
 #[derive(Debug)]
 struct Queued {
     bytes: Vec<u8>,
+    /// Number of the request it carries.
+    request: Option<u32>,
     sent_us: u64,
     transmissions: u32,
 }
@@ -54,6 +67,7 @@ impl Outgoing {
             flight_bytes: 0,
             window_bytes,
             credit_bytes: window_bytes,
+            acknowledged_request: 0,
         }
     }
 
@@ -72,10 +86,22 @@ impl Outgoing {
         self.flight_bytes
     }
 
-    /// Queues the encoded frame of [`Self::next_sequence`].
-    pub(super) fn push(&mut self, bytes: Vec<u8>) {
+    /// Number of the newest request acknowledged; 0 before the first.
+    pub(super) fn acknowledged_request(&self) -> u32 {
+        self.acknowledged_request
+    }
+
+    /// The room the peer states, where the next frame does not fit into it; `None` where something else or nothing stops it.
+    pub(super) fn missing_credit(&self) -> Option<usize> {
+        let frame = self.frames.get(self.cursor)?;
+        (self.flight_bytes + frame.bytes.len() > self.credit_bytes && self.credit_bytes < self.window_bytes)
+            .then_some(self.credit_bytes)
+    }
+
+    /// Queues the encoded frame of [`Self::next_sequence`]; `request` is the number of the request in it, if any.
+    pub(super) fn push(&mut self, bytes: Vec<u8>, request: Option<u32>) {
         self.queued_bytes += bytes.len();
-        self.frames.push_back(Queued { bytes, sent_us: 0, transmissions: 0 });
+        self.frames.push_back(Queued { bytes, request, sent_us: 0, transmissions: 0 });
     }
 
     /// The next frame that credit allows, and whether it goes again.
@@ -94,15 +120,25 @@ impl Outgoing {
         Some((&frame.bytes, frame.transmissions > 1))
     }
 
-    /// Takes an acknowledgement; one that is older than another, or of frames never sent, changes nothing.
-    pub(super) fn acknowledge(&mut self, ack: &Ack, now_us: u64) -> Progress {
-        let acknowledged = ack.next_sequence.wrapping_sub(self.first_sequence) as usize;
+    /// Takes an acknowledgement; one that is older than another changes nothing.
+    ///
+    /// # Errors
+    /// [`FalseAck`].
+    pub(super) fn acknowledge(&mut self, ack: &Ack, now_us: u64) -> Result<Progress, FalseAck> {
+        let acknowledged = ack.next_sequence.wrapping_sub(self.first_sequence);
+        // Serial number arithmetic: up to 2^31 behind is old.
+        if acknowledged >= 1 << 31 {
+            return Ok(Progress::default());
+        }
+        let acknowledged = acknowledged as usize;
         if acknowledged > self.reached {
-            return Progress::default();
+            return Err(FalseAck { next_sequence: self.first_sequence.wrapping_add(self.reached as u32) });
         }
         let mut progress = Progress { frames: acknowledged, ..Progress::default() };
         for frame in self.frames.drain(..acknowledged) {
             self.queued_bytes -= frame.bytes.len();
+            progress.bytes += frame.bytes.len();
+            self.acknowledged_request = frame.request.unwrap_or(self.acknowledged_request);
             progress.round_trip_us = (frame.transmissions == 1).then(|| now_us.saturating_sub(frame.sent_us));
         }
         self.first_sequence = ack.next_sequence;
@@ -116,7 +152,7 @@ impl Outgoing {
             self.cursor = 0;
             progress.lost = true;
         }
-        progress
+        Ok(progress)
     }
 
     /// The peer read this frame: what was sent before it is read or lost. Of two sendings the earlier is meant, to be safe.

@@ -40,6 +40,12 @@ pub enum WireError {
         /// The kind's code.
         kind: u8,
     },
+    /// A welcome of another version of the protocol; what follows the version is not looked at.
+    #[error("version {version} of the protocol is not known here")]
+    OtherVersion {
+        /// The version it names.
+        version: u16,
+    },
     /// A text that is not UTF-8.
     #[error("{field} is not UTF-8")]
     BadText {

@@ -20,7 +20,7 @@ const NAME_LIMIT: u8 = 64;
 /// Longest text of a fault, bytes.
 const FAULT_TEXT_LIMIT: u8 = 120;
 /// Most layer slots a device may have; bounds a state, which must fit a frame.
-const SLOT_LIMIT: u8 = 16;
+pub const SLOT_LIMIT: u8 = 16;
 /// Most encodings a device may list.
 const ENCODING_LIMIT: u8 = 16;
 

@@ -98,19 +98,23 @@ impl Welcome {
         writer.finish()
     }
 
-    /// Reads a payload.
+    /// Reads a payload. The version comes first in every version; of another one nothing else is read.
     ///
     /// # Errors
-    /// [`WireError`] names the field that does not fit.
+    /// [`WireError::OtherVersion`], or another [`WireError`] that names the field that does not fit.
     pub fn decode(payload: &[u8]) -> Result<Self, WireError> {
         let mut reader = Reader::new(payload);
-        let welcome = Self {
-            version: reader.u16("version")?,
-            capabilities: read_capabilities(&mut reader)?,
-            state: read_state(&mut reader)?,
-        };
+        let version = reader.u16("version")?;
+        if version != super::PROTOCOL_VERSION {
+            return Err(WireError::OtherVersion { version });
+        }
+        let (capabilities, state) = (read_capabilities(&mut reader)?, read_state(&mut reader)?);
         reader.end()?;
-        Ok(welcome)
+        // One entry for each slot is the most there can be.
+        if state.slots.len() > usize::from(capabilities.layer_slots) {
+            return Err(WireError::BadValue { field: "slots", value: state.slots.len() as u32 });
+        }
+        Ok(Self { version, capabilities, state })
     }
 }
 
