@@ -142,13 +142,15 @@ fn a_full_disk_interrupts_dark_and_the_job_goes_on_once_there_is_room() {
     };
     bench.start_device();
     bench.start_daemon();
-    bench.ok(&SMALL);
+    // More layers than the journal has room for beforehand.
+    bench.ok(&["generate", "bcc", "--struts", "300", "--box", "8,8,8", "--seed", "1", "-o", "part.layerd"]);
     let id = bench.start_job("part.layerd");
     wait_until("some layers", || bench.job(id)["layers_done"].as_u64() >= Some(2));
     disk.fill();
     let job = bench.wait_for(id, &["completed", "failed", "interrupted"]);
     assert_eq!(job["state"], "interrupted", "{job}");
     assert!(reason(&job).contains("journal cannot be written") && reason(&job).contains("make room"), "{job}");
+    assert!(reason(&job).contains("layerctl remove"), "{job}");
     assert_eq!(last_light(&bench), "light_off");
     let text = refusal(&bench, &["start", "part.layerd"]);
     assert!(text.contains("0 bytes are free"), "{text}");

@@ -5,7 +5,7 @@ mod properties;
 
 use job_world::{CLEAR_UM, Disturbance, KEY, LAYERS, World, accepted, plan, world_exposing};
 use layerd::device::Act;
-use layerd::job::{Command, Engine, Event, History, JobState, Record, ResumeChoice, ResumeError};
+use layerd::job::{Command, EndOrder, Engine, Event, History, JobState, Record, ResumeChoice, ResumeError};
 use layerd::link::message::{DeviceState, ExposureId, Fault, Urgent};
 use proptest::prelude::*;
 
@@ -81,7 +81,8 @@ fn a_stop_at_any_step_ends_after_the_layer_with_the_plate_clear() {
 
 #[test]
 fn an_abort_at_any_step_puts_the_light_off_first_then_lifts() {
-    for step in 1..steps_of_a_print() - 2 {
+    // The last steps write that the plate is lifted and the job over.
+    for step in 1..steps_of_a_print() - 4 {
         let mut world = World::disturbed(vec![(step, Disturbance::Order(Command::Abort))]);
         assert!(world.run());
         assert_eq!(world.end().0, JobState::Aborted, "step {step}: {:?}", world.end());
@@ -452,4 +453,64 @@ proptest! {
             prop_assert!(!world.device.light_on || world.end().1.contains(LIGHT_UNCONFIRMED), "{:?}", world.end());
         }
     }
+}
+
+#[test]
+fn an_order_to_end_is_carried_out_after_a_crash_at_any_later_step() {
+    for (command, state) in [(Command::Stop, JobState::Stopped), (Command::Abort, JobState::Aborted)] {
+        for step in 20..steps_of_a_print() - 8 {
+            let mut world = World::disturbed(vec![(step, Disturbance::Order(command))]);
+            world.tell(Event::Ready);
+            // The order's record is on disk: only then is the operator answered.
+            while !world.journal.iter().any(|record| matches!(record, Record::Ordered(_))) && world.finished.is_none() {
+                assert!(world.next_event());
+            }
+            if world.finished.is_none() {
+                world.crash();
+            }
+            let exposed = world.exposed.len();
+            while world.finished.is_none() {
+                assert!(world.next_event());
+            }
+            assert_eq!(world.end().0, state, "step {step}: {:?}", world.end());
+            assert!(world.exposed.len() <= exposed + 1, "step {step}: it printed on");
+            assert!(!world.device.light_on, "step {step}");
+            let history = History::replay(&world.journal).expect("true");
+            assert_eq!(history.state, state, "step {step}");
+            let is_bare = !history.touched();
+            assert!(
+                is_bare || (history.lifted && world.device.position_um >= Some(CLEAR_UM)),
+                "step {step}: {history:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_job_ordered_to_end_cannot_be_resumed() {
+    let mut world = world_exposing(2);
+    world.tell(Event::Command(Command::Stop));
+    assert!(world.engine.order_unwritten(), "nobody is answered yet");
+    while world.engine.order_unwritten() {
+        assert!(world.next_event());
+    }
+    let refused = History::replay(&world.journal).expect("true").start(ResumeChoice::None);
+    assert_eq!(refused, Err(ResumeError::Ordered(EndOrder::Stop)));
+}
+
+/// The journal keeps room for its last records: they are tried although one before them was refused.
+#[test]
+fn an_abort_after_a_full_disk_is_noted_where_the_disk_takes_it() {
+    let mut world = world_exposing(1);
+    world.journal_full = true;
+    while world.engine.progress().state != JobState::Stopping {
+        assert!(world.next_event());
+    }
+    world.journal_full = false;
+    world.tell(Event::Command(Command::Abort));
+    while world.finished.is_none() {
+        assert!(world.next_event());
+    }
+    let history = History::replay(&world.journal).expect("true");
+    assert_eq!((history.state, history.ordered), (JobState::Aborted, Some(EndOrder::Abort)), "{:?}", world.journal);
 }

@@ -1,13 +1,14 @@
 //! Journal and spool on a real file system: torn tails, flipped bits, leftovers, retention.
 
 mod properties;
+mod skip;
 
 use std::fs;
 use std::path::Path;
 
 use layerd::job::{
-    Entry, History, JobState, Journal, MOST_PARTS, MOST_RECORDS, NewJob, Record, ResumeChoice, ResumeError, Spool,
-    SpoolError, read_journal,
+    EndOrder, Entry, Forgotten, History, JobState, Journal, JournalError, MOST_PARTS, MOST_RECORDS, NewJob, PlateAfter,
+    Record, ResumeChoice, ResumeError, Spool, SpoolError, Trace, read_journal,
 };
 use proptest::prelude::*;
 use tempfile::TempDir;
@@ -225,10 +226,176 @@ fn old_jobs_lose_their_part_then_their_record() {
         fs::write(job.join("part.layerd"), b"part").expect("written");
     }
     // Job 1 may still be resumed; all others are over.
-    let over: Vec<u32> = (2..=count).collect();
-    spool.tidy(&over).expect("tidied");
+    let over: Vec<_> = (2..=count).map(over).collect();
+    assert_eq!(spool.tidy(&over).expect("tidied"), [3, 2], "the oldest two");
     let left = spool.jobs().expect("listed");
     assert_eq!(left.len(), MOST_RECORDS + 1);
     assert!(left[0].id == 1 && left[0].part().exists(), "what can be resumed stays");
     assert_eq!(left.iter().filter(|job| job.part().exists()).count(), MOST_PARTS + 1);
+}
+
+fn over(id: u32) -> Forgotten {
+    Forgotten { id, key: 0xfeed_0000 + u64::from(id), plate: PlateAfter::Clear }
+}
+
+#[test]
+fn a_removed_job_frees_its_room_and_leaves_its_number_and_key() {
+    let directory = TempDir::new().expect("temp");
+    let spool = Spool::open(directory.path()).expect("opened");
+    create(&spool);
+    create(&spool);
+    fs::write(directory.path().join("jobs/00000002/part.layerd"), vec![1; 1 << 20]).expect("written");
+    let freed_bytes = spool.remove(over(2)).expect("removed");
+    assert!((1 << 20..2 << 20).contains(&freed_bytes), "{freed_bytes}");
+    assert_eq!(spool.jobs().expect("listed").iter().map(|job| job.id).collect::<Vec<_>>(), [1]);
+    assert_eq!(create(&spool), 3, "the newest number is not given again");
+    let left = Forgotten { plate: PlateAfter::Left, ..over(3) };
+    spool.remove(left).expect("removed");
+    spool.remove(Forgotten { plate: PlateAfter::Unsaid, ..over(1) }).expect("removed");
+    // A removal that a crash cut short is ended at the next opening.
+    fs::write(directory.path().join("jobs/00000002-00000000feed0002-clear/journal"), "x").expect("written");
+    drop(spool);
+    let spool = Spool::open(directory.path()).expect("opened again");
+    assert!(!directory.path().join("jobs/00000002-00000000feed0002-clear/journal").exists());
+    let unsaid = Forgotten { plate: PlateAfter::Unsaid, ..over(1) };
+    assert_eq!(spool.forgotten().expect("listed"), [unsaid, over(2), left]);
+    assert_eq!((spool.jobs().expect("listed"), create(&spool)), (Vec::new(), 4));
+    assert!(spool.remove(over(9)).is_err(), "no such job");
+}
+
+#[test]
+fn an_order_outlives_a_crash_and_an_abort_a_stop() {
+    let ordered = |orders: &[EndOrder]| {
+        let begun = [accepted(), Record::Started { layer: 0 }, Record::Commanded { layer: 0, boot_id: 5 }];
+        let records: Vec<_> = begun.into_iter().chain(orders.iter().map(|order| Record::Ordered(*order))).collect();
+        History::replay(&records).expect("true")
+    };
+    use EndOrder::{Abort, Stop};
+    assert_eq!(ordered(&[]).ordered, None);
+    assert_eq!(ordered(&[Stop]).ordered, Some(Stop));
+    assert_eq!(ordered(&[Stop, Abort]).ordered, Some(Abort));
+    let history = ordered(&[Abort, Stop]);
+    assert_eq!((history.state, history.ordered), (JobState::Interrupted, Some(Abort)));
+    assert_eq!(history.start(ResumeChoice::Repeat), Err(ResumeError::Ordered(Abort)));
+    assert!(history.start_to_end().is_ok());
+}
+
+#[test]
+fn what_the_operator_knows_of_a_device_is_kept() {
+    let traces = vec![Trace::Lit { job: 9, layer: 4 }, Trace::Held { job: 9, layer: 5 }];
+    let clear = |boot_id| Record::PlateClear { boot_id, traces: traces.clone() };
+    let history = History::replay(&[accepted(), clear(1), Record::Started { layer: 0 }, clear(2)]).expect("true");
+    assert_eq!((history.plate_clear_on, &history.traces, history.touched()), (Some(2), &traces, false));
+}
+
+#[test]
+fn a_journal_that_vanishes_is_noticed_at_the_next_record() {
+    type Loss = fn(&Path) -> std::io::Result<()>;
+    let losses: [Loss; 4] = [
+        |job| fs::remove_file(job.join("journal")),
+        |job| fs::remove_dir_all(job),
+        |job| fs::rename(job, job.with_extension("old")),
+        |job| {
+            // Another file in its place is not this journal either.
+            fs::rename(job.join("journal"), job.join("other"))?;
+            fs::copy(job.join("other"), job.join("journal")).map(drop)
+        },
+    ];
+    for (index, lose) in losses.into_iter().enumerate() {
+        let directory = TempDir::new().expect("temp");
+        let job = directory.path().join("job");
+        fs::create_dir(&job).expect("made");
+        let path = job.join("journal");
+        let mut journal = Journal::create(&path, accepted(), 0).expect("created");
+        journal.append(Record::Started { layer: 0 }, 1).expect("there");
+        lose(&job).expect("lost");
+        let error = journal.append(Record::Paused, 2).expect_err("lost");
+        assert!(matches!(error, JournalError::Vanished { .. }), "loss {index}: {error}");
+        assert!(error.to_string().contains("no longer there"), "{error}");
+        assert!(journal.append(Record::Paused, 3).is_err(), "nothing more is written");
+    }
+}
+
+/// A file system of its own, small enough to fill; `None`, saying so, where that takes more rights.
+struct SmallDisk(TempDir);
+
+impl SmallDisk {
+    fn mount() -> Option<Self> {
+        let directory = TempDir::new().expect("temp");
+        let mut mount = std::process::Command::new("mount");
+        let mounted = mount.args(["-t", "tmpfs", "-o", "size=1m", "tmpfs"]).arg(directory.path()).output();
+        if !mounted.is_ok_and(|output| output.status.success()) {
+            skip::skipped("mounting a small disk takes root");
+            return None;
+        }
+        Some(Self(directory))
+    }
+
+    fn fill(&self) {
+        let mut filler = fs::File::create(self.0.path().join("filler")).expect("filler");
+        while std::io::Write::write_all(&mut filler, &[0; 4096]).is_ok() {}
+    }
+}
+
+impl Drop for SmallDisk {
+    fn drop(&mut self) {
+        let _ = std::process::Command::new("umount").arg("-l").arg(self.0.path()).status();
+    }
+}
+
+#[test]
+fn a_full_disk_takes_no_new_layer_but_every_end() {
+    let Some(disk) = SmallDisk::mount() else { return };
+    let path = disk.0.path().join("journal");
+    let accepted = Record::Accepted { key: 7, layer_count: 10_000, name: "tower".into() };
+    let mut journal = Journal::create(&path, accepted, 0).expect("created");
+    assert!(journal.is_reserved());
+    journal.append(Record::Started { layer: 0 }, 1).expect("room");
+    disk.fill();
+    // What is set aside at once beyond the reserve is used up first.
+    let mut layer = 0;
+    let refused = loop {
+        if let Err(error) = journal.append(Record::Commanded { layer, boot_id: 1 }, 2) {
+            break error.to_string();
+        }
+        journal.append(Record::Confirmed { layer }, 3).expect("its light has fallen");
+        layer += 1;
+        assert!(layer < 10_000, "the disk is full");
+    };
+    assert!(refused.contains("No space left") && refused.contains("layerctl remove"), "{refused}");
+    // A new try, and a job that ends resumable on the full disk once more, do not use up the room of the last end.
+    drop(journal);
+    let reason = "x".repeat(1000);
+    for _ in 0..50 {
+        let (mut journal, _) = Journal::open(&path).expect("readable");
+        assert!(journal.append(Record::Started { layer: 0 }, 4).is_err());
+        let _ = journal.append(Record::Ended { state: JobState::Interrupted, reason: reason.clone() }, 5);
+    }
+    let (mut journal, _) = Journal::open(&path).expect("readable");
+    journal.append(Record::Ordered(EndOrder::Abort), 6).expect("room");
+    journal.append(Record::LightOff, 7).expect("room");
+    journal.append(Record::Lifted, 8).expect("room");
+    journal.append(Record::Ended { state: JobState::Aborted, reason }, 9).expect("room");
+    let (_, history) = read_journal(&path).expect("whole");
+    assert_eq!((history.state, history.lifted), (JobState::Aborted, true));
+    // The room is given back.
+    let used_bytes = std::os::unix::fs::MetadataExt::blocks(&fs::metadata(&path).expect("there")) * 512;
+    let length_bytes = fs::metadata(&path).expect("there").len();
+    assert!(used_bytes < length_bytes + 8192, "{used_bytes} bytes for {length_bytes}");
+}
+
+#[test]
+fn a_record_torn_on_a_full_disk_leaves_room_for_the_end() {
+    let Some(disk) = SmallDisk::mount() else { return };
+    let path = disk.0.path().join("journal");
+    let mut journal = Journal::create(&path, accepted(), 0).expect("created");
+    journal.append(Record::Started { layer: 0 }, 1).expect("room");
+    drop(journal);
+    // As after a crash in the middle of a record.
+    let mut file = fs::OpenOptions::new().append(true).open(&path).expect("open");
+    std::io::Write::write_all(&mut file, &[9; 20]).expect("written");
+    disk.fill();
+    let (mut journal, _) = Journal::open(&path).expect("the torn record is cut off");
+    journal.append(Record::Ended { state: JobState::Stopped, reason: "x".repeat(4000) }, 9).expect("room");
+    assert_eq!(read_journal(&path).expect("whole").1.state, JobState::Stopped);
 }

@@ -4,8 +4,10 @@ use std::collections::{BTreeMap, VecDeque};
 
 use super::api::JobView;
 use super::clock::unix_ms;
+use super::past::Past;
 use crate::job::{
-    Command, Entry as JournalEntry, History, JobDirectory, JobState, Progress, Record, ResumeChoice, read_journal,
+    Command, Entry as JournalEntry, Forgotten, History, JobDirectory, JobState, Progress, Record, ResumeChoice,
+    read_journal,
 };
 
 /// One job.
@@ -17,6 +19,8 @@ pub(super) struct Job {
     pub key: u64,
     /// What operators see.
     pub view: JobView,
+    /// Its light and plate so far.
+    pub past: Past,
     /// What for, when its turn comes.
     pub take_up: TakeUp,
     /// Whether the operator must say first that the plate is clear.
@@ -84,9 +88,9 @@ impl Jobs {
         self.jobs.values().map(|job| job.view.clone()).collect()
     }
 
-    /// Numbers of the jobs to which nothing can happen any more.
-    pub(super) fn over(&self) -> Vec<u32> {
-        self.jobs.iter().filter(|(_, job)| job.view.state.is_final()).map(|(id, _)| *id).collect()
+    /// The jobs to which nothing can happen any more, and what must be known of each once its record is gone.
+    pub(super) fn over(&self) -> Vec<Forgotten> {
+        self.jobs.values().filter(|job| job.view.state.is_final()).map(Job::forgotten).collect()
     }
 
     /// The interrupted job whose part still hangs on the plate.
@@ -210,14 +214,15 @@ impl Job {
         view.recipe = recipe;
         view.layers_total = layer_count;
         view.submitted_ms = unix_ms();
-        Self::new(directory, key, view, false)
+        Self::new(directory, key, view, Past::default(), false)
     }
 
-    fn new(directory: JobDirectory, key: u64, view: JobView, awaits_plate: bool) -> Self {
+    fn new(directory: JobDirectory, key: u64, view: JobView, past: Past, awaits_plate: bool) -> Self {
         Self {
             directory,
             key,
             view,
+            past,
             take_up: TakeUp::Print(ResumeChoice::None),
             awaits_plate,
             ordered: false,
@@ -227,24 +232,29 @@ impl Job {
 
     fn load(directory: JobDirectory, awaits_plate: bool) -> Self {
         let mut view = blank_view(&directory);
-        let key = match read_journal(&directory.journal()) {
+        let (key, past) = match read_journal(&directory.journal()) {
             Ok((entries, history)) => {
                 fill_view(&mut view, &entries, &history);
-                history.key
+                (history.key, Past::from(&history))
             }
             Err(error) => {
                 tracing::error!(job = directory.id, "{error}");
                 // What is there and cannot be read now may be read later; until then its part may be on the plate.
                 view.state = if error.may_be_mended() { JobState::Interrupted } else { JobState::Failed };
                 view.reason = Some(format!("{error}. If its part is on the plate, take it off"));
-                0
+                (0, Past::unknown())
             }
         };
         if let Ok(recipe) = crate::config::Recipe::load(&directory.recipe()) {
             view.recipe = recipe.name;
         }
         let awaits_plate = awaits_plate && view.state == JobState::Queued;
-        Self::new(directory, key, view, awaits_plate)
+        Self::new(directory, key, view, past, awaits_plate)
+    }
+
+    /// What must be known of it once its record is gone.
+    pub(super) fn forgotten(&self) -> Forgotten {
+        Forgotten { id: self.directory.id, key: self.key, plate: self.past.plate_after() }
     }
 
     /// Whether it ever had the machine, so that plate and light may be its own.

@@ -12,6 +12,7 @@ mod notify;
 mod opened;
 mod orders;
 mod part;
+mod past;
 mod percent;
 mod printer;
 mod run;

@@ -315,6 +315,9 @@ impl Printer {
         self.message = None;
         self.last_progress = None;
         let id = running.job;
+        if let Some(job) = self.jobs.get_mut(id) {
+            job.past.update(&running.engine);
+        }
         self.jobs_ended += 1;
         self.part_in_vat = false;
         if running.engine.progress().part_in_vat {

@@ -41,7 +41,9 @@ mod uploads;
 use outbox::Outbox;
 use uploads::Uploads;
 
-use super::{Action, Command, Event, JobPlan, JobState, Progress, Record, ResumeChoice, StartPoint, Unconfirmed};
+use super::{
+    Action, Command, EndOrder, Event, JobPlan, JobState, Progress, Record, ResumeChoice, StartPoint, Unconfirmed,
+};
 use crate::device::Act;
 use crate::link::message::DeviceState;
 
@@ -280,6 +282,26 @@ impl Engine {
         }
     }
 
+    /// Whether an order to end the job, which was given to the engine, is still on its way to the disk.
+    pub fn order_unwritten(&self) -> bool {
+        self.out.order_unwritten()
+    }
+
+    /// Whether a record could not be written: the job ends, and a restart may not know all of it.
+    pub fn journal_failed(&self) -> bool {
+        self.out.journal_broken
+    }
+
+    /// Whether light may ever have fallen for this job, so that what hangs on the plate is its own part.
+    pub fn touched(&self) -> bool {
+        self.touched
+    }
+
+    /// The layer that was commanded and neither confirmed nor denied.
+    pub fn unconfirmed(&self) -> Option<Unconfirmed> {
+        self.unconfirmed
+    }
+
     /// The job's state.
     pub fn state(&self) -> JobState {
         match (&self.phase, &self.intent) {
@@ -330,7 +352,13 @@ impl Engine {
                 return;
             }
             (Command::Stop, Intent::Print | Intent::Pause) => {
+                self.out.journal(Record::Ordered(EndOrder::Stop));
                 return self.wind_down(JobState::Stopped, "stopped by the operator".into(), now_us);
+            }
+            (Command::Stop, Intent::End(JobState::Interrupted, reason)) => {
+                self.out.journal(Record::Ordered(EndOrder::Stop));
+                self.intent = Intent::End(JobState::Stopped, format!("stopped by the operator; {reason}"));
+                return;
             }
             _ => return self.out.notice(format!("nothing to do: the job is {}", self.state())),
         }

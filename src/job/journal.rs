@@ -5,16 +5,23 @@
 //! ```
 //!
 //! Little endian; the CRC-32 (IEEE) covers length and payload; the payload is an [`Entry`] in [`crate::codec`]'s form.
+//! Room for the last records is reserved beyond the file's end as soon as the journal is created (fallocate(2), size kept): a
+//! disk that fills up stops a print before its next layer, but keeps no end, no order and no confirmation from being written.
+//! The room is given back with the record that ends the job for good.
+//!
 //! A crash can leave one half-written record at the end: it was never reported as written, so it is cut off. Damage
 //! anywhere else is an error: a journal with a hole could let a layer be exposed twice.
 
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Seek, SeekFrom, Write};
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
 use bincode::{Decode, Encode};
+use rustix::fs::FallocateFlags;
+use rustix::io::Errno;
 
-use super::{Contradiction, History, Record};
+use super::{Contradiction, History, JobState, Record};
 use crate::codec;
 
 /// A record and when it was written.
@@ -30,7 +37,7 @@ pub struct Entry {
 #[derive(Debug, thiserror::Error)]
 pub enum JournalError {
     /// The file could not be read or written.
-    #[error("cannot {what} the journal {}: {source}", path.display())]
+    #[error("cannot {what} the journal {}: {source}{}", path.display(), remedy(source))]
     Io {
         /// What was tried.
         what: &'static str,
@@ -38,6 +45,15 @@ pub enum JournalError {
         path: PathBuf,
         /// Why.
         source: std::io::Error,
+    },
+    /// The open file no longer stands at its path.
+    #[error(
+        "the journal {} is no longer there: its directory was deleted, renamed or unmounted while the job ran. Put it back, \
+         or end the job with `layerctl abort`", path.display()
+    )]
+    Vanished {
+        /// Where it stood.
+        path: PathBuf,
     },
     /// Not a journal of this version, or damaged.
     #[error("the journal {} is damaged: {what}; the job cannot be resumed, start the part again", path.display())]
@@ -64,12 +80,28 @@ impl JournalError {
     }
 }
 
+/// What to do about a full disk.
+fn remedy(source: &std::io::Error) -> &'static str {
+    use std::io::ErrorKind::{QuotaExceeded, StorageFull};
+    match source.kind() {
+        StorageFull | QuotaExceeded => "; make room on that disk (`layerctl remove JOB` deletes finished jobs)",
+        _ => "",
+    }
+}
+
 const MAGIC: [u8; 12] = *b"layerjnl\x01\0\0\0";
 const FRAME_BYTES: usize = 8;
 /// The longest record is an end with its reason, which the engine keeps below 4 KiB.
 const LARGEST_RECORD_BYTES: usize = 16 << 10;
 /// Room for 1.5 million layers at two records of 40 bytes each.
 const LARGEST_JOURNAL_BYTES: u64 = 128 << 20;
+/// Room that records which begin something leave free: two of the longest records, a confirmation, orders and an end need
+/// less.
+const RESERVE_BYTES: u64 = 2 * LARGEST_RECORD_BYTES as u64;
+/// Room that only the end that is final may use: a job interrupted again and again on a full disk must still be ended.
+const FINAL_BYTES: u64 = LARGEST_RECORD_BYTES as u64;
+/// Reserved beyond that at once: some eighty layers, so that most records ask for nothing.
+const STEP_BYTES: u64 = 4 << 10;
 
 /// An open journal; the only writer of its file.
 #[derive(Debug)]
@@ -78,6 +110,10 @@ pub struct Journal {
     file: File,
     /// Bytes known to be on disk.
     length_bytes: u64,
+    /// Up to here the disk has set room aside.
+    reserved_bytes: u64,
+    /// The file system cannot set room aside.
+    unreserved: bool,
     /// After a failed flush nobody knows what is on disk: nothing more is appended.
     broken: bool,
 }
@@ -90,7 +126,7 @@ impl Journal {
     pub fn create(path: &Path, first: Record, at_unix_ms: u64) -> Result<Self, JournalError> {
         let io = |source| JournalError::Io { what: "create", path: path.into(), source };
         let file = OpenOptions::new().write(true).create_new(true).open(path).map_err(io)?;
-        let mut journal = Self { path: path.into(), file, length_bytes: 0, broken: false };
+        let mut journal = Self::new(path, file, 0);
         let written = journal.write(&MAGIC).and_then(|()| journal.append(first, at_unix_ms));
         let synced = written.and_then(|()| sync_parent(path).map_err(io));
         if let Err(error) = synced {
@@ -114,14 +150,36 @@ impl Journal {
             file.set_len(length_bytes).and_then(|()| file.sync_all()).map_err(io)?;
         }
         file.seek(SeekFrom::Start(length_bytes)).map_err(io)?;
-        Ok((Self { path: path.into(), file, length_bytes, broken: false }, history))
+        let mut journal = Self::new(path, file, length_bytes);
+        if !history.state.is_final() {
+            // A disk that is full now says so when the next record is written.
+            let _ = journal.reserve(RESERVE_BYTES);
+        }
+        Ok((journal, history))
+    }
+
+    fn new(path: &Path, file: File, length_bytes: u64) -> Self {
+        Self { path: path.into(), file, length_bytes, reserved_bytes: length_bytes, unreserved: false, broken: false }
+    }
+
+    /// Whether the file system sets room aside; where it does not, a full disk can keep the end of a job from being written.
+    pub fn is_reserved(&self) -> bool {
+        !self.unreserved
     }
 
     /// Appends a record; on return it is on disk.
     ///
     /// # Errors
-    /// [`JournalError::Io`], e.g. a full disk. What was written before stays valid; nothing more can be appended.
+    /// [`JournalError::Io`]: a full disk, or one that fails. What was written before stays valid. A record that was refused
+    /// because it would have used the reserved room leaves the journal usable for the last ones; after any other error
+    /// nothing more can be appended. [`JournalError::Vanished`] where the file is no longer at its place.
     pub fn append(&mut self, record: Record, at_unix_ms: u64) -> Result<(), JournalError> {
+        let is_final = matches!(record, Record::Ended { state, .. } if state.is_final());
+        let leaves_bytes = match &record {
+            record if !record.is_last() => RESERVE_BYTES,
+            Record::Ended { state: JobState::Interrupted, .. } => FINAL_BYTES,
+            _ => 0,
+        };
         let payload = codec::encode(&Entry { at_unix_ms, record })
             .map_err(|error| self.io_error(std::io::Error::other(error)))?;
         let length = u32::try_from(payload.len()).unwrap_or(u32::MAX);
@@ -132,7 +190,51 @@ impl Journal {
         frame.extend(length.to_le_bytes());
         frame.extend(checksum(length, &payload).to_le_bytes());
         frame.extend(payload);
-        self.write(&frame)
+        // The last records are tried in any case: that is what the room was set aside for.
+        self.reserve(frame.len() as u64 + leaves_bytes)
+            .or_else(|error| if leaves_bytes == 0 { Ok(()) } else { Err(error) })?;
+        self.write(&frame)?;
+        self.check_place()?;
+        if is_final {
+            // Best effort: room that is not given back costs only room.
+            let _ = self.file.set_len(self.length_bytes);
+        }
+        Ok(())
+    }
+
+    /// Has the disk set aside this much beyond what is written.
+    fn reserve(&mut self, bytes: u64) -> Result<(), JournalError> {
+        if self.unreserved || self.length_bytes + bytes <= self.reserved_bytes {
+            return Ok(());
+        }
+        let set_aside = |bytes| {
+            rustix::fs::fallocate(&self.file, FallocateFlags::KEEP_SIZE, self.length_bytes, bytes).map(|()| bytes)
+        };
+        match set_aside(bytes + STEP_BYTES).or_else(|_| set_aside(bytes)) {
+            Ok(bytes) => self.reserved_bytes = self.length_bytes + bytes,
+            Err(Errno::OPNOTSUPP | Errno::NOSYS | Errno::INVAL | Errno::NODEV) => self.unreserved = true,
+            Err(error) => return Err(self.io_error(error.into())),
+        }
+        Ok(())
+    }
+
+    /// Whether the file is still the one at its path. A file that was deleted, or whose directory was, takes records without
+    /// an error, and nobody will read them.
+    fn check_place(&mut self) -> Result<(), JournalError> {
+        let place = std::fs::metadata(&self.path).and_then(|there| self.file.metadata().map(|open| (there, open)));
+        match place {
+            Ok((there, open)) if (there.dev(), there.ino()) == (open.dev(), open.ino()) => Ok(()),
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(self.broken_by(error)),
+            _ => {
+                self.broken = true;
+                Err(JournalError::Vanished { path: self.path.clone() })
+            }
+        }
+    }
+
+    fn broken_by(&mut self, source: std::io::Error) -> JournalError {
+        self.broken = true;
+        self.io_error(source)
     }
 
     /// Writes bytes that belong together and flushes them.
@@ -141,10 +243,9 @@ impl Journal {
             return Err(self.io_error(std::io::Error::other("an earlier write failed")));
         }
         if let Err(source) = self.file.write_all(bytes).and_then(|()| self.file.sync_data()) {
-            self.broken = true;
             // Best effort: a torn record would be cut off at the next opening as well.
             let _ = self.file.set_len(self.length_bytes).and_then(|()| self.file.sync_data());
-            return Err(self.io_error(source));
+            return Err(self.broken_by(source));
         }
         self.length_bytes += bytes.len() as u64;
         Ok(())
@@ -247,7 +348,7 @@ mod tests {
         let Ok(file) = OpenOptions::new().write(true).open("/dev/full") else {
             return writeln!(std::io::stderr(), "skipped: no /dev/full").expect("stderr");
         };
-        let mut journal = Journal { path: "/dev/full".into(), file, length_bytes: 0, broken: false };
+        let mut journal = Journal::new(Path::new("/dev/full"), file, 0);
         let full = journal.append(Record::Paused, 0).expect_err("no space").to_string();
         assert!(full.contains("/dev/full") && full.contains("No space left"), "{full}");
         let after = journal.append(Record::Paused, 0).expect_err("broken").to_string();

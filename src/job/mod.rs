@@ -14,6 +14,6 @@ pub use engine::Engine;
 pub use event::{Action, Command, Event, Progress};
 pub use journal::{Entry, Journal, JournalError, read_journal};
 pub use plan::JobPlan;
-pub use record::{Contradiction, History, Record, ResumeChoice, ResumeError, StartPoint, Unconfirmed};
-pub use spool::{JobDirectory, MOST_PARTS, MOST_RECORDS, NewJob, Spool, SpoolError};
+pub use record::{Contradiction, EndOrder, History, Record, ResumeChoice, ResumeError, StartPoint, Trace, Unconfirmed};
+pub use spool::{Forgotten, JobDirectory, MOST_PARTS, MOST_RECORDS, NewJob, PlateAfter, Spool, SpoolError};
 pub use state::JobState;

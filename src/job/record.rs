@@ -66,6 +66,78 @@ pub enum Record {
         /// Why.
         reason: String,
     },
+    /// The operator ordered the job's end. From here on it never prints: it ends, after a restart as well.
+    Ordered(EndOrder),
+    /// Before the first downward move of a job that has had no light: its plate was bare, or the operator said so.
+    PlateClear {
+        /// [`crate::link::message::DeviceState::boot_id`] of the device whose plate it was.
+        boot_id: u32,
+        /// What that device showed of exposures that this spool knows nothing of; the operator knows them now.
+        traces: Vec<Trace>,
+    },
+    /// The plate rests clear of the resin, with whatever hangs on it. Stands before [`Record::Ended`].
+    Lifted,
+}
+
+impl Record {
+    /// Whether it belongs to an end or to what has happened already. Such a record may use the room that a journal keeps for
+    /// them; one that begins something may not.
+    pub fn is_last(&self) -> bool {
+        match self {
+            Self::Accepted { .. }
+            | Self::Started { .. }
+            | Self::Commanded { .. }
+            | Self::Paused
+            | Self::Resumed
+            | Self::PlateClear { .. } => false,
+            Self::Confirmed { .. }
+            | Self::NotExposed { .. }
+            | Self::InDoubt { .. }
+            | Self::Decided { .. }
+            | Self::LightOff
+            | Self::Ordered(_)
+            | Self::Lifted
+            | Self::Ended { .. } => true,
+        }
+    }
+}
+
+/// How the operator ordered a job to end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
+pub enum EndOrder {
+    /// After the layer under way.
+    Stop,
+    /// At once, light first.
+    Abort,
+}
+
+impl EndOrder {
+    /// The order as the operator types it.
+    pub fn verb(self) -> &'static str {
+        match self {
+            Self::Stop => "stop",
+            Self::Abort => "abort",
+        }
+    }
+}
+
+/// What a device shows of an exposure.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Encode, Decode)]
+pub enum Trace {
+    /// It had light: exposed, cut short, or still under way.
+    Lit {
+        /// Key of the job.
+        job: u64,
+        /// The layer.
+        layer: u32,
+    },
+    /// It waits in one of the device's slots.
+    Held {
+        /// Key of the job.
+        job: u64,
+        /// The layer.
+        layer: u32,
+    },
 }
 
 /// A layer that was commanded and neither confirmed nor denied.
@@ -96,6 +168,14 @@ pub struct History {
     pub in_doubt: Option<String>,
     /// Why the job ended, where it did.
     pub reason: String,
+    /// What the operator ordered of a job that is not over yet: it only ends any more.
+    pub ordered: Option<EndOrder>,
+    /// The start of the device on whose bare plate the job began ([`Record::PlateClear`]).
+    pub plate_clear_on: Option<u32>,
+    /// Exposures of unknown jobs that the operator knows of ([`Record::PlateClear`]).
+    pub traces: Vec<Trace>,
+    /// The job ended with its plate clear of the resin.
+    pub lifted: bool,
     /// Light was confirmed, or was ever in doubt.
     lit: bool,
     /// The device confirmed a layer.
@@ -138,6 +218,12 @@ pub enum ResumeError {
     /// The job is over.
     #[error("the job is {0} and cannot be resumed; start the part again instead")]
     Over(JobState),
+    /// The operator ordered its end.
+    #[error(
+        "the job was ordered to {} and is not printed any further; `layerctl {} JOB` has it ended now, start the part \
+         again instead", .0.verb(), .0.verb()
+    )]
+    Ordered(EndOrder),
     /// A layer is in doubt and the operator has not decided.
     #[error(
         "layer {layer} is in doubt: {why}. Look at the part, then run `layerctl resume JOB --in-doubt exposed` to go on \
@@ -189,13 +275,17 @@ impl History {
             unconfirmed: None,
             in_doubt: None,
             reason: String::new(),
+            ordered: None,
+            plate_clear_on: None,
+            traces: Vec::new(),
+            lifted: false,
             lit: false,
             confirmed: false,
         };
         for (position, record) in records.enumerate() {
             history.apply(record).map_err(|what| Contradiction { index: position + 1, what })?;
         }
-        if history.state.is_active() {
+        if history.state.is_active() || (history.state == JobState::Queued && history.ordered.is_some()) {
             history.state = JobState::Interrupted;
             history.reason = "the daemon ended without warning (crash or lost power)".into();
         }
@@ -205,10 +295,13 @@ impl History {
     /// Where an engine takes the job up.
     ///
     /// # Errors
-    /// [`ResumeError`] where the job is over, or a layer is in doubt and `choice` does not settle it.
+    /// [`ResumeError`] where the job is over or was ordered to end, or a layer is in doubt and `choice` does not settle it.
     pub fn start(&self, choice: ResumeChoice) -> Result<StartPoint, ResumeError> {
         if self.state.is_final() {
             return Err(ResumeError::Over(self.state));
+        }
+        if let Some(order) = self.ordered {
+            return Err(ResumeError::Ordered(order));
         }
         match (&self.in_doubt, choice) {
             (Some(why), ResumeChoice::None) => Err(ResumeError::InDoubt { layer: self.next_layer, why: why.clone() }),
@@ -255,6 +348,7 @@ impl History {
             Record::Started { layer } => {
                 self.expect_next(*layer)?;
                 self.state = JobState::Printing;
+                self.lifted = false;
                 self.reason.clear();
             }
             Record::Commanded { layer, boot_id } => {
@@ -287,6 +381,16 @@ impl History {
             Record::Paused => self.state = JobState::Paused,
             Record::Resumed => self.state = JobState::Printing,
             Record::LightOff => {}
+            // An abort is more than a stop, whichever came first.
+            Record::Ordered(order) => {
+                self.ordered = self.ordered.filter(|known| *known == EndOrder::Abort).or(Some(*order));
+            }
+            Record::PlateClear { boot_id, traces } => {
+                self.plate_clear_on = Some(*boot_id);
+                let new = traces.iter().filter(|trace| !self.traces.contains(trace)).copied().collect::<Vec<_>>();
+                self.traces.extend(new);
+            }
+            Record::Lifted => self.lifted = true,
             Record::Ended { state, reason } => {
                 self.state = *state;
                 self.reason.clone_from(reason);

@@ -7,14 +7,19 @@
 //!                    /recipe.toml  as it was when the job was accepted
 //!                    /machine.toml
 //!                    /journal
+//! SPOOL/jobs/00000002-0123456789abcdef-clear  empty: a job that was removed, and its key
 //! ```
 //!
 //! A job appears whole or not at all: its directory is made under a hidden name, flushed, renamed, and its parent flushed.
 //! Of jobs that are over, the newest [`MOST_RECORDS`] are kept for `layerctl jobs`, and the parts of the newest
-//! [`MOST_PARTS`]; [`Spool::tidy`] deletes the rest.
+//! [`MOST_PARTS`]; [`Spool::tidy`] deletes the rest, and [`Spool::remove`] what an operator names. Of a removed job the name of
+//! its directory tells for a while what must still be known: its number, which is not given again, its key, by which a device
+//! may speak of it, and whether its part was left in the vat (`-left` or `-clear` behind
+//! the key). A rename needs no room on a full disk.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::Write;
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
 use super::journal::sync_parent;
@@ -25,6 +30,9 @@ use crate::disk;
 pub const MOST_RECORDS: usize = 100;
 /// Finished jobs whose part files are kept, each up to gigabytes.
 pub const MOST_PARTS: usize = 10;
+/// Removed jobs that are remembered by key. A device speaks of the last layer it exposed and of the last it cut short; the
+/// latter may lie many jobs back.
+const MOST_FORGOTTEN: usize = 1000;
 
 const PART: &str = "part.layerd";
 const RECIPE: &str = "recipe.toml";
@@ -49,7 +57,8 @@ pub enum SpoolError {
     InUse(PathBuf),
     /// Not enough room.
     #[error(
-        "{} has {free_bytes} bytes free, {need_bytes} are needed: delete files there or move the spool", path.display()
+        "{} has {free_bytes} bytes free, {need_bytes} are needed: `layerctl remove JOB` deletes finished jobs; or delete other \
+         files there, or move the spool", path.display()
     )]
     NoSpace {
         /// The spool.
@@ -80,6 +89,28 @@ pub struct JobDirectory {
     /// The job's number, from 1, ascending in order of acceptance.
     pub id: u32,
     path: PathBuf,
+}
+
+/// What a job that is over tells about the plate after it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PlateAfter {
+    /// Nothing: it had no light and never moved the plate.
+    Unsaid,
+    /// Nothing of it or of an earlier job is in the vat.
+    Clear,
+    /// Its part was left in the vat, or nobody knows.
+    Left,
+}
+
+/// What is still known of a job that was removed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Forgotten {
+    /// Its number.
+    pub id: u32,
+    /// Named its exposures; 0 where its journal could not be read.
+    pub key: u64,
+    /// What it tells about the plate after it.
+    pub plate: PlateAfter,
 }
 
 /// What a new job needs besides its part.
@@ -143,7 +174,8 @@ impl Spool {
     /// [`SpoolError`]; nothing is left behind then but the part where it was.
     pub fn create(&self, job: NewJob<'_>) -> Result<(JobDirectory, Journal), SpoolError> {
         let jobs = self.root.join("jobs");
-        let last = self.jobs()?.last().map_or(0, |job| job.id);
+        let known = self.jobs()?.last().map(|job| job.id);
+        let last = known.max(self.forgotten()?.last().map(|job| job.id)).unwrap_or(0);
         let id = last.checked_add(1).ok_or_else(|| SpoolError::NumbersUsedUp(self.root.clone()))?;
         let hidden = jobs.join(format!(".{id:08}"));
         let path = jobs.join(format!("{id:08}"));
@@ -186,16 +218,26 @@ impl Spool {
     /// # Errors
     /// [`SpoolError::Io`] where the directory cannot be read.
     pub fn jobs(&self) -> Result<Vec<JobDirectory>, SpoolError> {
-        let jobs = self.root.join("jobs");
-        let mut found = Vec::new();
-        for entry in fs::read_dir(&jobs).map_err(io("list", &jobs))? {
-            let path = entry.map_err(io("list", &jobs))?.path();
-            if let Some(id) = job_id(&path) {
-                found.push(JobDirectory { id, path });
-            }
-        }
+        let mut found: Vec<_> =
+            self.entries()?.into_iter().filter_map(|path| Some(JobDirectory { id: job_id(&path)?, path })).collect();
         found.sort_by_key(|job| job.id);
         Ok(found)
+    }
+
+    /// What is still known of removed jobs, in order of acceptance.
+    ///
+    /// # Errors
+    /// [`SpoolError::Io`] where the directory cannot be read.
+    pub fn forgotten(&self) -> Result<Vec<Forgotten>, SpoolError> {
+        let mut found: Vec<_> = self.entries()?.iter().filter_map(|path| Forgotten::of(path)).collect();
+        found.sort_by_key(|job| job.id);
+        Ok(found)
+    }
+
+    fn entries(&self) -> Result<Vec<PathBuf>, SpoolError> {
+        let jobs = self.root.join("jobs");
+        let entries = fs::read_dir(&jobs).map_err(io("list", &jobs))?;
+        entries.map(|entry| Ok(entry.map_err(io("list", &jobs))?.path())).collect()
     }
 
     /// Deletes the parts and records of jobs that are over, beyond [`MOST_PARTS`] and [`MOST_RECORDS`]. `over` lists the
@@ -203,21 +245,41 @@ impl Spool {
     ///
     /// # Errors
     /// [`SpoolError::Io`] names what could not be deleted.
-    pub fn tidy(&self, over: &[u32]) -> Result<Vec<u32>, SpoolError> {
+    pub fn tidy(&self, over: &[Forgotten]) -> Result<Vec<u32>, SpoolError> {
         let mut forgotten = Vec::new();
-        let mut jobs = self.jobs()?;
-        // The last job stays whatever it is: its number must not be given again.
-        let newest = jobs.last().map(|job| job.id);
-        jobs.retain(|job| over.contains(&job.id));
-        for (age, job) in jobs.iter().rev().enumerate() {
-            if age >= MOST_RECORDS && Some(job.id) != newest {
-                fs::remove_dir_all(&job.path).map_err(io("delete", &job.path))?;
+        let jobs = self.jobs()?;
+        let of = |job: &JobDirectory| over.iter().find(|over| over.id == job.id);
+        for (age, (job, over)) in jobs.iter().rev().filter_map(|job| Some((job, of(job)?))).enumerate() {
+            if age >= MOST_RECORDS {
+                self.remove(*over)?;
                 forgotten.push(job.id);
             } else if age >= MOST_PARTS && job.part().exists() {
                 fs::remove_file(job.part()).map_err(io("delete", &job.part()))?;
             }
         }
         Ok(forgotten)
+    }
+
+    /// Deletes part and records of a job that is over. Gives the bytes that this frees.
+    ///
+    /// # Errors
+    /// [`SpoolError::Io`] names what could not be deleted; what is left then is deleted at the next opening.
+    pub fn remove(&self, job: Forgotten) -> Result<u64, SpoolError> {
+        let jobs = self.root.join("jobs");
+        let (from, to) = (jobs.join(format!("{:08}", job.id)), jobs.join(job.name()));
+        // Gone at once, or not at all. Where an earlier try went no further than that, it goes on from there.
+        if !to.is_dir() {
+            fs::rename(&from, &to).map_err(io("remove", &from))?;
+        }
+        let bytes = empty(&to)?;
+        sync_parent(&to).map_err(io("flush", &jobs))?;
+        let mut forgotten = self.forgotten()?;
+        forgotten.truncate(forgotten.len().saturating_sub(MOST_FORGOTTEN));
+        for old in forgotten {
+            let path = jobs.join(old.name());
+            fs::remove_dir(&path).map_err(io("delete", &path))?;
+        }
+        Ok(bytes)
     }
 
     fn delete_leftovers(&self) -> Result<(), SpoolError> {
@@ -227,6 +289,9 @@ impl Spool {
                 let path = entry.map_err(io("list", &directory))?.path();
                 let hidden = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
                 if directory == jobs && !hidden {
+                    if Forgotten::of(&path).is_some() {
+                        empty(&path)?;
+                    }
                     continue;
                 }
                 let deleted = if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
@@ -235,6 +300,45 @@ impl Spool {
         }
         Ok(())
     }
+}
+
+impl Forgotten {
+    /// The name of its directory.
+    fn name(self) -> String {
+        let plate = match self.plate {
+            PlateAfter::Unsaid => "",
+            PlateAfter::Clear => "-clear",
+            PlateAfter::Left => "-left",
+        };
+        format!("{:08}-{:016x}{plate}", self.id, self.key)
+    }
+
+    /// What a directory's name tells; `None` for any other.
+    fn of(path: &Path) -> Option<Self> {
+        let name = path.file_name()?.to_str()?;
+        let (id, rest) = name.split_once('-')?;
+        let (key, plate) = match rest.split_once('-') {
+            None => (rest, PlateAfter::Unsaid),
+            Some((key, "clear")) => (key, PlateAfter::Clear),
+            Some((key, _)) => (key, PlateAfter::Left),
+        };
+        let job = Self { id: id.parse().ok()?, key: u64::from_str_radix(key, 16).ok()?, plate };
+        (name == job.name()).then_some(job)
+    }
+}
+
+/// Deletes what a directory holds; the bytes that this frees. A job's directory is flat.
+fn empty(directory: &Path) -> Result<u64, SpoolError> {
+    /// Unit of [`MetadataExt::blocks`].
+    const BLOCK_BYTES: u64 = 512;
+    let mut bytes = 0;
+    for entry in fs::read_dir(directory).map_err(io("list", directory))? {
+        let path = entry.map_err(io("list", directory))?.path();
+        bytes += fs::symlink_metadata(&path).map_or(0, |file| file.blocks() * BLOCK_BYTES);
+        let deleted = if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
+        deleted.map_err(io("delete", &path))?;
+    }
+    Ok(bytes)
 }
 
 impl JobDirectory {

@@ -2,7 +2,9 @@
 
 use layerd::config::Recipe;
 use layerd::device::{Act, Outcome};
-use layerd::job::{Action, Command, Engine, Event, History, JobPlan, JobState, Record, ResumeChoice, StartPoint};
+use layerd::job::{
+    Action, Command, EndOrder, Engine, Event, History, JobPlan, JobState, Record, ResumeChoice, StartPoint,
+};
 use layerd::link::message::{DeviceState, ExposureId, Refusal, Urgent};
 
 pub(crate) const KEY: u64 = 7;
@@ -180,7 +182,13 @@ impl World {
     /// A new engine from what the journal says.
     pub(crate) fn crash(&mut self) {
         let history = History::replay(&self.journal).expect("the journal is true at every moment");
-        let Ok(start) = history.start(ResumeChoice::None) else {
+        // As the daemon does: what was ordered to end is taken up for that alone.
+        let (start, end) = match history.ordered {
+            Some(EndOrder::Stop) => (history.start_to_end().ok(), Some(Command::Stop)),
+            Some(EndOrder::Abort) => (history.start_to_end().ok(), Some(Command::Abort)),
+            None => (history.start(ResumeChoice::None).ok(), None),
+        };
+        let Some(start) = start else {
             self.finished = Some((history.state, history.reason));
             return;
         };
@@ -189,6 +197,9 @@ impl World {
         self.engine = Engine::new(plan(), start);
         self.finished = None;
         self.tell(Event::Ready);
+        if let Some(command) = end {
+            self.tell(Event::Command(command));
+        }
     }
 
     pub(crate) fn perform(&mut self, action: Action) {
@@ -239,7 +250,11 @@ impl World {
             }
             Act::Expose { layer, duration_ms, .. } => {
                 assert!(!self.aborted, "light after an abort");
-                let commanded = self.journal.iter().rev().find(|r| !matches!(r, Record::Paused | Record::Resumed));
+                let commanded = self
+                    .journal
+                    .iter()
+                    .rev()
+                    .find(|r| !matches!(r, Record::Paused | Record::Resumed | Record::Ordered(_)));
                 assert!(matches!(commanded, Some(Record::Commanded { layer: l, .. }) if *l == layer), "{commanded:?}");
                 assert_eq!(self.device.position_um, Some(50 * (layer as i32 + 1)), "layer {layer} at a wrong height");
                 assert_eq!(duration_ms, [20_000, 11_000, 2000, 2000, 2000][layer as usize]);

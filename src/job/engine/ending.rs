@@ -1,7 +1,7 @@
 //! Every way out of printing: pause and stop, failures and faults, shutdown, abort.
 
 use super::{Engine, Event, Intent, Phase, SECOND_US};
-use crate::job::{JobState, Record};
+use crate::job::{EndOrder, JobState, Record};
 use crate::link::message::{Fault, Refusal, Urgent};
 
 /// A running exposure that ends within this time may end when the daemon is told to stop: a layer cut short is in doubt, and
@@ -105,11 +105,11 @@ impl Engine {
         {
             *state = JobState::Interrupted;
         }
+        if self.touched && self.lifted {
+            self.out.journal(Record::Lifted);
+        }
         if let Intent::End(state, reason) = &self.intent {
             self.out.journal(Record::Ended { state: *state, reason: reason.clone() });
-        }
-        if self.out.journal_broken {
-            self.finish();
         }
     }
 
@@ -237,7 +237,7 @@ impl Engine {
         if self.phase == Phase::Ending {
             return self.finish();
         }
-        let reason = format!("the journal cannot be written ({text}): make room on the spool's disk, then resume");
+        let reason = format!("the journal cannot be written: {text}. Once that is mended, resume");
         self.intend_to_end(JobState::Interrupted, reason);
         match self.phase {
             Phase::Commanding => {
@@ -265,6 +265,7 @@ impl Engine {
         self.uploads.cancel();
         self.act_running = None;
         self.aborting = true;
+        self.out.journal(Record::Ordered(EndOrder::Abort));
         self.abort_sessions = 1;
         self.intent = Intent::End(JobState::Aborted, "aborted by the operator".into());
         self.wait_until(Phase::AbortSent, now_us + URGENT_US);

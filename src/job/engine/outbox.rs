@@ -16,7 +16,8 @@ pub(super) struct Outbox {
     /// At most a handful: every record belongs to a step, and no step is taken before its records are written.
     records: VecDeque<Record>,
     record_in_flight: bool,
-    /// Set once a record could not be written: nothing more is.
+    order_in_flight: bool,
+    /// Set once a record could not be written: nothing more begins. The last records are tried all the same.
     pub(super) journal_broken: bool,
     pub(super) act: Option<(u64, Act)>,
     pub(super) query: bool,
@@ -39,6 +40,7 @@ impl Outbox {
         }
         if let Some(record) = self.records.pop_front() {
             self.record_in_flight = true;
+            self.order_in_flight = matches!(record, Record::Ordered(_));
             return Some(Action::Journal(record));
         }
         if let Some((number, act)) = self.act.take() {
@@ -57,20 +59,25 @@ impl Outbox {
     }
 
     pub(super) fn journal(&mut self, record: Record) {
-        if !self.journal_broken {
+        if !self.journal_broken || record.is_last() {
             self.records.push_back(record);
         }
     }
 
+    /// Whether an order of the operator is still on its way to the disk.
+    pub(super) fn order_unwritten(&self) -> bool {
+        self.order_in_flight || self.records.iter().any(|record| matches!(record, Record::Ordered(_)))
+    }
+
     /// Notes that a record is on disk; whether that was the last one wanted.
     pub(super) fn journalled(&mut self) -> bool {
-        self.record_in_flight = false;
+        (self.record_in_flight, self.order_in_flight) = (false, false);
         self.records.is_empty()
     }
 
     /// Gives up journalling.
     pub(super) fn journal_failed(&mut self) {
-        self.record_in_flight = false;
+        (self.record_in_flight, self.order_in_flight) = (false, false);
         self.journal_broken = true;
         self.records.clear();
     }

@@ -1,0 +1,60 @@
+//! What is known of a job's light and plate, from its journal and its engine: it outlives the engine, and a crash.
+
+use crate::job::{EndOrder, Engine, History, PlateAfter, Trace, Unconfirmed};
+
+/// A job's light and plate so far.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(super) struct Past {
+    /// Light may have fallen for it: what hangs on the plate is its own part.
+    pub touched: bool,
+    /// It ended with its plate clear of the resin.
+    pub lifted: bool,
+    /// The layer that was commanded and neither confirmed nor denied.
+    pub unconfirmed: Option<Unconfirmed>,
+    /// The start of the device on whose bare plate it began.
+    pub plate_clear_on: Option<u32>,
+    /// Exposures of unknown jobs that the operator knows of.
+    pub traces: Vec<Trace>,
+    /// What the operator ordered of it: it only ends any more.
+    pub ordered: Option<EndOrder>,
+    /// Nothing of that is known: its journal cannot be read.
+    pub unknown: bool,
+}
+
+impl Past {
+    /// That of a job whose journal cannot be read.
+    pub(super) fn unknown() -> Self {
+        Self { unknown: true, ..Self::default() }
+    }
+
+    /// Takes over what the engine knows, now that it is done.
+    pub(super) fn update(&mut self, engine: &Engine) {
+        self.touched = engine.touched();
+        self.lifted = !engine.progress().part_in_vat;
+        self.unconfirmed = engine.unconfirmed();
+    }
+
+    /// What it tells about the plate after it.
+    pub(super) fn plate_after(&self) -> PlateAfter {
+        match (self.unknown, self.touched, self.lifted) {
+            (true, ..) | (_, true, false) => PlateAfter::Left,
+            (_, true, true) => PlateAfter::Clear,
+            (_, false, _) if self.plate_clear_on.is_some() => PlateAfter::Clear,
+            _ => PlateAfter::Unsaid,
+        }
+    }
+}
+
+impl From<&History> for Past {
+    fn from(history: &History) -> Self {
+        Self {
+            touched: history.touched(),
+            lifted: history.lifted,
+            unconfirmed: history.unconfirmed,
+            plate_clear_on: history.plate_clear_on,
+            traces: history.traces.clone(),
+            ordered: history.ordered,
+            unknown: false,
+        }
+    }
+}
