@@ -25,7 +25,7 @@ Examples:
   layerctl pack huge.txt --memory 64MiB -o huge.layerd            sorts on the disk what memory does not hold
 
 Edge text: a first line `COUNT RADIUS [CONVOLUTION_RADIUS [0]]`, whose third number is told but not used (see --support), then
-one strut a line, `x1 y1 z1 x2 y2 z2 [radius]`, millimetres.")]
+one strut a line, `x1 y1 z1 x2 y2 z2 [radius]`, millimetres. Lines that begin with `#` or `//` are comments.")]
 pub struct PackArgs {
     /// Sources, joined into one part: 3MF (.3mf) or edge text (.txt).
     #[arg(required = true, value_name = "IN")]
@@ -33,7 +33,7 @@ pub struct PackArgs {
     /// The build file to write.
     #[arg(short, long, value_name = "OUT.layerd")]
     output: PathBuf,
-    /// Leave out what is not a lattice, and say what was left out.
+    /// Leave out what is not a lattice, print lattices whole that are to be clipped, and say so.
     #[arg(long)]
     lattice_only: bool,
     /// How struts are joined: a smooth convolution surface, or the exact union of beams.

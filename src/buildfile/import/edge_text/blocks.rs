@@ -10,7 +10,7 @@ use crate::buildfile::pack::PackError;
 /// Length of a block: enough that handing it to a thread costs nothing, little beside the memory of the sort.
 const BLOCK_BYTES: usize = 256 << 10;
 
-/// Whole lines; only the file's last one may lack its newline.
+/// Whole lines; only the file's last one may lack its end.
 pub(super) struct Block {
     /// Number of the first line in the file, from 1.
     pub(super) first_line: u64,
@@ -24,6 +24,8 @@ pub(super) struct Blocks<'a> {
     /// The beginning of a line that the block before ended in.
     rest: Vec<u8>,
     next_line: u64,
+    /// The file's beginning was looked at.
+    begun: bool,
     /// Bytes read so far.
     pub(super) done: u64,
 }
@@ -33,13 +35,13 @@ impl<'a> Blocks<'a> {
     /// Where the file cannot be opened.
     pub(super) fn open(path: &'a Path) -> Result<Self, PackError> {
         let file = File::open(path).map_err(|source| PackError::Read { path: path.into(), source })?;
-        Ok(Self { path, file, rest: Vec::new(), next_line: 1, done: 0 })
+        Ok(Self { path, file, rest: Vec::new(), next_line: 1, begun: false, done: 0 })
     }
 
     /// The next block; `None` at the end of the file. `digest` takes the bytes that were read for it.
     ///
     /// # Errors
-    /// Where the file cannot be read, or a line is longer than a block.
+    /// Where the file cannot be read, is UTF-16, goes on behind its end mark, or a line is longer than a block.
     pub(super) fn next(&mut self, digest: &mut dyn FnMut(&[u8])) -> Result<Option<Block>, LineError> {
         let mut bytes = std::mem::take(&mut self.rest);
         let kept = bytes.len();
@@ -49,25 +51,79 @@ impl<'a> Blocks<'a> {
         let count = read.map_err(|source| at_line(PackError::Read { path: self.path.into(), source }))?;
         digest(&bytes[kept..]);
         self.done += count as u64;
+        let mut at_end = bytes.len() < BLOCK_BYTES;
+        if !std::mem::replace(&mut self.begun, true) {
+            self.check_encoding(&mut bytes)?;
+        }
+        // Old editors end a text with Ctrl-Z, and some devices fill it up with NUL.
+        let text = bytes.iter().rposition(|&byte| !is_padding(byte)).map_or(0, |last| last + 1);
+        if let Some(mark) = bytes[text..].iter().position(|byte| !byte.is_ascii_whitespace()) {
+            bytes.truncate(text + mark);
+            self.read_padding(self.next_line + line_ends(&bytes), digest)?;
+            at_end = true;
+        }
         if bytes.is_empty() {
             return Ok(None);
         }
-        let at_end = bytes.len() < BLOCK_BYTES;
         if !at_end {
-            let Some(end) = bytes.iter().rposition(|&byte| byte == b'\n') else {
+            // Whether a CR at the very end ends a line or begins CR LF is not known yet.
+            let known = bytes.len() - usize::from(bytes.ends_with(b"\r"));
+            let Some(end) = bytes[..known].iter().rposition(|byte| matches!(byte, b'\n' | b'\r')) else {
                 let problem = format!("the line is longer than {LINE_LIMIT_BYTES} bytes; is this edge text?");
                 return Err(LineError::at(self.path, self.next_line, &bytes, &problem));
             };
             self.rest = bytes.split_off(end + 1);
         }
         let first_line = self.next_line;
-        self.next_line += newlines(&bytes);
+        self.next_line += line_ends(&bytes);
         Ok(Some(Block { first_line, bytes }))
+    }
+
+    /// Removes a byte-order mark of UTF-8, and refuses UTF-16.
+    fn check_encoding(&self, bytes: &mut Vec<u8>) -> Result<(), LineError> {
+        if bytes.starts_with(b"\xFF\xFE") || bytes.starts_with(b"\xFE\xFF") {
+            let problem = "the file is UTF-16 text; save it as UTF-8 or plain ASCII";
+            return Err(LineError { line: 1, error: PackError::input(self.path.display().to_string(), problem) });
+        }
+        if bytes.starts_with(b"\xEF\xBB\xBF") {
+            bytes.drain(..3);
+        }
+        Ok(())
+    }
+
+    /// Reads the rest of a file that has come to an end mark in `line`.
+    fn read_padding(&mut self, line: u64, digest: &mut dyn FnMut(&[u8])) -> Result<(), LineError> {
+        let mut bytes = vec![0; BLOCK_BYTES];
+        loop {
+            let count = match self.file.read(&mut bytes) {
+                Ok(0) => return Ok(()),
+                Ok(count) => count,
+                Err(error) if error.kind() == std::io::ErrorKind::Interrupted => continue,
+                Err(source) => {
+                    return Err(LineError { line, error: PackError::Read { path: self.path.into(), source } });
+                }
+            };
+            digest(&bytes[..count]);
+            self.done += count as u64;
+            if let Some(at) = bytes[..count].iter().position(|&byte| !is_padding(byte)) {
+                let problem = "text follows behind a NUL or Ctrl-Z, which ends a text";
+                return Err(LineError::at(self.path, line, &bytes[at..count], problem));
+            }
+        }
     }
 }
 
-/// Counts line ends, in sums of one byte, of which a vector holds many.
-fn newlines(bytes: &[u8]) -> u64 {
-    let sum = |part: &[u8]| part.iter().map(|&byte| u8::from(byte == b'\n')).sum::<u8>();
-    bytes.chunks(u8::MAX.into()).map(|part| u64::from(sum(part))).sum()
+/// What may follow the last line.
+fn is_padding(byte: u8) -> bool {
+    const CTRL_Z: u8 = 0x1A;
+    matches!(byte, 0 | CTRL_Z) || byte.is_ascii_whitespace()
+}
+
+/// Counts line ends (LF, CR LF, or CR) in sums of one byte, of which a vector holds many.
+fn line_ends(bytes: &[u8]) -> u64 {
+    let Some((last, before)) = bytes.split_last() else { return 0 };
+    let is_end = |(&byte, &next): (&u8, &u8)| u8::from(byte == b'\n') | u8::from(byte == b'\r' && next != b'\n');
+    let sum = |(part, next): (&[u8], &[u8])| u64::from(part.iter().zip(next).map(is_end).sum::<u8>());
+    let chunk = usize::from(u8::MAX);
+    before.chunks(chunk).zip(bytes[1..].chunks(chunk)).map(sum).sum::<u64>() + u64::from(matches!(last, b'\n' | b'\r'))
 }

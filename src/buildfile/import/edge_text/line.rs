@@ -32,6 +32,31 @@ impl LineError {
     }
 }
 
+/// The lines of a block, each with its end: LF, CR LF, or CR alone.
+pub(super) fn lines(mut bytes: &[u8]) -> impl Iterator<Item = &[u8]> {
+    std::iter::from_fn(move || {
+        let (line, rest) = bytes.split_at(line_length(bytes));
+        bytes = rest;
+        (!line.is_empty()).then_some(line)
+    })
+}
+
+/// The length of the line that `bytes` begin with, with its end.
+pub(super) fn line_length(bytes: &[u8]) -> usize {
+    memchr::memchr2(b'\n', b'\r', bytes).map_or(bytes.len(), |end| behind_end(bytes, end))
+}
+
+/// Where the next line begins if this one ends at `end`.
+fn behind_end(bytes: &[u8], end: usize) -> usize {
+    end + if bytes[end..].starts_with(b"\r\n") { 2 } else { 1 }
+}
+
+/// Whether a line is blank or a comment.
+pub(super) fn is_blank(line: &[u8]) -> bool {
+    let text = line.trim_ascii();
+    text.is_empty() || text.starts_with(b"#") || text.starts_with(b"//")
+}
+
 /// `FILE:LINE`.
 pub(super) fn place(path: &Path, line: u64) -> String {
     format!("{}:{line}", path.display())
@@ -78,8 +103,8 @@ impl Numbers {
         loop {
             match bytes.get(at) {
                 None => return Some((numbers, at)),
-                Some(b'\n') => return Some((numbers, at + 1)),
-                Some(b' ' | b'\t' | b'\r') => at += 1,
+                Some(b'\n' | b'\r') => return Some((numbers, behind_end(bytes, at))),
+                Some(b' ' | b'\t') => at += 1,
                 Some(_) => {
                     let value = numbers.values.get_mut(numbers.count)?;
                     (*value, at) = plain_decimal(bytes, at)?;
@@ -95,6 +120,9 @@ impl Numbers {
     /// A text that says what was found and what is expected.
     pub(super) fn parse(line: &[u8]) -> Result<Self, String> {
         let mut numbers = Self::default();
+        if is_blank(line) {
+            return Ok(numbers);
+        }
         for field in text(line)?.split_ascii_whitespace() {
             let value = numbers.values.get_mut(numbers.count);
             *value.ok_or("more than 7 fields; a strut is `x1 y1 z1 x2 y2 z2 [radius]`")? = number(field)?;
@@ -103,7 +131,7 @@ impl Numbers {
         Ok(numbers)
     }
 
-    /// Whether the line was blank.
+    /// Whether the line was blank or a comment.
     pub(super) fn is_empty(&self) -> bool {
         self.count == 0
     }
@@ -124,9 +152,6 @@ impl Numbers {
             return Err(format!("radius {radius}{whose}; it must be greater than 0"));
         }
         let (a, b) = (DVec3::new(x1, y1, z1), DVec3::new(x2, y2, z2));
-        if a == b {
-            return Err("the strut has no length: both ends are the same point".into());
-        }
         Ok(Beam { a, b, radius_a: radius, radius_b: radius, caps: Caps::default() })
     }
 }

@@ -1,5 +1,6 @@
 //! Edge text: a line `count radius convolution_radius kernel_size`, then one strut a line, `x1 y1 z1 x2 y2 z2 [radius]`,
-//! millimetres, in any order. As written by GPULatticeSlicer.
+//! millimetres, in any order. As written by GPULatticeSlicer. Blank lines and comments, from `#` or `//` to the end of a line
+//! that holds nothing else, may stand anywhere; lines end with LF, CR LF or CR.
 //!
 //! This thread reads blocks and takes their digest; each lane of the collector has a thread that parses and sorts.
 
@@ -13,7 +14,7 @@ use crossbeam::channel::{Receiver, Sender, bounded};
 use sha2::Digest;
 
 use self::blocks::{Block, Blocks};
-use self::line::{Header, LINE_LIMIT_BYTES, LineError, Numbers, place};
+use self::line::{Header, LINE_LIMIT_BYTES, LineError, Numbers, is_blank, line_length, lines, place};
 use crate::buildfile::collect::{Collector, Lane};
 use crate::buildfile::pack::{PackError, PackProgress};
 
@@ -64,7 +65,7 @@ pub(super) fn import(
     Ok(())
 }
 
-/// Reads the first line that is not blank, and what stands behind it in its block.
+/// Reads the first line that is neither blank nor a comment, and what stands behind it in its block.
 fn read_header(
     path: &Path,
     blocks: &mut Blocks<'_>,
@@ -72,18 +73,22 @@ fn read_header(
 ) -> Result<(Header, Block), LineError> {
     let (_, digest) = collector.parts();
     while let Some(mut block) = blocks.next(&mut |bytes| digest.update(bytes))? {
-        let mut begin = 0;
-        for (line, number) in block.bytes.split_inclusive(|&byte| byte == b'\n').zip(block.first_line..) {
+        let (mut begin, mut number) = (0, block.first_line);
+        while begin < block.bytes.len() {
+            let rest = &block.bytes[begin..];
+            let line = &rest[..line_length(rest)];
             begin += line.len();
-            if !line.trim_ascii().is_empty() {
+            if !is_blank(line) {
                 let header = Header::parse(line).map_err(|problem| LineError::at(path, number, line, &problem))?;
                 block.bytes.drain(..begin);
                 block.first_line = number + 1;
                 return Ok((header, block));
             }
+            number += 1;
         }
     }
-    Err(LineError { line: 1, error: PackError::input(path.display().to_string(), "the file is empty") })
+    let problem = "the file is empty, or holds nothing but comments";
+    Err(LineError { line: 1, error: PackError::input(path.display().to_string(), problem) })
 }
 
 /// One file on its way through the threads.
@@ -169,10 +174,10 @@ impl Job<'_> {
                 None => self.parse_slowly(rest, line)?,
             };
             let problem = |problem: String| LineError::at(self.path, line, &rest[..length], &problem);
-            if length > LINE_LIMIT_BYTES {
-                return Err(problem(too_long()));
-            }
             if !numbers.is_empty() {
+                if length > LINE_LIMIT_BYTES {
+                    return Err(problem(too_long()));
+                }
                 let beam = numbers.strut(self.header.radius).map_err(problem)?;
                 lane.beam(&beam, &|| place(self.path, line)).map_err(|error| LineError { line, error })?;
                 count += 1;
@@ -185,9 +190,10 @@ impl Job<'_> {
 
     /// Reads the line that `rest` begins with, however its numbers are written.
     fn parse_slowly(&self, rest: &[u8], line: u64) -> Result<(Numbers, usize), LineError> {
-        let length = rest.iter().position(|&byte| byte == b'\n').map_or(rest.len(), |end| end + 1);
+        let length = line_length(rest);
         let text = &rest[..length];
-        let numbers = if length > LINE_LIMIT_BYTES { Err(too_long()) } else { Numbers::parse(text) };
+        let is_long = length > LINE_LIMIT_BYTES && !is_blank(text);
+        let numbers = if is_long { Err(too_long()) } else { Numbers::parse(text) };
         Ok((numbers.map_err(|problem| LineError::at(self.path, line, text, &problem))?, length))
     }
 
@@ -199,8 +205,8 @@ impl Job<'_> {
         let mut blocks = Blocks::open(self.path).ok()?;
         let mut lines_left = self.header.count.saturating_add(2);
         while let Ok(Some(block)) = blocks.next(&mut |_| {}) {
-            for (text, line) in block.bytes.split_inclusive(|&byte| byte == b'\n').zip(block.first_line..) {
-                lines_left -= u64::from(!text.trim_ascii().is_empty());
+            for (text, line) in lines(&block.bytes).zip(block.first_line..) {
+                lines_left -= u64::from(!is_blank(text));
                 if line > last {
                     return None;
                 }

@@ -2,33 +2,58 @@
 
 use std::io::Read;
 
-use glam::DVec3;
+use glam::{DAffine3, DVec3};
 
-use super::structure::{Object, Structure, measure, object_name, required};
-use super::xml::{Element, Space, Step, Xml};
+use super::attributes::{finite, measure, required};
+use super::resources::Object;
+use super::space::Space;
+use super::structure::{Structure, ball_attribute};
+use super::xml::{Element, Xml, quote};
 use crate::buildfile::collect::{Beam, Collector};
 use crate::buildfile::model::{Cap, Caps};
 use crate::buildfile::pack::PackError;
 
-/// Reads the lattices of a model whose structure is known.
+/// How far a transform may stretch one direction more than another and still scale radii, as a share.
+const UNIFORM_TOLERANCE: f64 = 1e-3;
+
+/// Beams and balls that share one walk over the places of their object, in some 400 KiB.
+const BLOCK_PIECES: usize = 4096;
+
+/// Reads the lattices of a package whose structure is known.
 pub(super) struct LatticeReader<'a, 'b, 'c> {
     pub(super) structure: &'a Structure,
     pub(super) collector: &'b mut Collector<'c>,
+    /// The part being read, for errors.
     pub(super) place: String,
+    /// The number of that part.
+    pub(super) part: u32,
     /// Most vertices of one object that may be held.
     pub(super) vertex_limit: usize,
+    /// Beams below their lattice's least length.
     pub(super) short_count: u64,
+    /// Beams whose ends are one vertex.
+    pub(super) pointless_count: u64,
 }
 
 /// The object being read.
 struct Open<'a> {
-    id: u32,
+    number: u32,
     object: &'a Object,
+    unit_mm: f64,
     vertices: Vec<DVec3>,
     /// Vertices that end a beam and bear no ball yet; kept for ball mode `all`.
     bare: Vec<bool>,
     beam_count: u64,
     defaults: Defaults,
+    /// What was read and is not yet placed.
+    block: Vec<Piece>,
+}
+
+/// A beam or ball in millimetres, before it is placed.
+enum Piece {
+    /// With its number in the lattice, from 1.
+    Beam(Beam, u64),
+    Ball(DVec3, f64),
 }
 
 #[derive(Default)]
@@ -41,100 +66,82 @@ struct Defaults {
     ball_radius: Option<f64>,
 }
 
-impl LatticeReader<'_, '_, '_> {
-    /// Streams the model; `progress` takes the unpacked bytes read so far.
+impl<'a> LatticeReader<'a, '_, '_> {
+    /// Streams a part; `progress` takes the unpacked bytes of it read so far.
     ///
     /// # Errors
     /// [`PackError`] names object and beam.
     pub(super) fn read<R: Read>(&mut self, xml: &mut Xml<R>, progress: &mut dyn FnMut(u64)) -> Result<(), PackError> {
-        let mut open: Option<Open<'_>> = None;
-        let mut steps = 0;
-        let structure = self.structure;
+        let mut open: Option<Open<'a>> = None;
+        let mut steps = 0u64;
         loop {
-            steps += 1u64;
+            steps += 1;
             if steps.is_multiple_of(1 << 14) {
                 progress(xml.position_bytes());
             }
-            let step = xml.next().map_err(|problem| PackError::input(&self.place, problem))?;
-            match step {
-                None => break,
-                Some(Step::Start(element)) if element.space == Space::Core && element.name() == "object" => {
-                    self.close(open.take())?;
-                    let id = required(element, "id").map_err(|problem| PackError::input(&self.place, problem))?;
-                    let placed = structure.objects.get(&id).filter(|object| object.has_lattice);
-                    open = placed.filter(|object| !object.placements.is_empty()).map(|object| Open {
-                        id,
-                        object,
-                        vertices: Vec::new(),
-                        bare: Vec::new(),
-                        beam_count: 0,
-                        defaults: Defaults::default(),
-                    });
-                }
-                Some(Step::Start(element)) => {
-                    if let Some(open) = &mut open {
-                        self.element(open, element)?;
-                    }
-                }
-                Some(Step::End) => {}
+            let Some(element) = xml.next().map_err(|problem| PackError::input(&self.place, problem))? else { break };
+            if (element.space, element.name()) == (Space::Core, "object") {
+                self.close(open.take())?;
+                let id = required(element, "id").map_err(|problem| PackError::input(&self.place, problem))?;
+                open = self.open(id);
+            } else if let Some(open) = &mut open {
+                self.element(open, element)?;
             }
         }
         self.close(open)
     }
 
+    /// Begins an object, if it holds a lattice and stands in the build.
+    fn open(&self, id: u32) -> Option<Open<'a>> {
+        let number = self.structure.resources.number((self.part, id))?;
+        let object = &self.structure.resources.objects[number as usize];
+        (object.has_lattice && self.structure.place_count(number) > 0).then(|| Open {
+            number,
+            object,
+            unit_mm: self.structure.units_mm[self.part as usize],
+            vertices: Vec::new(),
+            bare: Vec::new(),
+            beam_count: 0,
+            defaults: Defaults::default(),
+            block: Vec::new(),
+        })
+    }
+
     fn element(&mut self, open: &mut Open<'_>, element: &Element) -> Result<(), PackError> {
-        let place = format_place(&self.place, open);
-        let wrong = |problem: String| PackError::input(place(None), problem);
         match (element.space, element.name()) {
-            (Space::Core, "vertex") => {
-                if open.vertices.len() == self.vertex_limit {
-                    return Err(wrong(format!(
-                        "more than {} vertices, which do not fit --memory; give it more",
-                        self.vertex_limit
-                    )));
-                }
-                let axis = |name| measure(element, name)?.ok_or(format!("a vertex without {name}"));
-                let read = || Ok(DVec3::new(axis("x")?, axis("y")?, axis("z")?));
-                open.vertices.push(read().map_err(wrong)?);
+            // A displacement mesh writes its vertices in its own namespace.
+            (Space::Core | Space::Displacement, "vertex") => {
+                let vertex = self.vertex(open, element).map_err(|problem| self.wrong(open, None, problem))?;
+                open.vertices.push(vertex);
             }
             (Space::Lattice, "beamlattice") => {
-                open.defaults = Defaults::read(element).map_err(wrong)?;
-                if open.object.placements.iter().any(|placed| placed.scale.is_none()) {
-                    return Err(wrong(
-                        "its transform stretches directions differently, which would make its round beams oval; \
-                         use a uniform scale"
-                            .into(),
-                    ));
-                }
+                open.defaults = Defaults::read(element).map_err(|problem| self.wrong(open, None, problem))?;
             }
             (Space::Lattice, "beam") => {
                 open.beam_count += 1;
                 let number = open.beam_count;
-                self.beam(open, element).map_err(|problem| match problem {
-                    Problem::Text(text) => PackError::input(format_place(&self.place, open)(Some(number)), text),
-                    Problem::Pack(error) => error,
-                })?;
+                let beam = self.beam(open, element).map_err(|problem| self.wrong(open, Some(number), problem))?;
+                open.block.extend(beam.map(|beam| Piece::Beam(beam, number)));
             }
             (Space::Balls | Space::Lattice, "ball") if open.defaults.balls_listed => {
-                let index: usize = required(element, "vindex").map_err(wrong)?;
-                let radius = measure(element, "r").map_err(wrong)?.or(open.defaults.ball_radius);
-                let radius = radius.ok_or_else(|| wrong(format!("the ball at vertex {index} has no radius")))?;
-                let count = open.vertices.len();
-                let centre = *open
-                    .vertices
-                    .get(index)
-                    .ok_or_else(|| wrong(format!("a ball at vertex {index}; there are {count} vertices")))?;
-                if let Some(bare) = open.bare.get_mut(index) {
-                    *bare = false;
-                }
-                self.ball(open, centre, radius)?;
+                let ball = ball(open, element).map_err(|problem| self.wrong(open, None, problem))?;
+                open.block.push(ball);
             }
             _ => {}
         }
-        Ok(())
+        if open.block.len() >= BLOCK_PIECES { self.place_block(open) } else { Ok(()) }
     }
 
-    fn beam(&mut self, open: &mut Open<'_>, element: &Element) -> Result<(), Problem> {
+    fn vertex(&self, open: &Open<'_>, element: &Element) -> Result<DVec3, String> {
+        if open.vertices.len() == self.vertex_limit {
+            return Err(format!("more than {} vertices, which do not fit --memory; give it more", self.vertex_limit));
+        }
+        let axis = |name| measure(element, name)?.ok_or(format!("a vertex without {name}"));
+        Ok(DVec3::new(axis("x")?, axis("y")?, axis("z")?))
+    }
+
+    /// A beam in millimetres, if it has a length that is to be printed.
+    fn beam(&mut self, open: &mut Open<'_>, element: &Element) -> Result<Option<Beam>, String> {
         let defaults = &open.defaults;
         let ends: [usize; 2] = [required(element, "v1")?, required(element, "v2")?];
         let count = open.vertices.len();
@@ -142,81 +149,115 @@ impl LatticeReader<'_, '_, '_> {
             open.vertices.get(index).copied().ok_or_else(|| format!("vertex {index}; there are {count} vertices"))
         };
         let [a, b] = [vertex(ends[0])?, vertex(ends[1])?];
-        if ends[0] == ends[1] {
-            return Err(format!("it begins and ends at vertex {}", ends[0]).into());
-        }
         let radius_a = measure(element, "r1")?.unwrap_or(defaults.radius);
         let radius_b = measure(element, "r2")?.unwrap_or(radius_a);
         if radius_a <= 0.0 || radius_b <= 0.0 {
-            return Err(format!("radii {radius_a} and {radius_b}; they must be greater than 0").into());
+            return Err(format!("radii {radius_a} and {radius_b}; they must be greater than 0"));
         }
         let caps = Caps { a: cap(element, "cap1", defaults.cap)?, b: cap(element, "cap2", defaults.cap)? };
+        if ends[0] == ends[1] {
+            self.pointless_count += 1;
+            return Ok(None);
+        }
         if a.distance(b) < defaults.min_length {
             self.short_count += 1;
-            return Ok(());
+            return Ok(None);
         }
         if defaults.balls_everywhere {
             open.bare.resize(count, false);
             ends.iter().for_each(|&end| open.bare[end] = true);
         }
-        let unit_mm = self.structure.unit_mm;
-        let number = open.beam_count;
-        for placed in &open.object.placements {
-            let scale = placed.scale.unwrap_or(1.0) * unit_mm;
-            let [a, b] = [a, b].map(|point| placed.transform.transform_point3(point) * unit_mm);
-            let beam = Beam { a, b, radius_a: radius_a * scale, radius_b: radius_b * scale, caps };
-            self.collector.beam(&beam, &|| format_place(&self.place, open)(Some(number))).map_err(Problem::Pack)?;
-        }
-        Ok(())
+        let unit_mm = open.unit_mm;
+        Ok(Some(Beam {
+            a: a * unit_mm,
+            b: b * unit_mm,
+            radius_a: radius_a * unit_mm,
+            radius_b: radius_b * unit_mm,
+            caps,
+        }))
     }
 
-    fn ball(&mut self, open: &Open<'_>, centre: DVec3, radius: f64) -> Result<(), PackError> {
-        let unit_mm = self.structure.unit_mm;
-        for placed in &open.object.placements {
-            let centre = placed.transform.transform_point3(centre) * unit_mm;
-            let radius = radius * placed.scale.unwrap_or(1.0) * unit_mm;
-            self.collector.ball(centre, radius, &|| format!("{}: a ball", format_place(&self.place, open)(None)))?;
+    /// Hands what was read to the collector, at every place of the object.
+    fn place_block(&mut self, open: &mut Open<'_>) -> Result<(), PackError> {
+        let block = std::mem::take(&mut open.block);
+        if block.is_empty() {
+            return Ok(());
+        }
+        for placed in self.structure.places(open.number) {
+            let Some(scale) = uniform_scale(placed) else {
+                let problem = "its transform stretches directions differently, which would make its round beams oval; use a \
+                               uniform scale";
+                return Err(self.wrong(open, None, problem.into()));
+            };
+            for piece in &block {
+                match *piece {
+                    Piece::Beam(beam, number) => {
+                        let Beam { a, b, radius_a, radius_b, caps } = beam;
+                        let [a, b] = [a, b].map(|point| placed.transform_point3(point));
+                        let beam = Beam { a, b, radius_a: radius_a * scale, radius_b: radius_b * scale, caps };
+                        self.collector.beam(&beam, &|| place(self.structure, &self.place, open, Some(number)))?;
+                    }
+                    Piece::Ball(centre, radius) => {
+                        let centre = placed.transform_point3(centre);
+                        let named = || format!("{}: a ball", place(self.structure, &self.place, open, None));
+                        self.collector.ball(centre, radius * scale, &named)?;
+                    }
+                }
+            }
         }
         Ok(())
     }
 
     /// Ends an object: in ball mode `all`, beam ends without a ball of their own get the common one.
     fn close(&mut self, open: Option<Open<'_>>) -> Result<(), PackError> {
-        let Some(open) = open else { return Ok(()) };
+        let Some(mut open) = open else { return Ok(()) };
         if let Some(radius) = open.defaults.ball_radius.filter(|_| open.defaults.balls_everywhere) {
-            for (centre, _) in open.vertices.iter().zip(&open.bare).filter(|(_, bare)| **bare) {
-                self.ball(&open, *centre, radius)?;
+            for vertex in 0..open.bare.len() {
+                if open.bare[vertex] {
+                    open.block.push(Piece::Ball(open.vertices[vertex] * open.unit_mm, radius * open.unit_mm));
+                }
+                if open.block.len() >= BLOCK_PIECES {
+                    self.place_block(&mut open)?;
+                }
             }
         }
-        Ok(())
+        self.place_block(&mut open)
     }
-}
 
-enum Problem {
-    Text(String),
-    Pack(PackError),
-}
-
-impl From<String> for Problem {
-    fn from(text: String) -> Self {
-        Self::Text(text)
+    fn wrong(&self, open: &Open<'_>, beam: Option<u64>, problem: String) -> PackError {
+        PackError::input(place(self.structure, &self.place, open, beam), problem)
     }
 }
 
 /// Names the object, and a beam of it by its number from 1.
-fn format_place(place: &str, open: &Open<'_>) -> impl Fn(Option<u64>) -> String + use<> {
-    let object = format!("{place}: {}", object_name(open.id, &open.object.name));
-    move |beam| beam.map_or(object.clone(), |number| format!("{object}: beam {number}"))
+fn place(structure: &Structure, part: &str, open: &Open<'_>, beam: Option<u64>) -> String {
+    let object = structure.resources.name(open.object.id);
+    beam.map_or(format!("{part}: {object}"), |number| format!("{part}: {object}: beam {number}"))
+}
+
+/// A ball in millimetres.
+fn ball(open: &mut Open<'_>, element: &Element) -> Result<Piece, String> {
+    let index: usize = required(element, "vindex")?;
+    let radius = measure(element, "r")?.or(open.defaults.ball_radius);
+    let radius = radius.ok_or_else(|| format!("the ball at vertex {index} has no radius"))?;
+    let count = open.vertices.len();
+    let centre = open.vertices.get(index);
+    let centre = *centre.ok_or_else(|| format!("a ball at vertex {index}; there are {count} vertices"))?;
+    if let Some(bare) = open.bare.get_mut(index) {
+        *bare = false;
+    }
+    Ok(Piece::Ball(centre * open.unit_mm, radius * open.unit_mm))
 }
 
 impl Defaults {
     fn read(element: &Element) -> Result<Self, String> {
         let radius = measure(element, "radius")?.ok_or("a beam lattice without radius")?;
-        let mode = element.get("ballmode").unwrap_or("none");
+        let mode = ball_attribute(element, "ballmode").unwrap_or("none");
         if !["none", "mixed", "all"].contains(&mode) {
-            return Err(format!("ballmode `{mode}`; allowed are none, mixed and all"));
+            return Err(format!("ballmode `{}`; allowed are none, mixed and all", quote(mode)));
         }
-        let ball_radius = measure(element, "ballradius")?;
+        let ball_radius =
+            ball_attribute(element, "ballradius").map(|text| finite(element, "ballradius", text)).transpose()?;
         if mode == "all" && ball_radius.is_none() {
             return Err("ballmode `all` without ballradius".into());
         }
@@ -237,9 +278,16 @@ fn cap(element: &Element, name: &str, default: Cap) -> Result<Cap, String> {
         Some("sphere") => Ok(Cap::Sphere),
         Some("hemisphere") => Ok(Cap::Hemisphere),
         Some("butt") => Ok(Cap::Butt),
-        Some(other) => Err(format!(
-            "{name} = `{}`; allowed are sphere, hemisphere and butt",
-            other.chars().take(40).collect::<String>()
-        )),
+        Some(other) => Err(format!("{name} = `{}`; allowed are sphere, hemisphere and butt", quote(other))),
     }
+}
+
+/// The factor by which a transform scales every direction alike, if it does.
+fn uniform_scale(transform: DAffine3) -> Option<f64> {
+    let matrix = transform.matrix3;
+    let scale = matrix.determinant().abs().cbrt();
+    let axes = [matrix.x_axis, matrix.y_axis, matrix.z_axis].map(|axis| axis / scale);
+    let alike = |pair: f64, wanted: f64| (pair - wanted).abs() <= 2.0 * UNIFORM_TOLERANCE;
+    let uniform = (0..3).all(|i| (i..3).all(|j| alike(DVec3::dot(axes[i], axes[j]), if i == j { 1.0 } else { 0.0 })));
+    (scale.is_finite() && scale > 0.0 && uniform).then_some(scale)
 }

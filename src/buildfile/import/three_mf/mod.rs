@@ -1,11 +1,19 @@
-//! 3MF: core model and beam lattice extension 1.2, in two passes over the compressed model, which is never extracted.
+//! 3MF: core model, production extension and beam lattice extension 1.2, in two passes over the compressed parts, which are
+//! never extracted.
 //!
 //! Beams come before the build items that place them. So the first pass learns where every object stands, and the second
-//! hands over each beam once for each place; in memory are one object's vertices and the list of objects.
+//! hands over each beam once for each place; in memory are one object's vertices and the list of objects and components.
 
+mod assembly;
+mod attributes;
+mod extensions;
 mod lattice;
 mod package;
+mod part_name;
+mod resources;
+mod space;
 mod structure;
+mod tags;
 mod xml;
 
 use std::fs::File;
@@ -17,7 +25,7 @@ use sha2::Digest;
 
 use self::lattice::LatticeReader;
 use self::package::Package;
-use self::structure::{Structure, object_name};
+use self::structure::Structure;
 use crate::buildfile::collect::Collector;
 use crate::buildfile::pack::{PackError, PackOptions, PackProgress};
 
@@ -33,26 +41,45 @@ pub(super) fn import(
 ) -> Result<(), PackError> {
     digest(path, collector)?;
     let mut package = Package::open(path)?;
-    let place = package.place();
-    let structure = Structure::read(&mut package.model()?).map_err(|problem| PackError::input(&place, problem))?;
-    check_left_out(&structure, options, &place, collector)?;
+    let structure = Structure::read(&mut package, options.memory_bytes)?;
+    let root = package.place(package.root());
+    structure.notes.iter().for_each(|note| collector.note(format!("{root}: {note}")));
+    check_left_out(&structure, options, &package, collector)?;
     collector.expect(structure.strut_count(), progress)?;
     // One byte a vertex marks where balls of mode `all` belong.
     let vertex_limit = usize::try_from(options.memory_bytes).unwrap_or(usize::MAX) / (size_of::<DVec3>() + 1);
-    let mut reader =
-        LatticeReader { structure: &structure, collector, place: place.clone(), vertex_limit, short_count: 0 };
-    let file_bytes = std::fs::metadata(path).map_or(0, |metadata| metadata.len());
-    let stated_bytes = package.stated_model_bytes();
-    let mut report = |bytes: u64| {
-        let share = (bytes as f64 / stated_bytes as f64).min(1.0);
-        progress(PackProgress::Reading { done: (share * file_bytes as f64) as u64, total: file_bytes });
+    let mut reader = LatticeReader {
+        structure: &structure,
+        collector,
+        place: root.clone(),
+        part: 0,
+        vertex_limit,
+        short_count: 0,
+        pointless_count: 0,
     };
-    reader.read(&mut package.model()?, &mut report)?;
-    let short_count = reader.short_count;
+    let file_bytes = std::fs::metadata(path).map_or(0, |metadata| metadata.len());
+    let parts = &structure.resources.part_names;
+    let stated_bytes = parts.iter().map(|part| package.stated_bytes(part)).sum::<u64>().max(1);
+    let mut before = 0;
+    package.rewind();
+    for (name, part) in parts.iter().zip(0..) {
+        let mut report = |bytes: u64| {
+            let share = ((before + bytes) as f64 / stated_bytes as f64).min(1.0);
+            progress(PackProgress::Reading { done: (share * file_bytes as f64) as u64, total: file_bytes });
+        };
+        (reader.place, reader.part) = (package.place(name), part);
+        let mut xml = package.part(name)?;
+        reader.read(&mut xml, &mut report)?;
+        before += xml.position_bytes();
+    }
+    let LatticeReader { short_count, pointless_count, .. } = reader;
     if short_count > 0 {
         collector.note(format!(
-            "{place}: {short_count} beams shorter than their lattice's minlength were left out, as 3MF asks"
+            "{root}: {short_count} beams shorter than their lattice's minlength were left out, as 3MF asks"
         ));
+    }
+    if pointless_count > 0 {
+        collector.note(format!("{root}: {pointless_count} beams that begin and end at one vertex were left out"));
     }
     Ok(())
 }
@@ -75,21 +102,31 @@ fn digest(path: &Path, collector: &mut Collector<'_>) -> Result<(), PackError> {
 fn check_left_out(
     structure: &Structure,
     options: &PackOptions,
-    place: &str,
+    package: &Package<'_>,
     collector: &mut Collector<'_>,
 ) -> Result<(), PackError> {
-    let mut placed: Vec<_> = structure.objects.iter().filter(|(_, object)| !object.placements.is_empty()).collect();
-    placed.sort_unstable_by_key(|(id, _)| **id);
-    for (id, object) in placed {
-        let mesh = object.has_triangles.then(|| "it holds a solid mesh".to_owned());
-        let displaced = object.has_displacement.then(|| "it holds a displacement mesh".to_owned());
-        for what in mesh.into_iter().chain(displaced).chain(object.clipping.clone()) {
-            let object = format!("{place}: {}", object_name(*id, &object.name));
+    let root = package.place(package.root());
+    for (object, number) in structure.resources.objects.iter().zip(0..) {
+        if structure.place_count(number) == 0 {
+            continue;
+        }
+        let place = format!("{root}: {}", structure.resources.name(object.id));
+        let mesh = object.has_triangles.then_some("it holds a solid mesh");
+        let displaced = object.has_displacement.then_some("it holds a displacement mesh");
+        for what in mesh.into_iter().chain(displaced) {
             if !options.lattice_only {
                 let problem = format!("{what}, which is not printed yet; --lattice-only leaves it out");
-                return Err(PackError::input(object, problem));
+                return Err(PackError::input(place, problem));
             }
-            collector.note(format!("{object}: {what}; it was left out"));
+            collector.note(format!("{place}: {what}; it was left out"));
+        }
+        if let Some(clipping) = &object.clipping {
+            if !options.lattice_only {
+                let problem =
+                    format!("{clipping}, but clipping is not done yet; --lattice-only prints the whole lattice");
+                return Err(PackError::input(place, problem));
+            }
+            collector.note(format!("{place}: {clipping}, but clipping is not done yet: the whole lattice is printed"));
         }
     }
     Ok(())

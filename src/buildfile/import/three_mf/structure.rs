@@ -1,100 +1,123 @@
-//! First pass: units, objects, components and build items, without vertices and beams. Tells where each lattice stands.
+//! First pass: units, objects, components and build items of all parts, without vertices and beams. Tells where each lattice
+//! stands.
 
 use std::collections::HashMap;
 use std::io::Read;
+use std::rc::Rc;
 
-use glam::{DAffine3, DVec3};
+use glam::DAffine3;
 
-use super::xml::{Element, Space, Step, Xml};
+use super::assembly::Assembly;
+use super::attributes::{required, transform};
+use super::extensions::Extensions;
+use super::package::{Names, Package};
+use super::part_name;
+use super::resources::{BUILD, LeftOut, Link, Object, ObjectId, Resources};
+use super::space::Space;
+use super::xml::{Element, Xml, quote};
+use crate::buildfile::pack::PackError;
 
-/// Deepest nesting of components: assemblies of assemblies, deeper than anybody draws them; the placing walks it on a list, not
-/// the stack.
-const DEPTH_LIMIT: usize = 32;
+/// Most model parts that are read: each is opened twice, and slicing programs write one for each object of a plate.
+const PART_LIMIT: usize = 1024;
 
-/// Most objects, components and items together, and most visits in placing them: components of components multiply.
-const COUNT_LIMIT: usize = 1 << 18;
+/// What an object, component or build item takes in memory at most: an object with the longest name.
+const ENTRY_BYTES: u64 = 512;
 
-/// How far a transform may stretch one direction more than another and still scale radii, as a share.
-const UNIFORM_TOLERANCE: f64 = 1e-3;
+/// Objects, components and build items that are always allowed, however little memory there is.
+const FREE_ENTRIES: u64 = 1 << 18;
 
 /// What the first pass found.
-#[derive(Debug, Default)]
 pub(super) struct Structure {
-    /// Millimetres in one unit of the model.
-    pub(super) unit_mm: f64,
-    pub(super) objects: HashMap<u32, Object>,
-    items: Vec<(u32, DAffine3)>,
-}
-
-/// One object of the model.
-#[derive(Debug, Default)]
-pub(super) struct Object {
-    pub(super) name: String,
-    /// Where it stands in the build, with components resolved.
-    pub(super) placements: Vec<Placed>,
-    pub(super) has_lattice: bool,
-    /// A `<triangle>` stands in its mesh.
-    pub(super) has_triangles: bool,
-    pub(super) has_displacement: bool,
-    /// How its lattice is clipped, where it is.
-    pub(super) clipping: Option<String>,
-    vertex_count: u64,
-    /// Beams and balls at each of its placements, at most.
-    strut_count: u64,
-    components: Vec<(u32, DAffine3)>,
-}
-
-/// One place of an object.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Placed {
-    pub(super) transform: DAffine3,
-    /// Factor on radii; `None` where the transform stretches directions differently.
-    pub(super) scale: Option<f64>,
-}
-
-/// An object as errors name it.
-pub(super) fn object_name(id: u32, name: &str) -> String {
-    if name.is_empty() { format!("object {id}") } else { format!("object {id} ({name})") }
+    pub(super) resources: Resources,
+    /// Millimetres in one unit of each part.
+    pub(super) units_mm: Vec<f64>,
+    /// What was passed over, one sentence each.
+    pub(super) notes: Vec<String>,
+    assembly: Assembly,
 }
 
 impl Structure {
-    /// Reads a model.
+    /// Reads the model and the parts it refers to; the list of what they hold may take `memory_bytes`.
     ///
     /// # Errors
-    /// A text that names the object or element, what was found and what is allowed.
-    pub(super) fn read<R: Read>(xml: &mut Xml<R>) -> Result<Self, String> {
-        let mut structure = Self { unit_mm: 0.0, ..Self::default() };
-        let mut current = 0;
-        let mut count = 0;
-        while let Some(step) = xml.next()? {
-            let Step::Start(element) = step else { continue };
-            if structure.unit_mm == 0.0 {
-                structure.model(element)?;
-                continue;
-            }
-            structure.element(element, &mut current, &mut count)?;
-            if count > COUNT_LIMIT {
-                return Err(format!("more than {COUNT_LIMIT} objects, components and build items"));
-            }
+    /// [`PackError`] names part, object or element, what was found and what is allowed.
+    pub(super) fn read(package: &mut Package<'_>, memory_bytes: u64) -> Result<Self, PackError> {
+        let root = package.root().to_owned();
+        let root_place = package.place(&root);
+        let wrong = |problem: String| PackError::input(&root_place, problem);
+        let names = package.names();
+        let entry = names.entry(&root).map_err(wrong)?;
+        let mut reader = Reader {
+            names,
+            numbers: HashMap::from([(entry, 0)]),
+            resources: Resources::new(root),
+            units_mm: Vec::new(),
+            extensions: Extensions::default(),
+            unprinted: Vec::new(),
+            entry_limit: FREE_ENTRIES.max(memory_bytes / ENTRY_BYTES).min(BUILD.into()) as usize,
+        };
+        while let Some(part) = reader.resources.part_names.get(reader.units_mm.len()).cloned() {
+            let place = package.place(&part);
+            reader.part(package.part(&part)?).map_err(|problem| PackError::input(place, problem))?;
         }
-        if structure.unit_mm == 0.0 {
-            return Err("the document is empty".into());
-        }
-        structure.place()?;
-        Ok(structure)
+        reader.finish(package.has_keystore).map_err(wrong)
     }
 
     /// Beams and balls that stand in the build, at most: some may be too short.
     pub(super) fn strut_count(&self) -> u64 {
-        let placed = |object: &Object| object.strut_count.saturating_mul(object.placements.len() as u64);
-        self.objects.values().map(placed).fold(0, u64::saturating_add)
+        let objects = self.resources.objects.iter().zip(0..);
+        let placed = objects.map(|(object, number)| object.strut_count.saturating_mul(self.place_count(number)));
+        placed.fold(0, u64::saturating_add)
+    }
+
+    /// How often an object stands in the build.
+    pub(super) fn place_count(&self, object: u32) -> u64 {
+        self.assembly.count(object)
+    }
+
+    /// Where an object stands in the build: maps from its millimetres to those of the build.
+    pub(super) fn places(&self, object: u32) -> impl Iterator<Item = DAffine3> {
+        self.assembly.places(object, &self.resources)
+    }
+}
+
+/// Reads part after part.
+struct Reader {
+    names: Rc<Names>,
+    /// Numbers of the parts by their entries in the zip.
+    numbers: HashMap<usize, u32>,
+    resources: Resources,
+    /// Of the parts read so far and the one being read.
+    units_mm: Vec<f64>,
+    extensions: Extensions,
+    /// Objects of build items that are marked not to be printed.
+    unprinted: Vec<ObjectId>,
+    entry_limit: usize,
+}
+
+impl Reader {
+    fn part<R: Read>(&mut self, mut xml: Xml<R>) -> Result<(), String> {
+        let root = xml.next()?.ok_or("the document is empty")?;
+        self.model(root)?;
+        // Components belong to the object before them, of the same part.
+        let mut current = None;
+        while let Some(element) = xml.next()? {
+            self.element(element, &mut current)?;
+            if self.resources.len() + self.unprinted.len() > self.entry_limit {
+                return Err(format!(
+                    "more than {} objects, components and build items, which do not fit --memory; give it more",
+                    self.entry_limit
+                ));
+            }
+        }
+        self.extensions.found(xml.into_foreign())
     }
 
     fn model(&mut self, element: &Element) -> Result<(), String> {
         if (element.space, element.name()) != (Space::Core, "model") {
             return Err(format!("the root element is `{}`, not a 3MF core `model`", element.name()));
         }
-        self.unit_mm = match element.get("unit").unwrap_or("millimeter") {
+        self.units_mm.push(match element.get("unit").unwrap_or("millimeter") {
             "micron" => 0.001,
             "millimeter" => 1.0,
             "centimeter" => 10.0,
@@ -102,170 +125,135 @@ impl Structure {
             "foot" => 304.8,
             "meter" => 1000.0,
             other => {
+                let other = quote(other);
                 return Err(format!("unit `{other}`; 3MF knows micron, millimeter, centimeter, inch, foot and meter"));
             }
-        };
-        for prefix in element.get("requiredextensions").unwrap_or("").split_ascii_whitespace() {
-            let uri = element.bindings().find(|(bound, _)| *bound == prefix).map(|(_, uri)| uri);
-            match uri.map(Space::of) {
-                None => return Err(format!("it requires the extension `{prefix}`, but binds no namespace to it")),
-                Some(Space::Other) => {
-                    let uri = uri.unwrap_or_default();
-                    return Err(format!("it requires the extension `{prefix}` ({uri}), which layerd does not know"));
-                }
-                Some(_) => {}
-            }
-        }
-        Ok(())
+        });
+        let prefixes = element.get("requiredextensions").unwrap_or("").split_ascii_whitespace();
+        prefixes.into_iter().try_for_each(|prefix| self.extensions.require(prefix, element.binding(prefix)))
     }
 
-    fn element(&mut self, element: &Element, current: &mut u32, count: &mut usize) -> Result<(), String> {
+    fn element(&mut self, element: &Element, current: &mut Option<u32>) -> Result<(), String> {
+        let unit_mm = self.units_mm[self.number() as usize];
         match (element.space, element.name()) {
-            (Space::Core, "object") => {
-                *count += 1;
-                *current = required(element, "id")?;
-                let name = element.get("name").unwrap_or("").chars().take(80).collect();
-                let object = Object { name, ..Object::default() };
-                if self.objects.insert(*current, object).is_some() {
-                    return Err(format!("two objects have the id {current}"));
-                }
-            }
+            (Space::Core, "object") => *current = Some(self.object(element)?),
             (Space::Core, "component") => {
-                *count += 1;
-                let child = self.reference(element)?;
-                let transform = transform(element)?;
-                self.object(*current, element)?.components.push((child, transform));
+                let target = self.reference(element)?;
+                self.current(element, *current)?;
+                self.resources.add_component(target, transform(element, unit_mm)?);
             }
-            (Space::Core, "item") => {
-                *count += 1;
-                let child = self.reference(element)?;
-                self.items.push((child, transform(element)?));
-            }
-            (Space::Core, "vertex") => self.object(*current, element)?.vertex_count += 1,
-            (Space::Lattice, "beam" | "ball") | (Space::Balls, "ball") => {
-                self.object(*current, element)?.strut_count += 1;
-            }
-            (Space::Core, "triangle") => self.object(*current, element)?.has_triangles = true,
-            (Space::Displacement, "displacementmesh") => self.object(*current, element)?.has_displacement = true,
-            (Space::Lattice, "beamlattice") => {
-                // Published samples write `clipping` for `clippingmode`.
-                let mode = element.get("clippingmode").or(element.get("clipping")).filter(|mode| *mode != "none");
-                let clipping = mode.map(|mode| {
-                    let mesh = element.get("clippingmesh").unwrap_or("?");
-                    format!("its lattice is clipped ({mode}) by the mesh of object {mesh}").chars().take(200).collect()
-                });
-                let object = self.object(*current, element)?;
-                object.has_lattice = true;
-                object.clipping = clipping;
-                if element.get("ballmode") == Some("all") {
-                    object.strut_count += object.vertex_count;
+            // Only the first part's build is printed.
+            (Space::Core, "item") if self.number() == 0 => {
+                let target = self.reference(element)?;
+                if is_printable(element)? {
+                    let transform = transform(element, unit_mm)?;
+                    self.resources.items.push(Link { parent: BUILD, target, transform });
+                } else {
+                    self.unprinted.push(target);
                 }
             }
+            (Space::Core | Space::Displacement, "vertex") => self.current(element, *current)?.vertex_count += 1,
+            (Space::Lattice, "beam" | "ball") | (Space::Balls, "ball") => {
+                self.current(element, *current)?.strut_count += 1;
+            }
+            (Space::Core, "triangle") => self.current(element, *current)?.has_triangles = true,
+            (Space::Displacement, "displacementmesh") => self.current(element, *current)?.has_displacement = true,
+            (Space::Lattice, "beamlattice") => lattice(element, self.current(element, *current)?),
             _ => {}
         }
         Ok(())
     }
 
-    fn object(&mut self, id: u32, element: &Element) -> Result<&mut Object, String> {
-        self.objects.get_mut(&id).ok_or_else(|| format!("`{}` stands outside of any object", element.name()))
+    /// The number of the part being read.
+    fn number(&self) -> u32 {
+        self.units_mm.len() as u32 - 1
     }
 
-    fn reference(&self, element: &Element) -> Result<u32, String> {
+    fn object(&mut self, element: &Element) -> Result<u32, String> {
+        let is_other = match element.get("type").unwrap_or("model") {
+            "model" | "solidsupport" | "support" | "surface" => false,
+            "other" => true,
+            other => {
+                let other = quote(other);
+                return Err(format!("type `{other}`; allowed are model, solidsupport, support, surface and other"));
+            }
+        };
+        let id = (self.number(), required(element, "id")?);
+        let name = quote(element.get("name").unwrap_or(""));
+        self.resources.add(Object { id, name, is_other, ..Object::default() })
+    }
+
+    fn current(&mut self, element: &Element, current: Option<u32>) -> Result<&mut Object, String> {
+        let object = current.map(|number| &mut self.resources.objects[number as usize]);
+        object.ok_or_else(|| format!("`{}` stands outside of any object", element.name()))
+    }
+
+    /// The object that a component or item refers to. A part that it names is read later.
+    fn reference(&mut self, element: &Element) -> Result<ObjectId, String> {
         let id = required(element, "objectid")?;
-        if let Some(path) = element.get("path") {
-            return Err(format!(
-                "`{}` refers to object {id} in another part, `{path}` (production extension), which is not read; \
-                 save the model as one part",
-                element.name()
-            ));
+        // Some files write it without its prefix.
+        let path = element.get_of(Space::Production, "path").or(element.get("path"));
+        let Some(path) = path else { return Ok((self.number(), id)) };
+        let name = part_name::resolve(path);
+        let entry = self.names.entry(&name);
+        let entry = entry
+            .map_err(|problem| format!("`{}` refers to object {id} in another part: {problem}", element.name()))?;
+        let count = self.numbers.len();
+        let part = *self.numbers.entry(entry).or_insert(count as u32);
+        if part as usize == count {
+            if count == PART_LIMIT {
+                return Err(format!("the package spreads its model over more than {PART_LIMIT} parts"));
+            }
+            self.resources.part_names.push(name);
         }
-        Ok(id)
+        Ok((part, id))
     }
 
-    /// Resolves items and components into placements of each object.
-    fn place(&mut self) -> Result<(), String> {
-        let mut visits = 0;
-        let mut open: Vec<(u32, DAffine3, Vec<u32>)> =
-            self.items.iter().rev().map(|&(id, transform)| (id, transform, Vec::new())).collect();
-        while let Some((id, transform, mut above)) = open.pop() {
-            visits += 1;
-            if visits > COUNT_LIMIT {
-                return Err(format!("components place more than {COUNT_LIMIT} objects"));
-            }
-            let named = above.last().map_or("a build item".to_owned(), |parent| format!("object {parent}"));
-            let object = self
-                .objects
-                .get_mut(&id)
-                .ok_or_else(|| format!("{named} refers to object {id}, which does not exist"))?;
-            if above.contains(&id) {
-                return Err(format!("{} contains itself through its components", object_name(id, &object.name)));
-            }
-            if above.len() == DEPTH_LIMIT {
-                return Err(format!("components nested more than {DEPTH_LIMIT} deep at object {id}"));
-            }
-            object.placements.push(Placed { transform, scale: uniform_scale(transform) });
-            above.push(id);
-            let children = object.components.iter().rev();
-            open.extend(children.map(|&(child, inner)| (child, transform * inner, above.clone())));
+    fn finish(mut self, has_keystore: bool) -> Result<Structure, String> {
+        let mut notes = self.extensions.check(has_keystore)?;
+        if self.resources.items.is_empty() && self.unprinted.is_empty() {
+            return Err(
+                "the model has no build items, so nothing of it is to be printed; place its objects in the build in \
+                        the program that wrote it"
+                    .into(),
+            );
         }
-        Ok(())
+        let items = self.resources.close();
+        let assembly = Assembly::new(&self.resources, items)?;
+        let mut unprinted = LeftOut::default();
+        self.unprinted.iter().for_each(|&id| unprinted.add(|| self.resources.name(id)));
+        notes.extend(unprinted.note(|count| format!("{count} build items marked printable=\"0\" are not printed")));
+        notes.extend(assembly.others.note(|count| {
+            format!("{count} objects of type `other`, which 3MF does not print, are left out with their components")
+        }));
+        Ok(Structure { resources: self.resources, units_mm: self.units_mm, notes, assembly })
     }
 }
 
-/// A number that must be there.
-///
-/// # Errors
-/// A text that names element and attribute.
-pub(super) fn required<T: std::str::FromStr>(element: &Element, name: &str) -> Result<T, String> {
-    optional(element, name)?.ok_or_else(|| format!("`{}` without {name}", element.name()))
-}
-
-/// A number that may be there.
-///
-/// # Errors
-/// A text that names element, attribute and what was found.
-pub(super) fn optional<T: std::str::FromStr>(element: &Element, name: &str) -> Result<Option<T>, String> {
-    let Some(text) = element.get(name) else { return Ok(None) };
-    let parsed = text.trim().parse().map(Some);
-    parsed.map_err(|_| {
-        format!("{name} = `{}` in `{}` is not a number", text.chars().take(40).collect::<String>(), element.name())
-    })
-}
-
-/// A finite number that may be there.
-///
-/// # Errors
-/// As [`optional`].
-pub(super) fn measure(element: &Element, name: &str) -> Result<Option<f64>, String> {
-    let value = optional::<f64>(element, name)?;
-    match value.filter(|value| !value.is_finite()) {
-        Some(value) => Err(format!("{name} = {value} in `{}` is not a finite number", element.name())),
-        None => Ok(value),
+/// Takes a lattice's clipping, and the balls that its mode puts everywhere.
+fn lattice(element: &Element, object: &mut Object) {
+    // Published samples write `clipping` for `clippingmode`.
+    let mode = element.get("clippingmode").or(element.get("clipping")).filter(|mode| *mode != "none");
+    object.has_lattice = true;
+    object.clipping = mode.map(|mode| {
+        let mesh = quote(element.get("clippingmesh").unwrap_or("?"));
+        format!("its lattice is to be clipped ({}) by the mesh of object {mesh}", quote(mode))
+    });
+    if ball_attribute(element, "ballmode") == Some("all") {
+        object.strut_count += object.vertex_count;
     }
 }
 
-fn transform(element: &Element) -> Result<DAffine3, String> {
-    let Some(text) = element.get("transform") else { return Ok(DAffine3::IDENTITY) };
-    let problem = || format!("transform `{}` is not 12 finite numbers", text.chars().take(120).collect::<String>());
-    let mut values = [0.0; 12];
-    let mut fields = text.split_ascii_whitespace();
-    for value in &mut values {
-        let parsed = fields.next().and_then(|field| field.parse().ok());
-        *value = parsed.filter(|value: &f64| value.is_finite()).ok_or_else(problem)?;
-    }
-    if fields.next().is_some() {
-        return Err(problem());
-    }
-    // 3MF multiplies row vectors: its rows are the images of the axes, which are this type's columns.
-    Ok(DAffine3::from_cols_array(&values))
+/// An attribute of the balls extension on a beam lattice, which some files write without its prefix.
+pub(super) fn ball_attribute<'a>(element: &'a Element, name: &str) -> Option<&'a str> {
+    element.get_of(Space::Balls, name).or(element.get(name))
 }
 
-/// The factor by which a transform scales every direction alike, if it does.
-fn uniform_scale(transform: DAffine3) -> Option<f64> {
-    let matrix = transform.matrix3;
-    let scale = matrix.determinant().abs().cbrt();
-    let axes = [matrix.x_axis, matrix.y_axis, matrix.z_axis].map(|axis| axis / scale);
-    let alike = |pair: f64, wanted: f64| (pair - wanted).abs() <= 2.0 * UNIFORM_TOLERANCE;
-    let uniform = (0..3).all(|i| (i..3).all(|j| alike(DVec3::dot(axes[i], axes[j]), if i == j { 1.0 } else { 0.0 })));
-    (scale.is_finite() && scale > 0.0 && uniform).then_some(scale)
+/// Whether a build item is to be printed; slicing programs mark those that are not.
+fn is_printable(element: &Element) -> Result<bool, String> {
+    match element.get("printable").map(str::trim) {
+        None | Some("1" | "true") => Ok(true),
+        Some("0" | "false") => Ok(false),
+        Some(other) => Err(format!("printable = `{}` in `item`; allowed are 0, 1, false and true", quote(other))),
+    }
 }

@@ -1,13 +1,14 @@
-//! A stream of XML elements under limits: depth, attributes, and bytes between one element and the next.
+//! A stream of XML elements under limits: depth, attributes, and the length of a tag.
 
-use std::cell::Cell;
-use std::io::{self, BufReader, Read};
+use std::io::Read;
 use std::ops::Range;
-use std::rc::Rc;
 
 use quick_xml::events::{BytesStart, Event};
-use quick_xml::name::{Namespace, ResolveResult};
+use quick_xml::name::{Namespace, NamespaceResolver, ResolveResult};
 use quick_xml::{NsReader, XmlVersion};
+
+use super::space::Space;
+use super::tags::Tags;
 
 /// Deepest nesting; a 3MF model needs eight.
 const DEPTH_LIMIT: usize = 64;
@@ -15,34 +16,14 @@ const DEPTH_LIMIT: usize = 64;
 /// Most attributes of one element; no 3MF element has twenty.
 const ATTRIBUTE_LIMIT: usize = 128;
 
-/// Most bytes in which an element, a comment or a text must end: the parser holds them whole.
-const EVENT_LIMIT_BYTES: u64 = 1 << 20;
+/// Most namespaces of one document that layerd does not know: slicing programs write two or three.
+const FOREIGN_LIMIT: usize = 64;
 
-const BUFFER_BYTES: usize = 64 << 10;
+/// Longest name of such a namespace: those that are published have some 70 bytes, and each is kept.
+pub(super) const URI_LIMIT_BYTES: usize = 1024;
 
-/// The namespaces 3MF lattices are written in.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Space {
-    Core,
-    Lattice,
-    Balls,
-    Production,
-    Displacement,
-    Other,
-}
-
-impl Space {
-    pub(super) fn of(uri: &str) -> Self {
-        match uri {
-            "http://schemas.microsoft.com/3dmanufacturing/core/2015/02" => Self::Core,
-            "http://schemas.microsoft.com/3dmanufacturing/beamlattice/2017/02" => Self::Lattice,
-            "http://schemas.microsoft.com/3dmanufacturing/beamlattice/balls/2020/07" => Self::Balls,
-            "http://schemas.microsoft.com/3dmanufacturing/production/2015/06" => Self::Production,
-            _ if uri.contains("/3dmanufacturing/displacement/") => Self::Displacement,
-            _ => Self::Other,
-        }
-    }
-}
+/// Most of a name from the file that is kept or repeated.
+const QUOTE_LIMIT_CHARS: usize = 80;
 
 /// One start tag. The value is reused from tag to tag.
 #[derive(Debug)]
@@ -50,7 +31,22 @@ pub(super) struct Element {
     pub(super) space: Space,
     text: String,
     name: Range<usize>,
-    attributes: Vec<[Range<usize>; 2]>,
+    attributes: Vec<Attribute>,
+}
+
+/// One attribute. An unprefixed one belongs to its element; that of a namespace layerd does not know keeps its prefix.
+#[derive(Debug)]
+struct Attribute {
+    space: Space,
+    name: Range<usize>,
+    value: Range<usize>,
+}
+
+/// A namespace that layerd does not know, and the first element or attribute of it.
+#[derive(Debug)]
+pub(super) struct Foreign {
+    pub(super) uri: String,
+    pub(super) name: String,
 }
 
 impl Element {
@@ -63,36 +59,97 @@ impl Element {
         &self.text[self.name.clone()]
     }
 
-    /// An attribute by its name without prefix.
+    /// An attribute of the element itself: unprefixed, or in the element's own namespace.
     pub(super) fn get(&self, name: &str) -> Option<&str> {
-        let local = |key: &Range<usize>| self.text[key.clone()].rsplit(':').next() == Some(name);
-        self.attributes.iter().find(|[key, _]| local(key)).map(|[_, value]| &self.text[value.clone()])
+        self.get_of(self.space, name)
     }
 
-    /// Prefixes this element binds, with their namespaces.
-    pub(super) fn bindings(&self) -> impl Iterator<Item = (&str, &str)> {
-        self.attributes.iter().filter_map(|[key, value]| {
-            self.text[key.clone()].strip_prefix("xmlns:").map(|prefix| (prefix, &self.text[value.clone()]))
-        })
+    /// An attribute that an extension adds to the element.
+    pub(super) fn get_of(&self, space: Space, name: &str) -> Option<&str> {
+        let found = self.attributes.iter().find(|one| one.space == space && &self.text[one.name.clone()] == name);
+        found.map(|one| &self.text[one.value.clone()])
     }
 
-    fn read(&mut self, start: &BytesStart<'_>) -> Result<(), String> {
+    /// The namespace that this element binds to a prefix.
+    pub(super) fn binding(&self, prefix: &str) -> Option<&str> {
+        let bound = |one: &&Attribute| {
+            one.space == Space::Other && self.text[one.name.clone()].strip_prefix("xmlns:") == Some(prefix)
+        };
+        self.attributes.iter().find(bound).map(|one| &self.text[one.value.clone()])
+    }
+
+    fn read(
+        &mut self,
+        space: Space,
+        start: &BytesStart<'_>,
+        resolver: &NamespaceResolver,
+        foreign: &mut Vec<Foreign>,
+    ) -> Result<(), String> {
+        self.space = space;
         self.text.clear();
         self.attributes.clear();
-        let local = start.local_name();
-        self.name = append(&mut self.text, local.as_ref());
+        self.name = append(&mut self.text, start.local_name().as_ref());
         for attribute in start.attributes().with_checks(false) {
             let attribute = attribute.map_err(|error| error.to_string())?;
             if self.attributes.len() == ATTRIBUTE_LIMIT {
                 return Err(format!("an element `{}` with more than {ATTRIBUTE_LIMIT} attributes", self.name()));
             }
+            let key = attribute.key;
+            let space = if key.as_namespace_binding().is_some() {
+                Space::Other
+            } else if key.prefix().is_none() {
+                self.space
+            } else {
+                resolve(&resolver.resolve_attribute(key).0, key.local_name().as_ref(), foreign)?
+            };
+            let name = if space == Space::Other { key.into_inner() } else { key.local_name().into_inner() };
             let value = attribute.normalized_value(XmlVersion::Explicit1_0).map_err(|error| error.to_string())?;
-            let key = append(&mut self.text, attribute.key.0);
+            let twice = |one: &Attribute| one.space == space && &self.text[one.name.clone()] == name;
+            if self.attributes.iter().any(twice) {
+                return Err(format!("`{}` has the attribute {} twice", self.name(), quote(name)));
+            }
+            let name = append(&mut self.text, name);
             let value = append(&mut self.text, &value);
-            self.attributes.push([key, value]);
+            self.attributes.push(Attribute { space, name, value });
         }
         Ok(())
     }
+}
+
+/// What a namespace means; one that is not known is remembered with `name`, which is in it.
+fn resolve(resolved: &ResolveResult<'_>, name: &str, foreign: &mut Vec<Foreign>) -> Result<Space, String> {
+    let uri = match resolved {
+        ResolveResult::Bound(Namespace(uri)) => *uri,
+        ResolveResult::Unbound => return Ok(Space::Other),
+        ResolveResult::Unknown(prefix) => {
+            return Err(format!("the prefix of `{}:{}` is bound to no namespace", quote(prefix), quote(name)));
+        }
+    };
+    let space = Space::of(uri);
+    if space == Space::Other && !foreign.iter().any(|known| known.uri == uri) {
+        check_uri(uri)?;
+        if foreign.len() == FOREIGN_LIMIT {
+            return Err(format!("more than {FOREIGN_LIMIT} namespaces"));
+        }
+        foreign.push(Foreign { uri: uri.to_owned(), name: quote(name) });
+    }
+    Ok(space)
+}
+
+/// Refuses a namespace that is too long to keep.
+///
+/// # Errors
+/// A text that says so.
+pub(super) fn check_uri(uri: &str) -> Result<(), String> {
+    if uri.len() > URI_LIMIT_BYTES {
+        return Err(format!("the name of a namespace is longer than {URI_LIMIT_BYTES} bytes: `{}`", quote(uri)));
+    }
+    Ok(())
+}
+
+/// The beginning of a text from the file.
+pub(super) fn quote(text: &str) -> String {
+    text.chars().take(QUOTE_LIMIT_CHARS).collect()
 }
 
 fn append(text: &mut String, part: &str) -> Range<usize> {
@@ -101,71 +158,76 @@ fn append(text: &mut String, part: &str) -> Range<usize> {
     start..text.len()
 }
 
-/// What comes next.
-pub(super) enum Step<'a> {
-    /// An element begins; an empty one ends at once.
-    Start(&'a Element),
-    /// The innermost open element ends.
-    End,
-}
-
 /// Reads elements one by one.
 pub(super) struct Xml<R: Read> {
-    reader: NsReader<BufReader<Guard<R>>>,
-    since_event: Rc<Cell<u64>>,
+    reader: NsReader<Tags<R>>,
     buffer: Vec<u8>,
     element: Element,
+    foreign: Vec<Foreign>,
     depth: usize,
-    ends_at_once: bool,
+    /// The depth outside of the element that is passed over, where one is.
+    passed: Option<usize>,
 }
 
 impl<R: Read> Xml<R> {
     pub(super) fn new(input: R) -> Self {
-        let since_event = Rc::new(Cell::new(0));
-        let guard = Guard { input, since_event: Rc::clone(&since_event) };
-        let reader = NsReader::from_reader(BufReader::with_capacity(BUFFER_BYTES, guard));
-        Self { reader, since_event, buffer: Vec::new(), element: Element::new(), depth: 0, ends_at_once: false }
+        Self {
+            reader: NsReader::from_reader(Tags::new(input)),
+            buffer: Vec::new(),
+            element: Element::new(),
+            foreign: Vec::new(),
+            depth: 0,
+            passed: None,
+        }
     }
 
     /// Unpacked bytes read so far.
     pub(super) fn position_bytes(&self) -> u64 {
-        self.reader.buffer_position()
+        self.reader.get_ref().position_bytes()
     }
 
-    /// The next step, or `None` at the end of a whole document.
+    /// The namespaces found so far that layerd does not know.
+    pub(super) fn into_foreign(self) -> Vec<Foreign> {
+        self.foreign
+    }
+
+    /// The next element, or `None` at the end of a whole document. Below the root, elements of extensions that layerd does not
+    /// know or that cannot change the shape are passed over with all that they hold.
     ///
     /// # Errors
     /// A text that says what is no XML or beyond a limit.
-    pub(super) fn next(&mut self) -> Result<Option<Step<'_>>, String> {
-        if std::mem::take(&mut self.ends_at_once) {
-            self.depth -= 1;
-            return Ok(Some(Step::End));
-        }
+    pub(super) fn next(&mut self) -> Result<Option<&Element>, String> {
         loop {
             self.buffer.clear();
-            self.since_event.set(0);
-            let event = self.reader.read_resolved_event_into(&mut self.buffer).map_err(|error| error.to_string())?;
-            let (resolved, event) = event;
-            let space = match resolved {
-                ResolveResult::Bound(Namespace(uri)) => Space::of(uri),
-                _ => Space::Other,
-            };
+            let (resolved, event) =
+                self.reader.read_resolved_event_into(&mut self.buffer).map_err(|error| match error {
+                    // As the package or the tags put it.
+                    quick_xml::Error::Io(error) => error.to_string(),
+                    other => other.to_string(),
+                })?;
             match event {
                 Event::Start(ref start) | Event::Empty(ref start) => {
                     if self.depth == DEPTH_LIMIT {
                         return Err(format!("elements nested more than {DEPTH_LIMIT} deep"));
                     }
-                    self.depth += 1;
-                    self.ends_at_once = matches!(event, Event::Empty(_));
-                    self.element.space = space;
-                    self.element.read(start)?;
-                    return Ok(Some(Step::Start(&self.element)));
+                    let is_empty = matches!(event, Event::Empty(_));
+                    let outside = self.depth;
+                    self.depth += usize::from(!is_empty);
+                    if self.passed.is_some() {
+                        continue;
+                    }
+                    let space = resolve(&resolved, start.local_name().as_ref(), &mut self.foreign)?;
+                    if outside > 0 && matches!(space, Space::Other | Space::Shapeless) {
+                        self.passed = (!is_empty).then_some(outside);
+                        continue;
+                    }
+                    self.element.read(space, start, self.reader.resolver(), &mut self.foreign)?;
+                    return Ok(Some(&self.element));
                 }
                 Event::End(_) => {
                     self.depth = self.depth.checked_sub(1).ok_or("an end tag without a start tag")?;
-                    return Ok(Some(Step::End));
+                    self.passed = self.passed.filter(|&outside| outside < self.depth);
                 }
-                Event::DocType(_) => return Err("a document type declaration, which 3MF forbids".into()),
                 Event::Eof if self.depth > 0 => {
                     return Err("the document ends inside an element; it is cut short".into());
                 }
@@ -173,22 +235,5 @@ impl<R: Read> Xml<R> {
                 _ => {}
             }
         }
-    }
-}
-
-/// Counts bytes since the last event and stops a parser that would buffer without end.
-struct Guard<R> {
-    input: R,
-    since_event: Rc<Cell<u64>>,
-}
-
-impl<R: Read> Read for Guard<R> {
-    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        if self.since_event.get() > EVENT_LIMIT_BYTES {
-            return Err(io::Error::other(format!("an element or text longer than {EVENT_LIMIT_BYTES} bytes")));
-        }
-        let count = self.input.read(buffer)?;
-        self.since_event.set(self.since_event.get() + count as u64);
-        Ok(count)
     }
 }

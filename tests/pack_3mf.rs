@@ -1,0 +1,430 @@
+//! 3MF as programs in the field write it: namespaces, part names, extensions, builds, and models in several parts.
+
+mod pack_bench;
+
+use std::fmt::Write;
+
+use layerd::buildfile::Strut;
+use pack_bench::{BEAM, Bench, HEAD, ITEM, RELATIONSHIPS, model, said};
+
+const MODEL: &str = "3D/odd name.model";
+
+/// A model of one object 7 that holds a lattice of vertical beams at these x, 10 mm high, with a radius of 1 mm.
+fn posts(root: &str, at: &[u32], build: &str) -> String {
+    let mut vertices = String::new();
+    let mut beams = String::new();
+    for (number, x) in at.iter().enumerate() {
+        write!(vertices, r#"<vertex x="{x}" y="0" z="0"/><vertex x="{x}" y="0" z="10"/>"#).expect("a string grows");
+        write!(beams, r#"<b:beam v1="{}" v2="{}"/>"#, 2 * number, 2 * number + 1).expect("a string grows");
+    }
+    format!(
+        r#"{HEAD}{root}><resources><object id="7" name="Posts"><mesh><vertices>{vertices}</vertices>
+        <b:beamlattice radius="1" minlength="0.001"><b:beams>{beams}</b:beams></b:beamlattice></mesh></object></resources>
+        <build>{build}</build></model>"#
+    )
+}
+
+/// A model of these objects, and this build.
+fn objects(objects: &str, build: &str) -> String {
+    let lattice =
+        r#"<b:beamlattice radius="1" minlength="0"><b:beams><b:beam v1="0" v2="1"/></b:beams></b:beamlattice>"#;
+    let mesh = r#"<mesh><vertices><vertex x="0" y="0" z="0"/><vertex x="0" y="0" z="5"/></vertices>LATTICE</mesh>"#;
+    let mesh = mesh.replace("LATTICE", lattice);
+    format!("{HEAD}><resources>{}</resources><build>{build}</build></model>", objects.replace("MESH", &mesh))
+}
+
+fn notes(bench: &Bench, model: &str) -> (String, Vec<Strut>) {
+    let (report, struts) = bench.model(model).unwrap_or_else(|error| panic!("{error}: {model}"));
+    (report.notes.join("\n"), struts)
+}
+
+#[test]
+fn attributes_and_elements_belong_to_their_namespaces() {
+    let bench = Bench::new();
+    let plain = model("", "", r#"<b:beams><b:beam v1="0" v2="1" r2="2"/></b:beams>"#, "", ITEM);
+    let (_, expected) = notes(&bench, &plain);
+    let vendor = plain
+        .replace("<vertex x=\"0\" y=\"0\" z=\"0\"/>", "<vertex x:x=\"3\" x=\"0\" x:y=\"4\" y=\"0\" z=\"0\" x:z=\"9\"/>")
+        .replace("v1=\"0\"", "x:v1=\"2\" x:v2=\"2\" x:r1=\"3\" x:r2=\"4\" x:cap1=\"butt\" b2:r1=\"5\" v1=\"0\"")
+        .replace("radius=\"1\"", "x:radius=\"5\" x:ballmode=\"all\" x:clippingmode=\"inside\" b:radius=\"1\"")
+        .replace(
+            "objectid=\"7\"",
+            "x:objectid=\"8\" x:transform=\"no\" x:path=\"/no.model\" x:printable=\"0\" objectid=\"7\"",
+        )
+        .replace("id=\"7\" name", "x:id=\"8\" x:type=\"other\" id=\"7\" name")
+        .replace("<b:beams>", "<x:beam v1=\"1\" v2=\"2\"/><x:more><b:beam v1=\"1\" v2=\"2\"/></x:more><b:beams>")
+        .replace("<build>", "<x:build><item objectid=\"8\"/></x:build><build>");
+    assert_eq!(notes(&bench, &vendor).1, expected, "nothing of the vendor's is taken for the lattice's");
+
+    // The prefix means nothing: another one, and none.
+    let renamed = plain.replace("b:", "lattice:").replace("xmlns:b=", "xmlns:lattice=");
+    assert_eq!(notes(&bench, &renamed).1, expected);
+    let uri = "http://schemas.microsoft.com/3dmanufacturing/beamlattice/2017/02";
+    let unprefixed = plain
+        .replace("<b:beamlattice", &format!("<beamlattice xmlns=\"{uri}\""))
+        .replace("<b:", "<")
+        .replace("</b:", "</");
+    assert_eq!(notes(&bench, &unprefixed).1, expected);
+    let swapped = plain.replace(uri, "http://example.org/another");
+    assert!(said(bench.model(&swapped)).contains("no struts"), "a prefix alone is no lattice");
+
+    let twice = [
+        ("r2=\"2\"", "r2=\"2\" r2=\"3\""),
+        ("r2=\"2\"", "r2=\"2\" b:r2=\"3\""),
+        ("r2=\"2\"", "xmlns:c=\"URI\" b:r2=\"2\" c:r2=\"3\""),
+        ("id=\"7\" name", "id=\"7\" id=\"9\" name"),
+    ];
+    for (once, twice) in twice {
+        let found = said(bench.model(&plain.replacen(once, &twice.replace("URI", uri), 1)));
+        assert!(found.contains("has the attribute") && found.contains("twice"), "{found}");
+    }
+    for (bound, unbound) in [(" r2=", " nobody:r2="), ("<b:beams>", "<nobody:beams/><b:beams>")] {
+        let found = said(bench.model(&plain.replacen(bound, unbound, 1)));
+        assert!(found.contains("`nobody:") && found.contains("bound to no namespace"), "{found}");
+    }
+}
+
+#[test]
+fn a_lattice_in_a_displacement_mesh_finds_its_vertices() {
+    let mut bench = Bench::new();
+    for uri in [
+        "http://schemas.3mf.io/3dmanufacturing/displacement/2023/10",
+        "http://schemas.microsoft.com/3dmanufacturing/displacement/2022/07",
+    ] {
+        let displaced = posts(&format!("xmlns:d='{uri}'"), &[0, 5], ITEM)
+            .replace("<mesh>", "<d:displacementmesh>")
+            .replace("</mesh>", "</d:displacementmesh>")
+            .replace("<vert", "<d:vert")
+            .replace("</vert", "</d:vert");
+        bench.options.lattice_only = false;
+        let found = said(bench.model(&displaced));
+        assert!(found.contains("displacement mesh") && found.contains("--lattice-only"), "{found}");
+        bench.options.lattice_only = true;
+        let (notes, struts) = notes(&bench, &displaced);
+        assert_eq!(struts.len(), 2);
+        assert_eq!(struts[1].b, [5000, 0, 10_000]);
+        assert!(notes.contains("displacement mesh"), "{notes}");
+    }
+}
+
+#[test]
+fn part_names_are_compared_as_packages_do() {
+    let bench = Bench::new();
+    let text = posts("", &[0], ITEM);
+    let named = |target: &str| RELATIONSHIPS.replace("/3D/odd name.model", target);
+    let cases = [
+        ("/3D/odd name.model", "3d/ODD NAME.MODEL"),
+        ("/3D/odd%20name.model", "3D/odd name.model"),
+        ("/3D/odd name.model", "3D/odd%20name.model"),
+        ("3D/odd name.model", "/3D/odd name.model"),
+        ("./3D/./odd name.model", "3D/odd name.model"),
+        ("/3D/Other/../odd name.model", "./3D/odd name.model"),
+        ("3D\\odd name.model", "3D/odd name.model"),
+        ("/3D/odd name.model", "3D\\odd name.model"),
+        ("/%33D/%6fdd%20name.m%6Fdel", "3D/odd name.model"),
+        ("/3D/teil%C3%BC.model", "3D/teilü.model"),
+    ];
+    for (target, entry) in cases {
+        for relationships in ["_rels/.rels", "_Rels/.RELS"] {
+            let packed = bench.package(&[(relationships, &named(target)), (entry, &text)]);
+            assert_eq!(packed.unwrap_or_else(|error| panic!("{target}, {entry}: {error}")).1.len(), 1);
+        }
+    }
+    let found = said(bench.package(&[("_rels/.rels", &named("/3D/100%.model")), (MODEL, &text)]));
+    assert!(found.contains("no part `3D/100%.model`"), "{found}");
+    let found = said(bench.package(&[("_rels/.rels", RELATIONSHIPS), (MODEL, &text), ("3d/odd name.MODEL", &text)]));
+    assert!(found.contains("several entries") && found.contains("3D/odd name.model"), "{found}");
+    let external = named("http://example.org/3D/a.model\" TargetMode=\"External");
+    assert!(said(bench.package(&[("_rels/.rels", &external), (MODEL, &text)])).contains("no relationship names"));
+    let foreign = RELATIONSHIPS.replace("package/2006/relationships\"", "package/2006/other\"");
+    assert!(said(bench.package(&[("_rels/.rels", &foreign), (MODEL, &text)])).contains("no relationship names"));
+}
+
+#[test]
+fn required_extensions_that_change_nothing_are_noted_and_others_refused() {
+    let bench = Bench::new();
+    let materials = "xmlns:m='http://schemas.microsoft.com/3dmanufacturing/material/2015/02'";
+    let text = posts(&format!("{materials} requiredextensions='b m'"), &[0], ITEM)
+        .replace("<resources>", "<resources><m:colorgroup id='1'><m:color color='#FF0000'/></m:colorgroup>");
+    let (told, _) = notes(&bench, &text);
+    assert!(
+        told.contains("`m`") && told.contains("material/2015/02") && told.contains("cannot change the shape"),
+        "{told}"
+    );
+
+    let secure = "xmlns:sc='http://schemas.microsoft.com/3dmanufacturing/securecontent/2019/04'";
+    let text = posts(&format!("{secure} requiredextensions=' b  sc x '"), &[0], ITEM);
+    let (told, _) = notes(&bench, &text);
+    for name in ["`sc`", "securecontent/2019/04", "`x`", "http://example.org/unheard-of", "uses nothing of it"] {
+        assert!(told.contains(name), "{told}");
+    }
+    let keystore = RELATIONSHIPS.replace(
+        "</Relationships>",
+        r#"<Relationship Target="/Secure/keystore.xml" Id="k" Type="http://schemas.microsoft.com/3dmanufacturing/2019/04/keystore"/>
+        </Relationships>"#,
+    );
+    let found = said(bench.package(&[("_rels/.rels", &keystore), (MODEL, &text)]));
+    assert!(found.contains("keystore") && found.contains("encrypted"), "{found}");
+
+    let required = posts("requiredextensions='x'", &[0], ITEM);
+    for (from, used) in [("<b:beams>", "<x:hollow/><b:beams>"), ("radius=", "x:hollow=\"1\" radius=")] {
+        let found = said(bench.model(&required.replace(from, used)));
+        let says = |part: &str| found.contains(part);
+        assert!(says("http://example.org/unheard-of") && says("uses it (`hollow`)") && says("shape"), "{found}");
+    }
+    assert!(
+        !notes(&bench, &posts("", &[0], ITEM).replace("<b:beams>", "<x:hollow/><b:beams>")).0.contains("unheard-of")
+    );
+    let unbound = said(bench.model(&posts("requiredextensions='nobody'", &[0], ITEM)));
+    assert!(unbound.contains("`nobody`") && unbound.contains("no namespace"), "{unbound}");
+    let long = posts(&format!("xmlns:l='{}' requiredextensions='l'", "u".repeat(2000)), &[0], ITEM);
+    assert!(said(bench.model(&long)).contains("longer than 1024 bytes"));
+    let many: String = (0..100).map(|n| format!("<a xmlns='urn:{n}'/>")).collect();
+    assert!(said(bench.model(&format!("{HEAD}>{many}</model>"))).contains("more than 64 namespaces"));
+}
+
+#[test]
+fn only_what_the_build_prints_is_packed() {
+    let bench = Bench::new();
+    let none = said(bench.model(&posts("", &[0], "")));
+    assert!(none.contains("no build items") && none.contains("place its objects in the build"), "{none}");
+
+    let two = r#"<object id="1">MESH</object><object id="2" type="other" name="Gauge">MESH</object>
+        <object id="3"><components><component objectid="1"/><component objectid="2"/></components></object>
+        <object id="4" type="other"><components><component objectid="1"/></components></object>"#;
+    let build = r#"<item objectid="2"/><item objectid="3"/><item objectid="4" transform="1 0 0 0 1 0 0 0 1 9 0 0"/>"#;
+    let (told, struts) = notes(&bench, &objects(two, build));
+    assert_eq!(struts.len(), 1, "object 1 by way of object 3");
+    assert!(told.contains("2 objects of type `other`"), "{told}");
+    assert!(told.contains("object 2 (Gauge), object 4"), "{told}");
+    let solid = two.replace("name=\"Gauge\">MESH", "><mesh><triangles><triangle v1=\"0\"/></triangles></mesh>");
+    assert_eq!(notes(&bench, &objects(&solid, build)).1.len(), 1, "nobody minds a mesh that is not printed");
+
+    let build = r#"<item objectid="1"/><item objectid="1" printable="0" transform="1 0 0 0 1 0 0 0 1 9 0 0"/>
+        <item objectid="1" printable="false" transform="1 0 0 0 1 0 0 0 1 19 0 0"/>
+        <item objectid="1" printable="1" transform="1 0 0 0 1 0 0 0 1 29 0 0"/>"#;
+    let (told, struts) = notes(&bench, &objects(two, build));
+    assert_eq!(struts.iter().map(|strut| strut.a[0]).collect::<Vec<_>>(), [0, 29_000]);
+    assert!(told.contains("2 build items marked printable=\"0\" are not printed: object 1, object 1"), "{told}");
+    let many = format!("<item objectid=\"1\"/>{}", "<item objectid=\"1\" printable=\"0\"/>".repeat(9));
+    assert!(notes(&bench, &objects(two, &many)).0.ends_with(
+        "9 build items marked printable=\"0\" are not printed: object 1, \
+        object 1, object 1, object 1, object 1, …"
+    ));
+
+    for (build, why) in
+        [("<item objectid=\"2\"/>", "type `other`"), ("<item objectid=\"1\" printable=\"0\"/>", "printable=")]
+    {
+        let found = said(bench.model(&objects(two, build)));
+        assert!(found.contains("no struts") && found.contains(why), "{found}");
+    }
+    assert!(said(bench.model(&objects(two, "<item objectid='1' printable='no'/>"))).contains("printable = `no`"));
+    assert!(said(bench.model(&objects("<object id='1' type='ghost'/>", ITEM))).contains("type `ghost`"));
+}
+
+#[test]
+fn beams_without_length_are_left_out_and_counted() {
+    let bench = Bench::new();
+    let lattice = r#"<b:beams><b:beam v1="0" v2="1"/><b:beam v1="2" v2="2"/><b:beam v1="1" v2="1"/></b:beams>"#;
+    let (told, struts) = notes(&bench, &model("", "", lattice, "", ITEM));
+    assert_eq!(struts.len(), 1);
+    assert!(told.contains("2 beams that begin and end at one vertex were left out"), "{told}");
+
+    // Two vertices at one place, and two that fall on one quantum.
+    let close = r#"<vertex x="8" y="0" z="10"/><vertex x="8" y="0" z="10"/><vertex x="8" y="0" z="10.0001"/>"#;
+    let lattice = r#"<b:beams><b:beam v1="0" v2="1"/><b:beam v1="2" v2="3"/><b:beam v1="3" v2="4"/></b:beams>"#;
+    let text = model("", "", lattice, "", ITEM)
+        .replace(r#"<vertex x="8" y="0" z="10"/>"#, close)
+        .replace("minlength=\"0.001\"", "minlength=\"0\"");
+    let (told, struts) = notes(&bench, &text);
+    assert_eq!(struts.len(), 1);
+    assert!(told.contains("2 struts shorter than the file's resolution"), "{told}");
+
+    let all = said(bench.model(&model("", "", r#"<b:beams><b:beam v1="1" v2="1"/></b:beams>"#, "", ITEM)));
+    assert!(all.contains("no struts") && all.contains("1 beams that begin and end at one vertex"), "{all}");
+}
+
+#[test]
+fn parts_of_the_same_package_are_followed() {
+    let bench = Bench::new();
+    let resources = r#"<object id="1"><components><component objectid="7" p:path="/3D/Objects/a%20b.model" p:UUID="u"
+        transform="1 0 0 0 1 0 0 0 1 0 100 0"/><component objectid="2"/></components></object><object id="2">MESH</object>"#;
+    let build = r#"<item objectid="1" p:UUID="u"/><item objectid="7" p:path="3d/objects/INCH.model"
+        transform="1 0 0 0 1 0 0 0 1 0 200 0"/>"#;
+    let root = objects(resources, build).replace("<object id=\"2\">", "<object id=\"2\" p:UUID=\"v\">");
+    // It has objects and a build of its own, which count for nothing here.
+    let millimetres = posts("", &[0, 3], "<item objectid='7' transform='1 0 0 0 1 0 0 0 1 0 0 777'/>");
+    let inches = posts("unit='inch'", &[0], "");
+    let parts = [
+        ("_rels/.rels", RELATIONSHIPS),
+        (MODEL, root.as_str()),
+        ("3D/Objects/a b.model", &millimetres),
+        ("3D/Objects/inch.model", &inches),
+        ("3D/Objects/unused.model", "is not read"),
+    ];
+    let (_, struts) = bench.package(&parts).expect("is fine");
+    let mut found: Vec<_> = struts.iter().map(|strut| (strut.a, strut.b[2], strut.radius_a)).collect();
+    found.sort_unstable();
+    let expected = [
+        ([0, 0, 0], 5000, 1000),
+        ([0, 100_000, 0], 10_000, 1000),
+        ([0, 200_000, 0], 254_000, 25_400),
+        ([3000, 100_000, 0], 10_000, 1000),
+    ];
+    assert_eq!(found, expected);
+
+    let found = said(bench.package(&parts[..3]));
+    assert!(
+        found.contains("`item` refers to object 7") && found.contains("no part `3d/objects/INCH.model`"),
+        "{found}"
+    );
+    let missing = root.replace("<item objectid=\"7\"", "<item objectid=\"8\"");
+    let found = said(bench.package(&[parts[0], (MODEL, &missing), parts[2], parts[3]]));
+    assert!(found.contains("object 8 of 3d/objects/INCH.model, which does not exist"), "{found}");
+    let wrong = millimetres.replace("r1=", "r0=").replace("v2=\"3\"", "v2=\"4\"");
+    let found = said(bench.package(&[parts[0], parts[1], (parts[2].0, &wrong), parts[3]]));
+    assert!(found.contains("3D/Objects/a b.model: object 7 (Posts)") && found.contains("beam 2: vertex 4"), "{found}");
+    let used = millimetres.replace("<b:beams>", "<x:hollow/><b:beams>");
+    let required = root.replacen("><resources>", " requiredextensions='x'><resources>", 1);
+    let found = said(bench.package(&[parts[0], (MODEL, &required), (parts[2].0, &used), parts[3]]));
+    assert!(found.contains("uses it (`hollow`)"), "another part's use counts: {found}");
+}
+
+#[test]
+fn parts_that_contain_one_another_or_too_much_are_refused() {
+    let bench = Bench::new();
+    let component = |part: &str, id: u32| {
+        format!("<object id='{id}'><components><component objectid='1' p:path='/{part}'/></components></object>")
+    };
+    let root = objects(&component("3D/a.model", 1), "<item objectid='1'/>");
+    let (a, b) = (objects(&component("3D/b.model", 1), ""), objects(&component("3D/a.model", 1), ""));
+    let found =
+        said(bench.package(&[("_rels/.rels", RELATIONSHIPS), (MODEL, &root), ("3D/a.model", &a), ("3D/b.model", &b)]));
+    let cycle = "contains itself through its components: object 1 of 3D/a.model → object 1 of 3D/b.model → object 1 of 3D/a.model";
+    assert!(found.contains(cycle), "{found}");
+    let own = said(bench.model(&objects(&component(MODEL, 1), "<item objectid='1'/>")));
+    assert!(own.contains("object 1 contains itself"), "{own}");
+
+    // A chain of parts is as deep as its components.
+    let chain = |length: usize| {
+        let link = |number: usize| {
+            (format!("3D/{number}.model"), objects(&component(&format!("3D/{}.model", number + 1), 1), ""))
+        };
+        let mut parts: Vec<_> = (1..length).map(link).collect();
+        parts.push((format!("3D/{length}.model"), objects("<object id='1'>MESH</object>", "")));
+        parts
+    };
+    let root = objects("", "<item objectid='1' p:path='/3D/1.model'/>");
+    for (length, fits) in [(32, true), (33, false)] {
+        let chain = chain(length);
+        let own = [("_rels/.rels", RELATIONSHIPS), (MODEL, root.as_str())];
+        let parts: Vec<_> =
+            own.into_iter().chain(chain.iter().map(|(name, text)| (name.as_str(), text.as_str()))).collect();
+        match bench.package(&parts) {
+            Ok((_, struts)) => assert!(fits && struts.len() == 1),
+            Err(error) => assert!(!fits && error.to_string().contains("nested more than 32 deep"), "{error}"),
+        }
+    }
+
+    let names: Vec<String> = (0..1100).map(|number| format!("3D/{number}.model")).collect();
+    let items: String = names.iter().map(|name| format!("<item objectid='7' p:path='/{name}'/>")).collect();
+    let (root, text) = (objects("", &items), posts("", &[0], ""));
+    let own = [("_rels/.rels", RELATIONSHIPS), (MODEL, root.as_str())];
+    let parts: Vec<_> = own.into_iter().chain(names.iter().map(|name| (name.as_str(), text.as_str()))).collect();
+    assert!(said(bench.package(&parts)).contains("more than 1024 parts"));
+
+    // Each part could be, all together are no lattice.
+    let blank = format!("{text}{}", " ".repeat(20 << 20));
+    let parts: Vec<_> = parts[2..6].iter().map(|(name, _)| (*name, blank.as_str())).collect();
+    let items: String = names[..4].iter().map(|name| format!("<item objectid='7' p:path='/{name}'/>")).collect();
+    let root = objects("", &items);
+    let parts = [&[own[0], (MODEL, root.as_str())], parts.as_slice()].concat();
+    assert!(said(bench.package(&parts)).contains("zip bomb"));
+}
+
+#[test]
+fn a_lattice_that_would_be_clipped_is_told_to_be_printed_whole() {
+    let mut bench = Bench::new();
+    let clipped = model("", r#"clippingmode="outside" clippingmesh="4""#, BEAM, "", ITEM);
+    let found = said(bench.model(&clipped));
+    assert!(found.contains("clipped (outside) by the mesh of object 4") && found.contains("--lattice-only"), "{found}");
+    bench.options.lattice_only = true;
+    let (told, struts) = notes(&bench, &clipped);
+    assert_eq!(struts.len(), 1);
+    assert!(told.contains("the whole lattice is printed") && !told.contains("left out"), "{told}");
+}
+
+#[test]
+fn long_texts_and_comments_are_passed_over() {
+    let bench = Bench::new();
+    let plain = posts("", &[0, 4], ITEM);
+    let (_, expected) = notes(&bench, &plain);
+    let long = "<b:beam v1='0' v2='9'/> - ] ? ".repeat(60_000);
+    let between = [
+        format!("<metadata name=\"Notes\">{}</metadata>", long.replace('<', "&lt;")),
+        format!("<!--{}-->", long),
+        format!("<!--> {long} --->"),
+        format!("<![CDATA[{long}]]]>"),
+        format!("<?program {long}??>"),
+        "\u{feff}stray text".into(),
+        "<!---->".into(),
+    ];
+    for text in &between {
+        for at in ["<resources>", "<b:beams>", "</build>", "<object"] {
+            let (told, struts) = notes(&bench, &plain.replacen(at, &format!("{text}{at}"), 1));
+            assert_eq!((struts, told.as_str()), (expected.clone(), ""));
+        }
+    }
+    let quoted = plain.replace("name=\"Posts\"", "name=\"<!-- a > b -->\"");
+    assert_eq!(notes(&bench, &quoted).1, expected, "a value is no comment");
+    for (unended, expected) in [("<!-- ", "cut short"), ("<![CDATA[ ]]", "cut short"), ("<!ELEMENT a>", "neither")] {
+        let found = said(bench.model(&plain.replace("</model>", unended)));
+        assert!(found.contains(expected), "{found}");
+    }
+    let utf16: Vec<u8> = "\u{feff}".encode_utf16().chain(plain.encode_utf16()).flat_map(u16::to_le_bytes).collect();
+    let utf16 = bench.package_bytes(&[("_rels/.rels", RELATIONSHIPS.as_bytes()), (MODEL, &utf16)]);
+    assert!(said(utf16).contains("UTF-16"));
+}
+
+#[test]
+fn cells_are_placed_however_often_components_multiply_them() {
+    let bench = Bench::new();
+    let row = |id: usize, of: usize, axis: usize| {
+        let component = |number: usize| {
+            let mut at = [0; 3];
+            at[axis] = 10 * number;
+            let [x, y, z] = at;
+            format!("<component objectid='{of}' transform='1 0 0 0 1 0 0 0 1 {x} {y} {z}'/>")
+        };
+        let components: String = (0..65).map(component).collect();
+        format!("<object id='{id}'><components>{components}</components></object>")
+    };
+    let nested = ["<object id='1'>MESH</object>".into(), row(2, 1, 0), row(3, 2, 1), row(4, 3, 2)].concat();
+    let (report, struts) = bench.model(&objects(&nested, "<item objectid='4'/>")).expect("is fine");
+    assert_eq!(report.header.strut_count, 65 * 65 * 65);
+    assert_eq!(struts.last().map(|strut| strut.a), Some([640_000; 3]));
+
+    // The same in one list.
+    let mut components = String::new();
+    for number in 0..65 * 65 * 65 {
+        let (x, y, z) = (10 * (number % 65), 10 * (number / 65 % 65), 10 * (number / 65 / 65));
+        write!(components, "<component objectid='1' transform='1 0 0 0 1 0 0 0 1 {x} {y} {z}'/>")
+            .expect("a string grows");
+    }
+    let flat = format!("<object id='1'>MESH</object><object id='2'><components>{components}</components></object>");
+    let (_, listed) = bench.model(&objects(&flat, "<item objectid='2'/>")).expect("is fine");
+    assert!(listed == struts);
+}
+
+/// Thirty-two levels of ten: more places than any disk has room for, in a file of a few kilobytes.
+#[test]
+fn more_places_than_fit_the_disk_are_refused_at_once() {
+    let bench = Bench::new();
+    let level = |id: usize| {
+        let components = format!("<component objectid='{}'/>", id - 1).repeat(10);
+        format!("<object id='{id}'><components>{components}</components></object>")
+    };
+    let levels: String = (2..32).map(level).collect();
+    let found = said(bench.model(&objects(&format!("<object id='1'>MESH</object>{levels}"), "<item objectid='31'/>")));
+    assert!(found.contains("are needed") && found.contains("make room"), "{found}");
+}
