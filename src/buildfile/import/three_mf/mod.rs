@@ -118,7 +118,7 @@ fn check_left_out(
                 let problem = format!("{what}, which is not printed yet; --lattice-only leaves it out");
                 return Err(PackError::input(place, problem));
             }
-            collector.note(format!("{place}: {what}; it was left out"));
+            collector.note(format!("{place}: {what}, which was left out"));
         }
         if let Some(clipping) = &object.clipping {
             if !options.lattice_only {
