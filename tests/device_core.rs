@@ -250,6 +250,157 @@ fn a_fault_is_dark_and_reported() {
     assert!(bench.request(Request::Home) > number && bench.core.state().moving);
 }
 
+/// A device with layer 1 exposed, layer 2 in slot 0, and homed.
+fn busy_bench() -> Bench {
+    let mut bench = Bench::new();
+    let home = bench.request(Request::Home);
+    bench.advance(5_000_000);
+    assert_eq!(bench.reply(home), Some(Reply::Moved { position_um: 0 }));
+    bench.upload(0, id(1));
+    bench.expose(id(1), 100);
+    bench.upload(0, id(2));
+    bench
+}
+
+fn fault() -> Option<Fault> {
+    Some(Fault { code: 9, text: "door open".into() })
+}
+
+fn refused_with(bench: &mut Bench, request: &Request, refusal: Refusal, when: &str) {
+    let number = bench.request(request.clone());
+    assert_eq!(bench.reply(number), Some(Reply::Refused(refusal)), "{when}: {request:?}");
+}
+
+/// In each row everything that would refuse a later row applies as well.
+#[test]
+fn of_several_refusals_the_first_in_the_documents_order_wins() {
+    let begin = |slot, encoding, encoded_bytes| Request::LayerBegin {
+        slot,
+        id: id(3),
+        encoding,
+        encoded_bytes,
+        decoded_crc32: 0,
+    };
+    let rows = [
+        (begin(9, Encoding::RawGrey, 0), Refusal::NoSuchLayer),
+        (begin(0, Encoding::RawGrey, 0), Refusal::SlotBusy),
+        (begin(1, Encoding::RawGrey, 0), Refusal::BadEncoding),
+        (begin(1, Encoding::Group4, 0), Refusal::BadLayer),
+    ];
+    let mut bench = busy_bench();
+    bench.request(Request::Expose { id: id(2), duration_ms: 1000, light_pwm: 255 });
+    for (request, refusal) in rows {
+        // Each also ends the layer on its way, which is told first.
+        let on_its_way = bench.request(begin(1, Encoding::Group4, 500));
+        refused_with(&mut bench, &request, refusal, "while a layer shines");
+        assert_eq!(bench.reply(on_its_way), Some(Reply::Refused(Refusal::BadLayer)));
+        let order: Vec<u32> = bench.replies.iter().rev().take(2).map(|(number, _)| *number).collect();
+        assert_eq!(order, [on_its_way + 1, on_its_way]);
+    }
+    bench.fault(fault());
+    refused_with(&mut bench, &begin(9, Encoding::RawGrey, 0), Refusal::NotReady, "fault");
+
+    let expose = |layer, duration_ms| Request::Expose { id: id(layer), duration_ms, light_pwm: 255 };
+    let mut bench = busy_bench();
+    bench.request(Request::Move { position_um: 50_000, speed_um_s: 1000 });
+    refused_with(&mut bench, &expose(0, 0), Refusal::Busy, "moving");
+    refused_with(&mut bench, &Request::Move { position_um: -1, speed_um_s: 0 }, Refusal::Busy, "moving");
+    refused_with(&mut bench, &Request::Home, Refusal::Busy, "moving");
+    bench.fault(fault());
+    for request in [expose(0, 0), Request::Move { position_um: -1, speed_um_s: 0 }, Request::Home] {
+        refused_with(&mut bench, &request, Refusal::NotReady, "fault");
+    }
+    bench.fault(None);
+    refused_with(&mut bench, &expose(0, 0), Refusal::BadDuration, "exposed before, in no slot, no time");
+    refused_with(&mut bench, &expose(0, 100), Refusal::AlreadyExposed, "exposed before, in no slot");
+    refused_with(&mut bench, &expose(5, 100), Refusal::NoSuchLayer, "in no slot");
+    let mut bench = Bench::new();
+    let home = bench.request(Request::Home);
+    refused_with(&mut bench, &Request::Move { position_um: -1, speed_um_s: 0 }, Refusal::Busy, "homing");
+    assert!(!bench.urgent(Urgent::Abort) && bench.reply(home).is_some());
+    refused_with(&mut bench, &Request::Move { position_um: -1, speed_um_s: 0 }, Refusal::NotReady, "aborted");
+    bench.hello();
+    refused_with(&mut bench, &Request::Move { position_um: -1, speed_um_s: 0 }, Refusal::NotHomed, "not homed");
+}
+
+#[test]
+fn a_held_request_is_checked_at_its_release_as_if_it_had_just_come() {
+    let expose = |layer, duration_ms| Request::Expose { id: id(layer), duration_ms, light_pwm: 255 };
+    let mut bench = busy_bench();
+    bench.urgent(Urgent::Hold);
+    let waits = bench.request(expose(2, 0));
+    assert_eq!(bench.reply(waits), None, "not checked yet");
+    refused_with(&mut bench, &expose(2, 100), Refusal::Busy, "one waits");
+    bench.urgent(Urgent::Release);
+    assert_eq!(bench.reply(waits), Some(Reply::Refused(Refusal::BadDuration)));
+    bench.urgent(Urgent::Hold);
+    let waits = bench.request(expose(2, 100));
+    bench.fault(fault());
+    refused_with(&mut bench, &expose(2, 100), Refusal::NotReady, "a fault comes before a hold");
+    assert_eq!(bench.reply(waits), None);
+    bench.urgent(Urgent::Release);
+    assert_eq!(bench.reply(waits), Some(Reply::Refused(Refusal::NotReady)));
+    assert!(!bench.core.state().light_on);
+}
+
+#[test]
+fn a_layer_on_its_way_outlives_a_fault_but_neither_a_hello_nor_an_abort() {
+    let bytes = |layer| {
+        let mut bytes = Vec::new();
+        encode(&picture(layer), Encoding::Group4, &mut bytes).expect("bits");
+        bytes
+    };
+    let begin = |bench: &mut Bench, layer| {
+        bench.request(Request::LayerBegin {
+            slot: 1,
+            id: id(layer),
+            encoding: Encoding::Group4,
+            encoded_bytes: bytes(layer).len() as u32,
+            decoded_crc32: picture_crc32(&picture(layer)),
+        })
+    };
+    let mut bench = busy_bench();
+    let number = begin(&mut bench, 3);
+    bench.data(&bytes(3)[..5]);
+    bench.fault(fault());
+    bench.data(&bytes(3)[5..]);
+    assert_eq!(bench.reply(number), Some(Reply::Done));
+    assert_eq!(bench.core.state().slots, [Some(id(2)), Some(id(3))]);
+    bench.fault(None);
+    for end in [
+        |bench: &mut Bench| {
+            bench.hello();
+        },
+        |bench: &mut Bench| bench.silence(),
+    ] {
+        let number = begin(&mut bench, 4);
+        bench.data(&bytes(4)[..5]);
+        end(&mut bench);
+        bench.data(&bytes(4)[5..]);
+        assert_eq!((bench.reply(number), &bench.core.state().slots[1]), (None, &None), "void, without an answer");
+        bench.hello();
+    }
+    let number = begin(&mut bench, 4);
+    bench.urgent(Urgent::Abort);
+    assert_eq!(bench.reply(number), Some(Reply::Refused(Refusal::NotReady)));
+    bench.hello();
+    bench.data(&bytes(4));
+    assert_eq!(bench.core.state().slots, [None, None]);
+}
+
+#[test]
+fn of_two_slots_with_one_layer_the_lower_is_exposed_and_freed() {
+    let mut bench = Bench::new();
+    bench.upload(1, id(0));
+    bench.upload(0, id(0));
+    assert_eq!(bench.core.state().slots, [Some(id(0)), Some(id(0))]);
+    bench.expose(id(0), 100);
+    assert_eq!(bench.core.state().slots, [None, Some(id(0))]);
+    let again = bench.request(Request::Expose { id: id(0), duration_ms: 100, light_pwm: 255 });
+    assert_eq!(bench.reply(again), Some(Reply::Refused(Refusal::AlreadyExposed)));
+    bench.upload(1, id(1));
+}
+
 #[derive(Clone, Debug)]
 enum Step {
     Message(HostMessage),

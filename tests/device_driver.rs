@@ -2,10 +2,16 @@
 
 mod device_common;
 
+use std::path::Path;
+
 use device_common::{Bench, capabilities, id, picture};
+use layerd::config::{Machine, Recipe};
 use layerd::device::encoding::{encode, picture_crc32};
-use layerd::device::{Act, DlpDriver, DriverBusy, DriverEvent, Outcome, check_capabilities};
-use layerd::link::message::{DeviceKind, DeviceMessage, Encoding, Fault, HostMessage, Refusal, Reply, Report, Request};
+use layerd::device::{Act, DlpDriver, DriverBusy, DriverEvent, Misfit, Outcome, check_capabilities, check_fit};
+use layerd::job::{Action, Engine, Event, JobPlan, StartPoint};
+use layerd::link::message::{
+    DeviceKind, DeviceMessage, DeviceState, Encoding, Fault, HostMessage, Refusal, Reply, Report, Request,
+};
 
 fn driver() -> DlpDriver {
     DlpDriver::new(id(0).job)
@@ -138,13 +144,23 @@ fn a_new_sessions_driver_learns_of_an_exposure_that_goes_on() {
     assert_eq!(ask(&mut driver, &mut bench), (None, Some(id(4))));
 }
 
-#[test]
-fn a_device_that_is_not_the_configured_machine_is_named() {
+fn machine() -> Machine {
     let text = "name = \"bench\"\nkind = \"dlp\"\nwidth_px = 70\nheight_px = 20\npixel_um = [40.0, 40.0]\n\
                 build_height_um = 40000.0\nclear_height_um = 50000.0\n[link]\npath = \"x\"\nbaud = 115200\n";
-    let file = tempfile::NamedTempFile::new().expect("a file");
-    std::fs::write(file.path(), text).expect("written");
-    let machine = layerd::config::Machine::load(file.path()).expect("a machine");
+    Machine::parse(Path::new("bench.toml"), text).expect("a machine")
+}
+
+fn recipe(exposure_ms: u32, antialias: bool) -> Recipe {
+    let text = format!(
+        "name = \"bench\"\nlayer_height_um = 100.0\nexposure_ms = 400\nbottom_exposure_ms = {exposure_ms}\nbottom_layers = 1\n\
+         lift_height_um = 3000\nlift_speed_um_s = 20000\nretract_speed_um_s = 20000\nantialias = {antialias}\n"
+    );
+    Recipe::parse(Path::new("bench.toml"), &text).expect("a recipe")
+}
+
+#[test]
+fn a_device_that_is_not_the_configured_machine_is_named() {
+    let machine = machine();
     assert_eq!(check_capabilities(&machine, &capabilities()), Ok(()));
     let mut wide = capabilities();
     wide.width_px = 1920;
@@ -157,4 +173,57 @@ fn a_device_that_is_not_the_configured_machine_is_named() {
     let mut laser = capabilities();
     laser.kind = DeviceKind::Slm;
     assert!(check_capabilities(&machine, &laser).expect_err("a laser").to_string().contains("says slm"));
+}
+
+#[test]
+fn a_recipe_that_the_device_cannot_print_is_named_with_its_limit() {
+    let (machine, mut device) = (machine(), capabilities());
+    let choice = check_fit(&machine, &recipe(60_000, false), &device).expect("fits");
+    assert_eq!((choice.encoding, choice.raw), (Encoding::Group4, Some(Encoding::RawBit)));
+    let long = check_fit(&machine, &recipe(60_001, false), &device).expect_err("too long");
+    assert!(matches!(long, Misfit::Exposure { longest_ms: 60_001, allowed_ms: 60_000, .. }), "{long}");
+    assert!(long.to_string().contains("at most 60000 ms: shorten"), "{long}");
+    let grey = check_fit(&machine, &recipe(400, true), &device).expect_err("no grey").to_string();
+    assert!(grey.contains("grey layers") && grey.contains("antialias = false"), "{grey}");
+    device.encodings = vec![Encoding::RawGrey];
+    let bits = check_fit(&machine, &recipe(400, false), &device).expect_err("no bits").to_string();
+    assert!(bits.contains("black and white layers") && bits.contains("antialias = true"), "{bits}");
+    device.layer_slots = 1;
+    assert!(
+        matches!(check_fit(&machine, &recipe(400, true), &device), Err(Misfit::Machine(_))),
+        "the machine comes first"
+    );
+}
+
+#[test]
+fn each_refusal_of_a_layer_has_a_remedy_of_its_own() {
+    let plan = JobPlan { key: 7, layer_count: 3, recipe: recipe(400, false), clear_height_um: 20_000.0 };
+    let state = DeviceState { slots: vec![None; 2], position_um: Some(30_000), ..DeviceState::default() };
+    let cases = [
+        (Refusal::BadLayer, "width_px"),
+        (Refusal::BadEncoding, "encoding"),
+        (Refusal::NotReady, "not ready"),
+        (Refusal::NoSuchLayer, "slots"),
+        (Refusal::Unknown, "protocol version"),
+        (Refusal::NotHomed, "firmware"),
+    ];
+    for (refusal, words) in cases {
+        let mut engine = Engine::new(plan.clone(), StartPoint::default());
+        engine.handle(Event::Ready, 0);
+        engine.handle(Event::Connected { state: state.clone(), max_position_um: 100_000 }, 0);
+        let mut refused = 0;
+        while refused < 3 {
+            match engine.next_action().expect("the layer is asked for again") {
+                Action::Upload { layer, .. } => {
+                    engine.handle(Event::UploadRefused { layer, refusal }, 0);
+                    refused += 1;
+                }
+                Action::Journal(_) => engine.handle(Event::Journalled, 0),
+                _ => {}
+            }
+        }
+        let reason = engine.progress().reason;
+        assert!(reason.contains("refused layer 0 3 times") && reason.contains(words), "{refusal:?}: {reason}");
+        assert_eq!(reason.contains("width_px"), refusal == Refusal::BadLayer, "{refusal:?}: {reason}");
+    }
 }

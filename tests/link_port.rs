@@ -1,5 +1,6 @@
 //! The driver on a pseudo-terminal with a device session at its other end.
 
+use std::mem::MaybeUninit;
 use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -11,7 +12,9 @@ use layerd::link::message::{
 };
 use layerd::link::session::{DeviceEvent, DeviceSession, DeviceSettings, HostEvent};
 use layerd::link::transport::{OpenError, SerialLine};
+use rustix::fs::inotify;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+use rustix::termios::{ControlModes, InputModes, LocalModes, OptionalActions, tcgetattr, tcsetattr};
 use tokio::sync::mpsc::Receiver;
 use tokio::time::timeout;
 
@@ -168,4 +171,47 @@ async fn ports_that_cannot_be_opened_say_why() {
     assert!(error.contains("in use by another program"), "{error}");
     drop(first);
     SerialLine::open(&config(&name)).expect("free again");
+}
+
+/// How often a file is opened while `act` runs.
+fn openings(path: &Path, act: impl FnOnce()) -> usize {
+    let watcher = inotify::init(inotify::CreateFlags::NONBLOCK).expect("inotify");
+    inotify::add_watch(&watcher, path, inotify::WatchFlags::OPEN).expect("watched");
+    act();
+    let mut buffer = [MaybeUninit::uninit(); 4096];
+    let mut events = inotify::Reader::new(&watcher, &mut buffer);
+    let mut count = 0;
+    while events.next().is_ok() {
+        count += 1;
+    }
+    count
+}
+
+#[tokio::test]
+async fn a_port_is_opened_once_and_set_up_so_that_closing_it_drops_no_line() {
+    let (master, name) = terminal();
+    // As a program before left it: cooked, and to hang up when it is closed.
+    let mut before = tcgetattr(&master).expect("modes");
+    before.control_modes |= ControlModes::HUPCL | ControlModes::CSTOPB;
+    before.input_modes |= InputModes::IXON;
+    tcsetattr(&master, OptionalActions::Now, &before).expect("set");
+    let mut line = None;
+    let count = openings(&name, || line = Some(SerialLine::open(&config(&name)).expect("opens")));
+    assert_eq!(count, 1, "each opening may reset a board");
+    let modes = tcgetattr(&master).expect("modes");
+    assert_eq!(modes.output_speed(), 3_000_000);
+    let unwanted = ControlModes::HUPCL | ControlModes::CSTOPB | ControlModes::PARENB | ControlModes::CRTSCTS;
+    assert!(!modes.control_modes.intersects(unwanted), "{:?}", modes.control_modes);
+    assert!(modes.control_modes.contains(ControlModes::CLOCAL | ControlModes::CREAD | ControlModes::CS8));
+    assert!(!modes.input_modes.intersects(InputModes::IXON | InputModes::IXOFF | InputModes::ICRNL));
+    assert!(!modes.local_modes.intersects(LocalModes::ECHO | LocalModes::ICANON | LocalModes::ISIG));
+    drop(line);
+    for (flow_control, control, input) in [
+        (FlowControl::RtsCts, ControlModes::CRTSCTS, InputModes::empty()),
+        (FlowControl::XonXoff, ControlModes::empty(), InputModes::IXON | InputModes::IXOFF),
+    ] {
+        let _line = SerialLine::open(&LinkConfig { flow_control, ..config(&name) }).expect("opens");
+        let modes = tcgetattr(&master).expect("modes");
+        assert!(modes.control_modes.contains(control) && modes.input_modes.contains(input), "{flow_control:?}");
+    }
 }

@@ -3,8 +3,11 @@
 mod link_pair;
 mod properties;
 
-use layerd::link::message::{DeviceMessage, HostMessage, Reply, Request, Urgent};
-use layerd::link::session::{DeviceEvent, HostEvent, HostSession, HostSettings, LostReason};
+use layerd::link::message::{DeviceMessage, DeviceState, HostMessage, Refusal, Reply, Request, Urgent};
+use layerd::link::session::{
+    DeviceEvent, DeviceSession, DeviceSettings, HostEvent, HostSession, HostSettings, LostReason,
+};
+use layerd::link::wire::{FrameDecoder, FrameKind, Hello, decode_device_message, encode_frame};
 use link_pair::{Faults, Pair, capabilities};
 use proptest::prelude::*;
 
@@ -329,4 +332,66 @@ fn limits_of_a_device_are_kept() {
         format!("a message of {} bytes does not fit a frame, which takes {}", limit + 2, limit + 1)
     );
     assert_eq!(capabilities(100, 4096).window_bytes, 100);
+}
+
+#[test]
+fn a_request_that_cannot_be_read_is_answered_by_its_number_and_delivered_to_nobody() {
+    let frame = |kind, sequence, payload: &[u8]| encode_frame(kind, 7, sequence, payload);
+    let mut device = DeviceSession::new(capabilities(4096, 1024), DeviceSettings { baud: 115_200, escaped: false }, 0);
+    let hello = Hello { version: 1, window_bytes: 8192, largest_frame_bytes: 1024 };
+    device.receive(&frame(FrameKind::Hello, 0, &hello.encode()), 0);
+    assert!(matches!(device.event(), Some(DeviceEvent::Hello { .. })));
+    device.welcome(&DeviceState::default(), 0);
+    // Unknown; too short; too long; a layer in an encoding that nobody knows.
+    let begin = [&[1, 4, 0, 0, 0, 2, 0][..], &[0; 12], &[9], &[1, 0, 0, 0], &[0; 4]].concat();
+    let requests = [&[1, 1, 0, 0, 0, 77][..], &[1, 2, 0, 0, 0, 5, 1], &[1, 3, 0, 0, 0, 4, 0], &begin];
+    for (sequence, request) in (0..).zip(requests) {
+        device.receive(&frame(FrameKind::Data, sequence, request), 1000);
+        assert_eq!(device.event(), None, "{request:?}");
+    }
+    let (mut decoder, mut replies) = (FrameDecoder::new(1024), Vec::new());
+    while let Some(bytes) = device.transmit(10_000) {
+        let mut input = &bytes[..];
+        while let Some(Ok(decoded)) = decoder.next_frame(&mut input) {
+            if decoded.frame.kind == FrameKind::Data {
+                replies.push(decode_device_message(&decoded.frame.payload).expect("a reply"));
+            }
+        }
+    }
+    let unknown = |number| DeviceMessage::Reply { number, reply: Reply::Refused(Refusal::Unknown) };
+    assert_eq!(replies, (1..=4).map(unknown).collect::<Vec<_>>());
+}
+
+#[test]
+fn the_retransmission_time_lies_between_its_bounds_at_every_rate() {
+    // Rate, window, and the time of the first retransmission: twice 25 ms and the line time of what is put in flight, at most
+    // 500 ms. In flight is at most 250 ms of line time, but at least a frame, which lasts 20 ms here or has 64 bytes.
+    let cases = [
+        (3_000_000, 4096, 2 * (25_000 + 13_654)),
+        (3_000_000, 60_000, 2 * (25_000 + 200_000)),
+        (115_200, 256, 2 * (25_000 + 22_223)),
+        (115_200, 8192, 500_000),
+        (9_600, 64, 2 * (25_000 + 66_667)),
+        (9_600, 8192, 500_000),
+    ];
+    for (baud, window_bytes, expected_us) in cases {
+        let mut pair = Pair::new(1, baud, window_bytes, 1024, Faults::default());
+        pair.connect(5_000_000);
+        pair.run_for(1_000_000);
+        pair.host.send(&HostMessage::Request { number: 1, request: Request::State }).expect("room");
+        let begin_us = pair.now_us;
+        let mut host = pair.host;
+        while host.transmit(begin_us).is_some() {}
+        // Nothing is acknowledged.
+        let sent = host.statistics().retransmitted_frames;
+        let mut now_us = begin_us;
+        while host.statistics().retransmitted_frames == sent {
+            now_us += 500;
+            assert!(now_us < begin_us + 1_500_000, "{baud} baud, window {window_bytes}");
+            host.handle_timeout(now_us);
+            while host.transmit(now_us).is_some() {}
+        }
+        let found_us = now_us - begin_us;
+        assert!(found_us.abs_diff(expected_us) <= 500, "{baud} baud, window {window_bytes}: {found_us} us");
+    }
 }

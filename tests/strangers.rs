@@ -2,14 +2,16 @@
 
 mod support;
 
+use std::collections::VecDeque;
 use std::io::{Read, Write};
 use std::os::unix::fs::symlink;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use layerd::device::sim::{SimulateOptions, run};
-use layerd::link::message::{Capabilities, DeviceKind, Encoding};
+use layerd::device::sim::{CoreAction, DlpCore, SimulateOptions, run};
+use layerd::link::message::{Capabilities, DeviceKind, DeviceMessage, DeviceState, Encoding, Report};
+use layerd::link::session::{DeviceEvent, DeviceSession, DeviceSettings, SendError};
 use layerd::link::wire::{FrameDecoder, FrameKind, HelloRefused, encode_frame};
 use serialport::{SerialPort, TTYPort};
 use support::{Bench, Setup, wait_until};
@@ -33,10 +35,8 @@ fn laser() -> Capabilities {
     }
 }
 
-#[test]
-fn a_device_of_another_kind_is_refused_by_name_and_never_commanded() {
-    let mut bench = Bench::prepare(Setup::default());
-    bench.ok(&SMALL);
+/// Runs a simulated device with these capabilities on the bench's line as long as `host` runs.
+fn with_device<T>(bench: &mut Bench, capabilities: Capabilities, host: impl FnOnce(&mut Bench) -> T) -> T {
     let options = SimulateOptions {
         link: bench.path("device"),
         directory: Some(bench.path("device-out")),
@@ -45,7 +45,7 @@ fn a_device_of_another_kind_is_refused_by_name_and_never_commanded() {
         faults: Vec::new(),
         seed: 1,
         time_scale: 50.0,
-        capabilities: laser(),
+        capabilities,
     };
     let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
     let device = std::thread::spawn(move || {
@@ -53,16 +53,73 @@ fn a_device_of_another_kind_is_refused_by_name_and_never_commanded() {
         runtime.block_on(run(options, || (), async { stopped.await.unwrap_or_default() }))
     });
     wait_until("the device's line", || bench.path("device").exists());
-    bench.start_daemon();
-    let id = bench.start_job("part.layerd");
-    let job = bench.wait_for(id, &["failed", "completed"]);
-    assert_eq!(job["state"], "failed", "{job}");
-    let reason = job["reason"].as_str().expect("a reason");
-    assert!(reason.contains("`bench`") && reason.contains("`laser`") && reason.contains("slm"), "{reason}");
-    assert!(reason.contains("connect the right device"), "{reason}");
+    let result = host(bench);
     drop(stop);
     device.join().expect("no panic").expect("the device runs");
+    result
+}
+
+/// What `start` says where it takes no job.
+fn refused_start(bench: &Bench, arguments: &[&str]) -> String {
+    let output = bench.layerctl(&[&["start", "part.layerd"], arguments].concat());
+    assert!(!output.status.success() && output.stdout.is_empty(), "no id: {output:?}");
+    String::from_utf8(output.stderr).expect("UTF-8")
+}
+
+fn log_lines(bench: &Bench, part: &str) -> usize {
+    let log = std::fs::read_to_string(bench.path("daemon.log")).expect("a log");
+    log.lines().filter(|line| line.contains(part)).count()
+}
+
+#[test]
+fn a_device_of_another_kind_is_told_when_it_connects_and_no_job_is_taken_for_it() {
+    let mut bench = Bench::prepare(Setup::default());
+    bench.ok(&SMALL);
+    with_device(&mut bench, laser(), |bench| {
+        bench.start_daemon();
+        wait_until("the device", || bench.json(&["status"])["link"]["state"] == "connected");
+        let is_named = |text: &str| {
+            let names = text.contains("`bench`") && text.contains("`laser`") && text.contains("slm");
+            assert!(names && text.contains("connect the right device"), "{text}");
+        };
+        is_named(bench.json(&["status"])["misfit"].as_str().expect("a misfit"));
+        is_named(bench.json(&["device"])["misfit"].as_str().expect("a misfit"));
+        is_named(&bench.ok(&["status"]));
+        is_named(&bench.ok(&["device"]));
+        is_named(&refused_start(bench, &[]));
+        assert_eq!(bench.json(&["jobs"])["jobs"].as_array().map(Vec::len), Some(0), "nothing was taken");
+        assert_eq!(log_lines(bench, "the device does not fit"), 1, "told once, when it connected");
+    });
     assert!(bench.acts().iter().all(|act| act["event"] == "hello"), "{:?}", bench.acts());
+    wait_until("the loss", || bench.json(&["status"])["link"]["state"] == "lost");
+    assert_eq!(bench.json(&["status"])["misfit"], serde_json::Value::Null, "nothing is connected");
+    // Without a device a job is taken, and checked when it begins.
+    let id = bench.start_job("part.layerd");
+    with_device(&mut bench, laser(), |bench| {
+        let job = bench.wait_for(id, &["failed", "completed"]);
+        let reason = job["reason"].as_str().expect("a reason");
+        assert!(job["state"] == "failed" && reason.contains("connect the right device"), "{job}");
+    });
+}
+
+#[test]
+fn a_recipe_longer_than_the_device_allows_is_refused_before_the_job_has_a_number() {
+    let mut bench = Bench::prepare(Setup::default());
+    bench.ok(&SMALL);
+    let recipe = std::fs::read_to_string(bench.path("recipe.toml")).expect("a recipe");
+    let slow = recipe.replace("\nexposure_ms = 400", "\nexposure_ms = 10001");
+    assert_ne!(slow, recipe);
+    std::fs::write(bench.path("slow.toml"), slow).expect("written");
+    with_device(&mut bench, Capabilities { kind: DeviceKind::Dlp, ..laser() }, |bench| {
+        bench.start_daemon();
+        wait_until("the device", || bench.json(&["status"])["link"]["state"] == "connected");
+        assert_eq!(bench.json(&["status"])["misfit"], serde_json::Value::Null, "the default recipe fits");
+        let text = refused_start(bench, &["--recipe", "slow.toml"]);
+        assert!(text.contains("10001 ms") && text.contains("at most 10000 ms"), "{text}");
+        let id = bench.start_job("part.layerd");
+        assert_eq!(id, 1, "the refused one took no number");
+        bench.wait_for(id, &["completed"]);
+    });
 }
 
 #[test]
@@ -96,4 +153,160 @@ fn a_device_of_another_protocol_version_is_named_in_the_status() {
     stop.store(true, Ordering::Relaxed);
     device.join().expect("no panic");
     drop(slave);
+}
+
+/// A device of the bench's size on a pseudo-terminal of its own, whose every message passes through the test's hands.
+struct Peer {
+    stop: Arc<AtomicBool>,
+    thread: std::thread::JoinHandle<u64>,
+}
+
+impl Peer {
+    /// `act` is called again and again with what the session delivered last, and counts what it likes.
+    fn start(bench: &Bench, mut act: impl FnMut(&mut Wire, Option<DeviceEvent>) -> u64 + Send + 'static) -> Self {
+        let (master, slave) = TTYPort::pair().expect("a pseudo-terminal");
+        symlink(slave.name().expect("its name"), bench.path("device")).expect("link");
+        let stop = Arc::new(AtomicBool::new(false));
+        let stopped = Arc::clone(&stop);
+        let thread = std::thread::spawn(move || {
+            let mut wire = Wire::new(master);
+            let mut count = 0;
+            while !stopped.load(Ordering::Relaxed) {
+                wire.listen();
+                while let Some(event) = wire.session.event() {
+                    count += act(&mut wire, Some(event));
+                }
+                count += act(&mut wire, None);
+                wire.speak();
+            }
+            drop(slave);
+            count
+        });
+        Self { stop, thread }
+    }
+
+    fn end(self) -> u64 {
+        self.stop.store(true, Ordering::Relaxed);
+        self.thread.join().expect("no panic")
+    }
+}
+
+/// The peer's session and its end of the line.
+struct Wire {
+    master: TTYPort,
+    session: DeviceSession,
+    began: Instant,
+}
+
+impl Wire {
+    fn new(mut master: TTYPort) -> Self {
+        master.set_timeout(Duration::from_millis(1)).expect("timeout");
+        Self { master, session: Self::session(0), began: Instant::now() }
+    }
+
+    fn session(now_us: u64) -> DeviceSession {
+        let capabilities = Capabilities { kind: DeviceKind::Dlp, ..laser() };
+        DeviceSession::new(capabilities, DeviceSettings { baud: 3_000_000, escaped: false }, now_us)
+    }
+
+    fn now_us(&self) -> u64 {
+        self.began.elapsed().as_micros() as u64
+    }
+
+    fn listen(&mut self) {
+        let mut buffer = [0; 4096];
+        // A timeout only means that the host is silent.
+        let count = self.master.read(&mut buffer).unwrap_or(0);
+        let now_us = self.now_us();
+        self.session.receive(&buffer[..count], now_us);
+        self.session.handle_timeout(now_us);
+    }
+
+    fn speak(&mut self) {
+        while let Some(frame) = self.session.transmit(self.now_us()) {
+            // A host that reads nothing for so long loses a frame, as on a real line.
+            let _ = self.master.write_all(&frame);
+        }
+    }
+}
+
+#[test]
+fn a_device_that_reports_without_end_fills_no_log_and_stops_no_print() {
+    let mut bench = Bench::prepare(Setup::default());
+    bench.ok(&SMALL);
+    let mut core = DlpCore::new(Capabilities { kind: DeviceKind::Dlp, ..laser() }, 1);
+    let mut owed = VecDeque::new();
+    let peer = Peer::start(&bench, move |wire, event| {
+        // Fifty times faster than real.
+        let device_us = 50 * wire.now_us();
+        core.advance(device_us);
+        match event {
+            Some(DeviceEvent::Hello { .. }) => {
+                owed.clear();
+                let state = core.hello(device_us);
+                wire.session.welcome(&state, wire.now_us());
+            }
+            Some(DeviceEvent::Message(message)) => core.handle(message, device_us),
+            Some(DeviceEvent::Urgent { number, urgent }) => {
+                let light_on = core.urgent(urgent, device_us);
+                wire.session.urgent_done(number, light_on);
+            }
+            Some(DeviceEvent::HostSilent) => core.host_silent(device_us),
+            None => {}
+        }
+        while let Some(action) = core.action() {
+            if let CoreAction::Send(message) = action {
+                owed.push_back(message);
+            }
+        }
+        while owed.front().is_some_and(|message| wire.session.send(message) != Err(SendError::Full)) {
+            owed.pop_front();
+        }
+        // It works again, it says, without having failed; as often as the line takes it.
+        let mut count = 0;
+        while owed.is_empty() && wire.session.send(&DeviceMessage::Report(Report::Fault(None))).is_ok() {
+            count += 1;
+        }
+        count
+    });
+    bench.start_daemon();
+    let id = bench.start_job("part.layerd");
+    bench.wait_for(id, &["completed"]);
+    wait_until("a word about it", || log_lines(&bench, "more reports of its faults") > 0);
+    let reports = peer.end();
+    assert!(reports > 1000, "{reports} reports are no flood");
+    let lines = log_lines(&bench, "");
+    assert!(lines < 100, "{lines} lines for {reports} reports");
+}
+
+#[test]
+fn a_device_that_forgets_every_session_is_asked_ever_more_seldom() {
+    let mut bench = Bench::prepare(Setup::default());
+    let mut forget = false;
+    let peer = Peer::start(&bench, move |wire, event| match event {
+        Some(DeviceEvent::Hello { .. }) => {
+            wire.session.welcome(&DeviceState::default(), wire.now_us());
+            wire.speak();
+            forget = true;
+            1
+        }
+        _ if std::mem::take(&mut forget) => {
+            // What the host says next is of a session that the device does not know.
+            wire.session = Wire::session(wire.now_us());
+            0
+        }
+        _ => 0,
+    });
+    bench.start_daemon();
+    let began = Instant::now();
+    wait_until("the first loss", || log_lines(&bench, "no longer knows the session") > 0);
+    while began.elapsed() < Duration::from_secs(6) {
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    bench.ok(&["status"]);
+    let sessions = peer.end();
+    // Pauses of 0.1, 0.2, 0.4, 0.8, 1.6 and 3.2 s; without them there were thousands.
+    assert!((3..=12).contains(&sessions), "{sessions} sessions");
+    let lines = log_lines(&bench, "");
+    assert!(lines <= 10 + 4 * sessions as usize, "{lines} lines for {sessions} sessions");
 }

@@ -34,7 +34,7 @@ fn main() -> ExitCode {
                 "{}: machine `{}`, recipe `{}`: fine",
                 config.display(),
                 setting.machine.name,
-                setting.recipe_name
+                setting.recipe.name
             );
         })
     } else {

@@ -30,6 +30,9 @@ pub(super) fn run(args: &DeviceArgs) -> anyhow::Result<()> {
     if !device.connected {
         print("connected  no; the rest is what it said last")?;
     }
+    if let Some(misfit) = &device.misfit {
+        print(&format!("MISFIT     {misfit}"))?;
+    }
     device.state.as_ref().map_or(Ok(()), print_state)
 }
 

@@ -37,6 +37,7 @@ pub(super) fn lines(status: &Status) -> Vec<String> {
     let device = link.device.as_deref().unwrap_or("no device yet");
     lines.push(format!("line     {} on {}: {device}", link.state, link.path));
     lines.extend(link.reason.iter().map(|reason| format!("         {reason}")));
+    lines.extend(status.misfit.iter().map(|misfit| format!("MISFIT   {misfit}")));
     match &status.active {
         Some(job) => lines.extend(job_lines(job)),
         None => lines.push("job      none".into()),

@@ -27,6 +27,9 @@ pub struct Status {
     pub machine: String,
     /// The line to the device.
     pub link: LinkView,
+    /// Why the connected device cannot print on this machine with the default recipe, and what to do.
+    #[serde(default)]
+    pub misfit: Option<String>,
     /// The job that holds the machine: it prints, or is interrupted and its part is on the plate.
     pub active: Option<JobView>,
     /// Jobs behind it, the next one first.
@@ -157,6 +160,9 @@ pub struct LineView {
 pub struct DeviceView {
     /// Whether the device answers now; if not, the rest is what it said last.
     pub connected: bool,
+    /// Why it cannot print on this machine with the default recipe, and what to do.
+    #[serde(default)]
+    pub misfit: Option<String>,
     /// What it is and can do; absent where it never answered.
     pub info: Option<DeviceInfo>,
     /// What it was doing when it last said so.

@@ -39,6 +39,7 @@ impl Snapshot {
             version: env!("CARGO_PKG_VERSION").into(),
             machine: self.machine.clone(),
             link: self.link.clone(),
+            misfit: self.device.misfit.clone().filter(|_| self.device.connected),
             active: self.active().cloned(),
             queue: self.jobs.iter().filter(queued).cloned().collect(),
             budget: self.budget,

@@ -4,6 +4,7 @@ pub mod api;
 mod background;
 mod body;
 mod clock;
+mod faults;
 pub mod handle;
 mod jobs;
 mod layers;

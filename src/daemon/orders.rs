@@ -13,11 +13,12 @@ use super::printer::Printer;
 use super::setting::Setting;
 use crate::buildfile::BuildFile;
 use crate::config::Recipe;
+use crate::device::{Misfit, check_fit};
 use crate::job::{
     Command as EngineCommand, JobState, Journal, JournalError, NewJob, Record, ResumeChoice, Spool, SpoolError,
     read_journal,
 };
-use crate::link::message::Urgent;
+use crate::link::message::{Capabilities, Urgent};
 use crate::random;
 
 /// What an operator wants of a job that does not hold the machine, where its journal has a say.
@@ -92,8 +93,10 @@ impl Printer {
         let (setting, spool) = (Arc::clone(&self.setting), Arc::clone(&self.spool));
         let jobs_ended = submission.jobs_ended;
         let (background, limit_bytes) = (self.background.clone(), self.budget.limit_bytes());
+        let device = self.capabilities.clone().filter(|_| self.device.connected);
         tokio::task::spawn_blocking(move || {
-            let verified = verify(&submission);
+            let fits = check_device(&setting, &submission, device.as_ref());
+            let verified = fits.and_then(|()| verify(&submission));
             let result = verified.and_then(|()| accept(&setting, &spool, &submission, limit_bytes)).map(Box::new);
             let _ = background.blocking_send(Background::Accepted { result, jobs_ended, reply });
         });
@@ -339,6 +342,25 @@ fn settle_in_journal(path: &Path, change: Change) -> Result<Settled, CommandErro
     }
 }
 
+/// Checks that the connected device can print the new job; without one that is left to the job's beginning.
+fn check_device(setting: &Setting, submission: &Submission, device: Option<&Capabilities>) -> Result<(), CommandError> {
+    let (recipe, _) = recipe_of(setting, submission)?;
+    let Some(device) = device else { return Ok(()) };
+    check_fit(&setting.machine, &recipe, device).map(|_| ()).map_err(|misfit| {
+        // Another device will do, or another recipe.
+        let status = if matches!(misfit, Misfit::Machine(_)) { 409 } else { 422 };
+        CommandError::new(status, misfit.to_string())
+    })
+}
+
+/// The recipe of a new job, and its text.
+fn recipe_of<'a>(setting: &'a Setting, submission: &'a Submission) -> Result<(Recipe, &'a str), CommandError> {
+    let text = submission.recipe_text.as_deref().unwrap_or(&setting.recipe_text);
+    let place = submission.recipe_name.as_deref().unwrap_or("recipe");
+    let recipe = Recipe::parse(Path::new(place), text).map_err(|error| CommandError::new(422, error.to_string()))?;
+    Ok((recipe, text))
+}
+
 /// Checks a new part from its first byte to its last. Blocks.
 fn verify(submission: &Submission) -> Result<(), CommandError> {
     let verified = BuildFile::open(&submission.part).and_then(|file| file.verify());
@@ -357,10 +379,7 @@ fn accept(
     submission: &Submission,
     limit_bytes: u64,
 ) -> Result<Job, CommandError> {
-    let recipe_text = submission.recipe_text.as_deref().unwrap_or(&setting.recipe_text);
-    let recipe_place = submission.recipe_name.as_deref().unwrap_or("recipe");
-    let recipe = Recipe::parse(Path::new(recipe_place), recipe_text)
-        .map_err(|error| CommandError::new(422, error.to_string()))?;
+    let (recipe, recipe_text) = recipe_of(setting, submission)?;
     let part = Part::open(&submission.part, &setting.machine, &recipe, setting.threads, limit_bytes)
         .map_err(|error| unprintable(submission, &error.to_string()))?;
     // 0 names no job.

@@ -131,11 +131,6 @@ impl Part {
         self.plan.layer_count
     }
 
-    /// Bits a pixel of its layers.
-    pub(super) fn depth(&self) -> Depth {
-        self.plan.depth
-    }
-
     /// Starts computing layers from `first` on, written in `encoding`.
     ///
     /// # Errors

@@ -12,6 +12,7 @@ use tokio::time::MissedTickBehavior;
 use super::api::{DeviceView, Event as News, LayerExposed};
 use super::background::Background;
 use super::clock::Clock;
+use super::faults::FaultNews;
 use super::handle::Desk;
 use super::jobs::{Jobs, TakeUp};
 use super::line::Line;
@@ -53,6 +54,7 @@ pub(super) struct Printer {
     /// Asks the device how it is while no job runs; `None` without a session.
     pub(super) idle: Option<DlpDriver>,
     pub(super) device: DeviceView,
+    pub(super) faults: FaultNews,
     /// A message the driver gave and the line has no room for yet.
     pub(super) message: Option<HostMessage>,
     /// Number of the abort sent last that no device has answered.
@@ -95,6 +97,7 @@ impl Printer {
             capabilities: None,
             idle: None,
             device: DeviceView::default(),
+            faults: FaultNews::default(),
             message: None,
             last_abort: None,
             last_progress: None,
@@ -351,6 +354,7 @@ impl Printer {
         if let Some(driver) = self.driver() {
             driver.query_state();
         }
+        self.late_faults();
         self.publish();
     }
 

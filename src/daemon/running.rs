@@ -10,8 +10,8 @@ use super::layers::Layers;
 use super::opened::Opened;
 use super::part::{EncodedLayer, Part};
 use crate::config::{Machine, Recipe};
-use crate::device::encoding::{self, Choice};
-use crate::device::{DlpDriver, DriverEvent, check_capabilities};
+use crate::device::encoding::Choice;
+use crate::device::{DlpDriver, DriverEvent, check_fit};
 use crate::job::{Action, Command, Engine, Event, JobPlan, Journal, Record};
 use crate::link::message::{Capabilities, DeviceState, Urgent};
 use crate::stream::{Finished, MemoryBudget, Room};
@@ -84,9 +84,9 @@ impl Running {
     pub(super) fn connected(&mut self, capabilities: &Capabilities, state: &DeviceState, now_us: u64) {
         self.sending = None;
         self.wanted = None;
-        match self.fits(capabilities) {
+        match check_fit(&self.machine, &self.recipe, capabilities) {
             Ok(encoding) => self.encoding = Some(encoding),
-            Err(text) => return self.engine.handle(Event::Unfit(text), now_us),
+            Err(misfit) => return self.engine.handle(Event::Unfit(misfit.to_string()), now_us),
         }
         self.driver = Some(DlpDriver::new(self.key));
         let max_position_um = capabilities.max_position_um;
@@ -99,21 +99,6 @@ impl Running {
         self.sending = None;
         self.wanted = None;
         self.engine.handle(Event::LineLost(reason), now_us);
-    }
-
-    fn fits(&self, capabilities: &Capabilities) -> Result<Choice, String> {
-        check_capabilities(&self.machine, capabilities).map_err(|error| error.to_string())?;
-        let depth = self.part.depth();
-        let longest_ms = self.recipe.exposure_ms.max(self.recipe.bottom_exposure_ms);
-        if longest_ms > capabilities.max_exposure_ms {
-            return Err(format!(
-                "the recipe exposes for {longest_ms} ms, but the device `{}` allows at most {} ms: shorten the exposure",
-                capabilities.name, capabilities.max_exposure_ms
-            ));
-        }
-        encoding::choose(depth, &capabilities.encodings).ok_or_else(|| {
-            format!("the device `{}` decodes no {depth:?} layers: change `antialias` in the recipe", capabilities.name)
-        })
     }
 
     /// An order of the operator.

@@ -3,10 +3,10 @@
 use super::api::{Event as News, LinkState, LinkView};
 use super::printer::Printer;
 use super::view;
-use crate::device::{DlpDriver, DriverEvent};
+use crate::device::{DlpDriver, DriverEvent, check_fit};
 use crate::job::Event;
 use crate::link::driver::LinkEvent;
-use crate::link::message::Urgent;
+use crate::link::message::{Capabilities, DeviceMessage, Urgent};
 use crate::link::session::HostEvent;
 
 impl Printer {
@@ -17,6 +17,8 @@ impl Printer {
             LinkEvent::Session(HostEvent::Connected { capabilities, state, .. }) => {
                 self.message = None;
                 view::device_connected(&mut self.device, &capabilities, &state, &self.jobs);
+                self.compare(&capabilities);
+                self.faults.connected();
                 match &mut self.running {
                     Some(running) => running.connected(&capabilities, &state, now_us),
                     None => self.idle = Some(DlpDriver::new(0)),
@@ -24,18 +26,7 @@ impl Printer {
                 self.capabilities = Some(capabilities);
                 self.link_changed(LinkState::Connected, None);
             }
-            LinkEvent::Session(HostEvent::Message(message)) => {
-                let event = self.driver().map(|driver| driver.handle(message));
-                if let Some(event) = event {
-                    let holder = self.holder();
-                    view::device_told(&mut self.device, &event, &self.jobs, holder);
-                    let is_state = matches!(event, DriverEvent::StateKnown(_));
-                    self.with_engine(|running| running.driver_event(event, now_us));
-                    if is_state {
-                        self.publish();
-                    }
-                }
-            }
+            LinkEvent::Session(HostEvent::Message(message)) => self.message(message, now_us),
             LinkEvent::Session(HostEvent::UrgentDone { number, light_on }) => {
                 self.urgent_done(number, light_on, now_us);
             }
@@ -48,6 +39,52 @@ impl Printer {
                 self.link.reconnect();
             }
             LinkEvent::PortFailed(error) => self.lost(format!("the port failed: {error}"), now_us),
+        }
+    }
+
+    /// Tells once whether a device that connected can print here.
+    fn compare(&mut self, capabilities: &Capabilities) {
+        let misfit = check_fit(&self.setting.machine, &self.setting.recipe, capabilities).err();
+        let misfit = misfit.map(|misfit| misfit.to_string());
+        if let Some(text) = misfit.as_ref().filter(|_| misfit != self.device.misfit) {
+            self.notice(format!("the device does not fit: {text}"));
+        }
+        self.device.misfit = misfit;
+    }
+
+    /// The device said something.
+    fn message(&mut self, message: DeviceMessage, now_us: u64) {
+        match self.driver().map(|driver| driver.handle(message)) {
+            Some(DriverEvent::Fault(fault)) => {
+                if let Some(fault) = self.faults.reported(fault, now_us) {
+                    self.driver_event(DriverEvent::Fault(fault), now_us);
+                }
+            }
+            Some(event) => self.driver_event(event, now_us),
+            None => {}
+        }
+    }
+
+    fn driver_event(&mut self, event: DriverEvent, now_us: u64) {
+        let holder = self.holder();
+        view::device_told(&mut self.device, &event, &self.jobs, holder);
+        let is_state = matches!(event, DriverEvent::StateKnown(_));
+        self.with_engine(|running| running.driver_event(event, now_us));
+        if is_state {
+            self.publish();
+        }
+    }
+
+    /// Passes on what the device reported faster than it could be told.
+    pub(super) fn late_faults(&mut self) {
+        let now_us = self.clock.now_us();
+        if let Some(fault) = self.faults.due(now_us) {
+            self.driver_event(DriverEvent::Fault(fault), now_us);
+        }
+        if let Some(count) = self.faults.too_many(now_us) {
+            self.notice(format!(
+                "the device sent {count} more reports of its faults than one for each change: check its firmware"
+            ));
         }
     }
 

@@ -15,10 +15,10 @@ pub struct Setting {
     pub machine: Machine,
     /// Text of the machine file, kept with each job.
     pub machine_text: String,
-    /// The default recipe's text.
+    /// The default recipe.
+    pub recipe: Recipe,
+    /// Its text.
     pub recipe_text: String,
-    /// Its name.
-    pub recipe_name: String,
     /// Threads that compute layers.
     pub threads: usize,
 }
@@ -41,6 +41,6 @@ impl Setting {
             |path: &Path| std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()));
         let (machine_text, recipe_text) = (read(&config.machine)?, read(&config.recipe)?);
         let threads = config.threads.unwrap_or_else(Slicer::default_threads);
-        Ok(Self { config, machine, machine_text, recipe_name: recipe.name, recipe_text, threads })
+        Ok(Self { config, machine, machine_text, recipe, recipe_text, threads })
     }
 }

@@ -1,7 +1,9 @@
-//! Whether the device at the line is the machine that is configured.
+//! Whether the device at the line is the machine that is configured, and can print a recipe.
 
-use crate::config::Machine;
+use super::encoding::{self, Choice};
+use crate::config::{Machine, Recipe};
 use crate::link::message::{Capabilities, DeviceKind};
+use crate::slice::Depth;
 
 /// One layer is exposed while the next arrives.
 const LEAST_SLOTS: u8 = 2;
@@ -23,6 +25,63 @@ pub struct MachineMismatch {
     pub configured: String,
     /// As the device says.
     pub found: String,
+}
+
+/// A device that cannot print a recipe on a machine.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Misfit {
+    /// It is another machine; no recipe changes that.
+    #[error(transparent)]
+    Machine(#[from] MachineMismatch),
+    /// The recipe shines for longer than the device allows.
+    #[error(
+        "the recipe `{recipe}` exposes for {longest_ms} ms, but the device `{device}` allows at most {allowed_ms} ms: shorten \
+         exposure_ms and bottom_exposure_ms"
+    )]
+    Exposure {
+        /// The recipe's name.
+        recipe: String,
+        /// The device's name.
+        device: String,
+        /// Longest exposure of the recipe, milliseconds.
+        longest_ms: u32,
+        /// Longest exposure of the device, milliseconds.
+        allowed_ms: u32,
+    },
+    /// The device reads no encoding of the recipe's depth.
+    #[error(
+        "the recipe `{recipe}` has {} layers, but the device `{device}` reads none of their encodings: set `antialias = {}` in \
+         the recipe",
+        if *.antialias { "grey" } else { "black and white" }, !.antialias
+    )]
+    Encoding {
+        /// The recipe's name.
+        recipe: String,
+        /// The device's name.
+        device: String,
+        /// Whether its layers are grey.
+        antialias: bool,
+    },
+}
+
+/// Checks that a device is the configured machine and can print the recipe; how layers are written for it.
+///
+/// # Errors
+/// [`Misfit`] names the first thing that does not fit, and what to do.
+pub fn check_fit(machine: &Machine, recipe: &Recipe, capabilities: &Capabilities) -> Result<Choice, Misfit> {
+    check_capabilities(machine, capabilities)?;
+    let names = || (recipe.name.clone(), capabilities.name.clone());
+    let (longest_ms, allowed_ms) = (recipe.exposure_ms.max(recipe.bottom_exposure_ms), capabilities.max_exposure_ms);
+    if longest_ms > allowed_ms {
+        let (recipe, device) = names();
+        return Err(Misfit::Exposure { recipe, device, longest_ms, allowed_ms });
+    }
+    let antialias = recipe.antialias;
+    let depth = if antialias { Depth::Grey } else { Depth::Bit };
+    encoding::choose(depth, &capabilities.encodings).ok_or_else(|| {
+        let (recipe, device) = names();
+        Misfit::Encoding { recipe, device, antialias }
+    })
 }
 
 /// Checks that a device is the configured machine: kind, picture size and pixel pitch; and that it has the slots of one.

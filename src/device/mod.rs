@@ -8,4 +8,4 @@ pub mod sim;
 
 pub use act::{Act, Outcome};
 pub use dlp::{DlpDriver, DriverBusy, DriverEvent};
-pub use mismatch::{MachineMismatch, check_capabilities};
+pub use mismatch::{MachineMismatch, Misfit, check_capabilities, check_fit};
