@@ -215,3 +215,35 @@ async fn a_port_is_opened_once_and_set_up_so_that_closing_it_drops_no_line() {
         assert!(modes.control_modes.contains(control) && modes.input_modes.contains(input), "{flow_control:?}");
     }
 }
+
+#[tokio::test]
+async fn a_session_given_up_is_followed_by_another_after_a_pause_that_grows() {
+    let (master, name) = terminal();
+    let (handle, mut events, driver) = link(config(&name));
+    let task = tokio::spawn(driver.run());
+    let device = std::thread::spawn(move || run_device(&master, 1));
+    let mut sessions = vec![wait_for(&mut events, connected).await];
+    let began = Instant::now();
+    for _ in 0..4 {
+        handle.give_up();
+        sessions.push(wait_for(&mut events, connected).await);
+    }
+    // 100, 200, 400 and 800 ms.
+    assert!(began.elapsed() >= Duration::from_millis(1500), "{:?}", began.elapsed());
+    handle.renew();
+    sessions.push(wait_for(&mut events, connected).await);
+    let newest = *sessions.last().expect("six");
+    sessions.sort_unstable();
+    sessions.dedup();
+    assert_eq!(sessions.len(), 6, "each a session of its own");
+    handle.room().await;
+    handle.try_send(newest, HostMessage::Request { number: 1, request: Request::State }).expect("room");
+    wait_for(&mut events, |event| matches!(event, LinkEvent::Session(HostEvent::Message(_))).then_some(())).await;
+    assert_eq!(
+        handle.delivery(newest).withheld(2).as_deref(),
+        Some("the request has not got through to the device: check the line")
+    );
+    device.join().expect("no panic");
+    drop(handle);
+    timeout(Duration::from_secs(6), task).await.expect("the driver ends with its handles").expect("no panic");
+}

@@ -69,6 +69,12 @@ impl Line {
         self.handle.renew();
     }
 
+    /// Ends the session because nothing good can come of it; the next begins after a pause.
+    pub(super) fn give_up(&mut self) {
+        self.session_id = None;
+        self.handle.give_up();
+    }
+
     /// Layer data is best sent in pieces of this size.
     pub(super) fn piece_bytes(&self) -> usize {
         self.piece_bytes

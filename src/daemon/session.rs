@@ -36,7 +36,7 @@ impl Printer {
             LinkEvent::NotSent(error) => {
                 // Without it the device and the driver no longer agree on what was asked.
                 self.lost(format!("a message could not be sent: {error}"), now_us);
-                self.link.reconnect();
+                self.link.give_up();
             }
             LinkEvent::PortFailed(error) => self.lost(format!("the port failed: {error}"), now_us),
         }

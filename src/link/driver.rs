@@ -52,6 +52,7 @@ struct Shared {
     /// Of which session, and what it says.
     delivery: Mutex<(u32, Delivery)>,
     renew: Notify,
+    give_up: Notify,
 }
 
 /// How far what was given to the line has come.
@@ -109,6 +110,12 @@ impl LinkHandle {
     /// [`HostEvent::Lost`] for the one that ends.
     pub fn renew(&self) {
         self.shared.renew.notify_one();
+    }
+
+    /// Ends the present session because the device makes no sense, or the owner lost its place. The next begins after a pause
+    /// that grows from one such session to the next, as after a session that was lost. There is no [`HostEvent::Lost`].
+    pub fn give_up(&self) {
+        self.shared.give_up.notify_one();
     }
 
     /// How far the messages of a session have come; nothing is known of one that does not stand.
@@ -175,7 +182,7 @@ fn random_id() -> u32 {
 
 /// Why the inner loop came back.
 enum Left {
-    /// The session has ended; the port is fine.
+    /// The session has ended, or was given up; the port is fine.
     Session,
     /// The owner wants a new session.
     Renewed,
@@ -322,6 +329,7 @@ impl LinkDriver {
                     None => return Left::Owner,
                 },
                 () = self.shared.renew.notified() => return Left::Renewed,
+                () = self.shared.give_up.notified() => return Left::Session,
                 count = line.writer.write(&output[written..]), if writing => match count {
                     Ok(count) => {
                         written += count;
