@@ -2,7 +2,8 @@
 
 #![allow(dead_code, reason = "each test program uses a part of it")]
 
-use std::io::Write;
+use std::fmt::Write as _;
+use std::io::Write as _;
 use std::num::NonZero;
 use std::path::{Path, PathBuf};
 
@@ -51,11 +52,7 @@ impl Bench {
 
     /// Packs a 3MF file with this model.
     pub(crate) fn model(&self, model: &str) -> Result<(PackReport, Vec<Strut>), PackError> {
-        self.package(&[
-            ("../../escape.txt", "never read"),
-            ("_rels/.rels", RELATIONSHIPS),
-            ("3D/odd name.model", model),
-        ])
+        self.package(&[("../../escape.txt", "never read"), ("_rels/.rels", RELATIONSHIPS), (MODEL, model)])
     }
 
     /// Packs a 3MF file with these parts.
@@ -102,3 +99,36 @@ pub(crate) fn model(root: &str, attributes: &str, lattice: &str, beside: &str, b
 
 pub(crate) const BEAM: &str = r#"<b:beams><b:beam v1="0" v2="1"/></b:beams>"#;
 pub(crate) const ITEM: &str = r#"<item objectid="7"/>"#;
+
+/// The part that [`RELATIONSHIPS`] names.
+pub(crate) const MODEL: &str = "3D/odd name.model";
+
+/// A model of one object 7 that holds a lattice of vertical beams at these x, 10 mm high, with a radius of 1 mm.
+pub(crate) fn posts(root: &str, at: &[u32], build: &str) -> String {
+    let mut vertices = String::new();
+    let mut beams = String::new();
+    for (number, x) in at.iter().enumerate() {
+        write!(vertices, r#"<vertex x="{x}" y="0" z="0"/><vertex x="{x}" y="0" z="10"/>"#).expect("a string grows");
+        write!(beams, r#"<b:beam v1="{}" v2="{}"/>"#, 2 * number, 2 * number + 1).expect("a string grows");
+    }
+    format!(
+        r#"{HEAD}{root}><resources><object id="7" name="Posts"><mesh><vertices>{vertices}</vertices>
+        <b:beamlattice radius="1" minlength="0.001"><b:beams>{beams}</b:beams></b:beamlattice></mesh></object></resources>
+        <build>{build}</build></model>"#
+    )
+}
+
+/// A model of these objects, and this build.
+pub(crate) fn objects(objects: &str, build: &str) -> String {
+    let lattice =
+        r#"<b:beamlattice radius="1" minlength="0"><b:beams><b:beam v1="0" v2="1"/></b:beams></b:beamlattice>"#;
+    let mesh = r#"<mesh><vertices><vertex x="0" y="0" z="0"/><vertex x="0" y="0" z="5"/></vertices>LATTICE</mesh>"#;
+    let mesh = mesh.replace("LATTICE", lattice);
+    format!("{HEAD}><resources>{}</resources><build>{build}</build></model>", objects.replace("MESH", &mesh))
+}
+
+/// What packing a model notes, and its struts.
+pub(crate) fn notes(bench: &Bench, model: &str) -> (String, Vec<Strut>) {
+    let (report, struts) = bench.model(model).unwrap_or_else(|error| panic!("{error}: {model}"));
+    (report.notes.join("\n"), struts)
+}

@@ -11,6 +11,12 @@ pub(super) const BUILD: u32 = u32::MAX;
 /// Most things that a note names; the rest is counted.
 const NAMED_LIMIT: usize = 5;
 
+/// Beside an object itself, what its number takes where it is looked up by id, and what the assembly knows of it.
+const OBJECT_EXTRA_BYTES: usize = 128;
+
+/// Beside a link itself, what the assembly knows of it.
+const LINK_EXTRA_BYTES: usize = 16;
+
 /// An object by the number of its part and its id there.
 pub(super) type ObjectId = (u32, u32);
 
@@ -54,7 +60,11 @@ pub(super) struct Resources {
     /// Components in the order of their objects, then build items.
     pub(super) links: Vec<Link>,
     /// Build items, until they follow the components.
-    pub(super) items: Vec<Link>,
+    items: Vec<Link>,
+    /// Objects of build items that are marked not to be printed.
+    pub(super) unprinted: Vec<ObjectId>,
+    /// Memory that all of this takes, about.
+    bytes: usize,
 }
 
 impl Resources {
@@ -72,6 +82,7 @@ impl Resources {
         if self.ids.insert(object.id, number).is_some() {
             return Err(format!("two objects have the id {}", object.id.1));
         }
+        self.bytes += size_of::<Object>() + object.name.len() + OBJECT_EXTRA_BYTES;
         self.objects.push(Object { components: self.links.len()..self.links.len(), ..object });
         Ok(number)
     }
@@ -82,19 +93,37 @@ impl Resources {
             let parent = self.ids[&object.id];
             self.links.push(Link { parent, target, transform });
             object.components.end = self.links.len();
+            self.bytes += size_of::<Link>() + LINK_EXTRA_BYTES;
         }
     }
 
-    /// Ends reading: the build items follow the components.
+    /// Adds a build item that is to be printed.
+    pub(super) fn add_item(&mut self, target: ObjectId, transform: DAffine3) {
+        self.items.push(Link { parent: BUILD, target, transform });
+        self.bytes += size_of::<Link>() + LINK_EXTRA_BYTES;
+    }
+
+    /// Adds a build item that is marked not to be printed.
+    pub(super) fn add_unprinted(&mut self, target: ObjectId) {
+        self.unprinted.push(target);
+        self.bytes += size_of::<ObjectId>();
+    }
+
+    /// Whether the build has an item, to be printed or not.
+    pub(super) fn has_items(&self) -> bool {
+        !self.items.is_empty() || !self.unprinted.is_empty()
+    }
+
+    /// Memory that objects, components and build items take, about.
+    pub(super) fn bytes(&self) -> usize {
+        self.bytes
+    }
+
+    /// Ends reading: the build items follow the components. Returns which links they are.
     pub(super) fn close(&mut self) -> Range<usize> {
         let begin = self.links.len();
         self.links.append(&mut self.items);
         begin..self.links.len()
-    }
-
-    /// How many objects, components and build items there are.
-    pub(super) fn len(&self) -> usize {
-        self.objects.len() + self.links.len() + self.items.len()
     }
 
     /// The number of an object.

@@ -12,7 +12,7 @@ use super::attributes::{required, transform};
 use super::extensions::Extensions;
 use super::package::{Names, Package};
 use super::part_name;
-use super::resources::{BUILD, LeftOut, Link, Object, ObjectId, Resources};
+use super::resources::{LeftOut, Object, ObjectId, Resources};
 use super::space::Space;
 use super::xml::{Element, Xml, quote};
 use crate::buildfile::pack::PackError;
@@ -20,11 +20,8 @@ use crate::buildfile::pack::PackError;
 /// Most model parts that are read: each is opened twice, and slicing programs write one for each object of a plate.
 const PART_LIMIT: usize = 1024;
 
-/// What an object, component or build item takes in memory at most: an object with the longest name.
-const ENTRY_BYTES: u64 = 512;
-
-/// Objects, components and build items that are always allowed, however little memory there is.
-const FREE_ENTRIES: u64 = 1 << 18;
+/// Memory that the list of objects, components and build items may always take: half a million of them.
+const FREE_BYTES: u64 = 64 << 20;
 
 /// What the first pass found.
 pub(super) struct Structure {
@@ -37,7 +34,7 @@ pub(super) struct Structure {
 }
 
 impl Structure {
-    /// Reads the model and the parts it refers to; the list of what they hold may take `memory_bytes`.
+    /// Reads the model and the parts it refers to; the list of objects and components may take `memory_bytes`.
     ///
     /// # Errors
     /// [`PackError`] names part, object or element, what was found and what is allowed.
@@ -53,8 +50,7 @@ impl Structure {
             resources: Resources::new(root),
             units_mm: Vec::new(),
             extensions: Extensions::default(),
-            unprinted: Vec::new(),
-            entry_limit: FREE_ENTRIES.max(memory_bytes / ENTRY_BYTES).min(BUILD.into()) as usize,
+            limit_bytes: usize::try_from(memory_bytes.max(FREE_BYTES)).unwrap_or(usize::MAX),
         };
         while let Some(part) = reader.resources.part_names.get(reader.units_mm.len()).cloned() {
             let place = package.place(&part);
@@ -90,9 +86,8 @@ struct Reader {
     /// Of the parts read so far and the one being read.
     units_mm: Vec<f64>,
     extensions: Extensions,
-    /// Objects of build items that are marked not to be printed.
-    unprinted: Vec<ObjectId>,
-    entry_limit: usize,
+    /// What the resources may take.
+    limit_bytes: usize,
 }
 
 impl Reader {
@@ -103,10 +98,10 @@ impl Reader {
         let mut current = None;
         while let Some(element) = xml.next()? {
             self.element(element, &mut current)?;
-            if self.resources.len() + self.unprinted.len() > self.entry_limit {
+            if self.resources.bytes() > self.limit_bytes {
                 return Err(format!(
-                    "more than {} objects, components and build items, which do not fit --memory; give it more",
-                    self.entry_limit
+                    "its objects, components and build items take more than {} MiB, which do not fit --memory; give it more",
+                    self.limit_bytes >> 20
                 ));
             }
         }
@@ -146,10 +141,9 @@ impl Reader {
             (Space::Core, "item") if self.number() == 0 => {
                 let target = self.reference(element)?;
                 if is_printable(element)? {
-                    let transform = transform(element, unit_mm)?;
-                    self.resources.items.push(Link { parent: BUILD, target, transform });
+                    self.resources.add_item(target, transform(element, unit_mm)?);
                 } else {
-                    self.unprinted.push(target);
+                    self.resources.add_unprinted(target);
                 }
             }
             (Space::Core | Space::Displacement, "vertex") => self.current(element, *current)?.vertex_count += 1,
@@ -211,7 +205,7 @@ impl Reader {
 
     fn finish(mut self, has_keystore: bool) -> Result<Structure, String> {
         let mut notes = self.extensions.check(has_keystore)?;
-        if self.resources.items.is_empty() && self.unprinted.is_empty() {
+        if !self.resources.has_items() {
             return Err(
                 "the model has no build items, so nothing of it is to be printed; place its objects in the build in \
                         the program that wrote it"
@@ -221,7 +215,7 @@ impl Reader {
         let items = self.resources.close();
         let assembly = Assembly::new(&self.resources, items)?;
         let mut unprinted = LeftOut::default();
-        self.unprinted.iter().for_each(|&id| unprinted.add(|| self.resources.name(id)));
+        self.resources.unprinted.iter().for_each(|&id| unprinted.add(|| self.resources.name(id)));
         notes.extend(unprinted.note(|count| format!("{count} build items marked printable=\"0\" are not printed")));
         notes.extend(assembly.others.note(|count| {
             format!("{count} objects of type `other`, which 3MF does not print, are left out with their components")

@@ -94,15 +94,15 @@ impl Element {
             if self.attributes.len() == ATTRIBUTE_LIMIT {
                 return Err(format!("an element `{}` with more than {ATTRIBUTE_LIMIT} attributes", self.name()));
             }
-            let key = attribute.key;
-            let space = if key.as_namespace_binding().is_some() {
-                Space::Other
-            } else if key.prefix().is_none() {
-                self.space
-            } else {
-                resolve(&resolver.resolve_attribute(key).0, key.local_name().as_ref(), foreign)?
+            let key = attribute.key.into_inner();
+            let (space, name) = match key.split_once(':') {
+                None if key != "xmlns" => (self.space, key),
+                None | Some(("xmlns", _)) => (Space::Other, key),
+                Some((_, local)) => match resolve(&resolver.resolve_attribute(attribute.key).0, local, foreign)? {
+                    Space::Other => (Space::Other, key),
+                    known => (known, local),
+                },
             };
-            let name = if space == Space::Other { key.into_inner() } else { key.local_name().into_inner() };
             let value = attribute.normalized_value(XmlVersion::Explicit1_0).map_err(|error| error.to_string())?;
             let twice = |one: &Attribute| one.space == space && &self.text[one.name.clone()] == name;
             if self.attributes.iter().any(twice) {
