@@ -185,7 +185,7 @@ impl Reader {
     /// The object that a component or item refers to. A part that it names is read later.
     fn reference(&mut self, element: &Element) -> Result<ObjectId, String> {
         let id = required(element, "objectid")?;
-        // Some files write it without its prefix.
+        // Without its prefix it can mean nothing else.
         let path = element.get_of(Space::Production, "path").or(element.get("path"));
         let Some(path) = path else { return Ok((self.number(), id)) };
         let name = part_name::resolve(path);
@@ -238,7 +238,7 @@ fn lattice(element: &Element, object: &mut Object) {
     }
 }
 
-/// An attribute of the balls extension on a beam lattice, which some files write without its prefix.
+/// An attribute of the balls extension on a beam lattice; it is taken without its prefix, too.
 pub(super) fn ball_attribute<'a>(element: &'a Element, name: &str) -> Option<&'a str> {
     element.get_of(Space::Balls, name).or(element.get(name))
 }
