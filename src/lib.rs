@@ -30,6 +30,7 @@ pub mod cli;
 pub mod codec;
 pub mod config;
 pub mod daemon;
+mod deadline;
 pub mod device;
 mod disk;
 pub mod job;

@@ -30,7 +30,7 @@ fn upload(driver: &mut DlpDriver, layer: u32, slot: u8) {
 
 /// Sends all the driver has to the device and returns what came back.
 fn exchange(driver: &mut DlpDriver, bench: &mut Bench) -> Vec<DriverEvent> {
-    while let Some(message) = driver.next_message(13) {
+    while let Some(message) = driver.next_message(13, 0) {
         bench.message(message);
     }
     answers(driver, bench)
@@ -48,27 +48,35 @@ fn the_next_layer_travels_while_one_shines() {
     assert_eq!(exchange(&mut driver, &mut bench), [DriverEvent::Uploaded { layer: 0 }]);
     assert_eq!(bench.core.state().slots, [None, Some(id(0))], "in the slot that was named");
     upload(&mut driver, 1, 0);
-    driver.act(Act::Expose { layer: 0, duration_ms: 1000, light_pwm: 255 }).expect("idle");
+    driver.act(Act::Expose { layer: 0, duration_ms: 1000, light_pwm: 255 }, 0).expect("idle");
     assert_eq!(driver.upload(2, 1, Encoding::Group4, vec![1], 0), Err(DriverBusy::UploadUnderWay));
-    assert_eq!(driver.act(Act::Home), Err(DriverBusy::ActUnderWay));
-    // Both requests go before the data, although room is scarce.
-    let requests: Vec<_> = std::iter::from_fn(|| driver.next_message(0)).collect();
+    assert_eq!(driver.act(Act::Home, 0), Err(DriverBusy::ActUnderWay));
+    // The requests go before the data, although room is scarce.
+    let requests: Vec<_> = std::iter::from_fn(|| driver.next_message(0, 0)).collect();
     assert!(
         matches!(
             requests.as_slice(),
             [
                 HostMessage::Request { request: Request::LayerBegin { .. }, .. },
                 HostMessage::Request { request: Request::Expose { .. }, .. },
+                HostMessage::Request { request: Request::State, .. },
             ]
         ),
         "{requests:?}"
     );
     requests.into_iter().for_each(|request| bench.message(request));
-    assert_eq!(exchange(&mut driver, &mut bench), [DriverEvent::Uploaded { layer: 1 }]);
+    let events = exchange(&mut driver, &mut bench);
+    assert!(
+        matches!(
+            events.as_slice(),
+            [DriverEvent::StateKnown { act_taken: true, .. }, DriverEvent::Uploaded { layer: 1 }]
+        ),
+        "{events:?}"
+    );
     bench.advance(1_000_000);
     let done = answers(&mut driver, &mut bench);
     assert_eq!(done, [DriverEvent::ActDone(Outcome::Exposed { layer: 0, duration_ms: 1000 })]);
-    driver.act(Act::Home).expect("idle");
+    driver.act(Act::Home, 0).expect("idle");
     exchange(&mut driver, &mut bench);
     bench.advance(60_000_000);
     assert_eq!(answers(&mut driver, &mut bench), [DriverEvent::ActDone(Outcome::Arrived { position_um: 0 })]);
@@ -83,9 +91,9 @@ fn a_refused_layer_is_told_and_the_next_one_travels() {
     assert_eq!(exchange(&mut driver, &mut bench), [refused]);
     // Refused at its beginning: none of its data follows.
     driver.upload(0, 9, Encoding::Group4, encoded(0), 1).expect("the last one ended");
-    bench.message(driver.next_message(0).expect("its beginning"));
+    bench.message(driver.next_message(0, 0).expect("its beginning"));
     assert!(matches!(answers(&mut driver, &mut bench).as_slice(), [DriverEvent::UploadRefused { layer: 0, .. }]));
-    assert_eq!(driver.next_message(1000), None);
+    assert_eq!(driver.next_message(1000, 0), None);
     upload(&mut driver, 0, 0);
     assert_eq!(exchange(&mut driver, &mut bench), [DriverEvent::Uploaded { layer: 0 }]);
 }
@@ -94,10 +102,13 @@ fn a_refused_layer_is_told_and_the_next_one_travels() {
 fn a_layer_is_not_taken_for_uploaded_before_it_was_sent() {
     let mut driver = driver();
     upload(&mut driver, 0, 0);
-    let Some(HostMessage::Request { number, .. }) = driver.next_message(0) else { panic!("no request") };
+    let Some(HostMessage::Request { number, .. }) = driver.next_message(0, 0) else { panic!("no request") };
     let early = driver.handle(DeviceMessage::Reply { number, reply: Reply::Done });
-    assert_eq!(early, DriverEvent::Confused { number });
-    while driver.next_message(7).is_some() {}
+    assert!(matches!(&early, DriverEvent::Misbehaved(text) if text.contains("asked for layer 0")), "{early:?}");
+    // The session ends with that; the next one's driver begins anew.
+    let mut driver = self::driver();
+    upload(&mut driver, 0, 0);
+    while driver.next_message(7, 0).is_some() {}
     let done = driver.handle(DeviceMessage::Reply { number, reply: Reply::Done });
     assert_eq!(done, DriverEvent::Uploaded { layer: 0 });
 }
@@ -105,21 +116,78 @@ fn a_layer_is_not_taken_for_uploaded_before_it_was_sent() {
 #[test]
 fn news_and_strange_numbers_are_not_taken_for_answers() {
     let mut driver = driver();
-    driver.act(Act::Home).expect("idle");
-    let Some(HostMessage::Request { number, .. }) = driver.next_message(0) else { panic!("no request") };
+    driver.act(Act::Home, 0).expect("idle");
+    let Some(HostMessage::Request { number, .. }) = driver.next_message(0, 0) else { panic!("no request") };
     let reply = |number, reply| DeviceMessage::Reply { number, reply };
     let fault = Some(Fault { code: 3, text: "door open".into() });
     let event = driver.handle(DeviceMessage::Report(Report::Fault(fault.clone())));
     assert_eq!(event, DriverEvent::Fault(fault));
     let strange = driver.handle(reply(number + 7, Reply::Moved { position_um: 0 }));
-    assert_eq!(strange, DriverEvent::Confused { number: number + 7 });
+    assert!(misbehaved(&strange, "request 8, which awaits no reply"), "{strange:?}");
     let other = driver.handle(reply(number, Reply::Done));
-    assert_eq!(other, DriverEvent::Confused { number });
+    assert!(misbehaved(&other, "asked for Home (request 1) and replied with done"), "{other:?}");
     assert!(driver.is_acting());
     let done = driver.handle(reply(number, Reply::Moved { position_um: 0 }));
     assert_eq!(done, DriverEvent::ActDone(Outcome::Arrived { position_um: 0 }));
     let again = driver.handle(reply(number, Reply::Moved { position_um: 0 }));
-    assert_eq!(again, DriverEvent::Confused { number }, "a repeated reply answers nothing");
+    assert!(misbehaved(&again, "awaits no reply"), "a repeated reply answers nothing: {again:?}");
+    driver.act(Act::Expose { layer: 3, duration_ms: 10, light_pwm: 255 }, 0).expect("idle");
+    let number = number + 2;
+    let wrong = driver.handle(reply(number, Reply::Exposed { id: id(4), duration_ms: 10 }));
+    assert!(misbehaved(&wrong, "replied with an exposure of 10 ms of layer 4"), "{wrong:?}");
+}
+
+fn misbehaved(event: &DriverEvent, words: &str) -> bool {
+    matches!(event, DriverEvent::Misbehaved(text) if text.contains(words))
+}
+
+#[test]
+fn a_question_without_an_answer_times_out() {
+    let mut driver = driver();
+    assert_eq!(driver.next_timeout_us(), None);
+    driver.query_state(1_000_000);
+    driver.query_state(2_000_000);
+    assert_eq!(driver.next_timeout_us(), Some(6_000_000));
+    assert_eq!(driver.handle_timeout(5_999_999), None);
+    let late = driver.handle_timeout(6_000_000).expect("overdue");
+    assert!(misbehaved(&late, "did not answer a question for its state within 5 s"), "{late:?}");
+}
+
+/// A host that stood still hears first what was said meanwhile.
+#[test]
+fn a_question_is_not_judged_by_a_host_that_stood_still() {
+    let mut driver = driver();
+    driver.query_state(0);
+    assert_eq!(driver.handle_timeout(30_000_000), None);
+    assert_eq!(driver.next_timeout_us(), Some(31_000_000));
+    assert!(driver.handle_timeout(31_000_000).is_some(), "but once only");
+}
+
+#[test]
+fn a_layer_that_is_never_confirmed_times_out() {
+    let mut driver = driver();
+    upload(&mut driver, 0, 0);
+    while driver.next_message(7, 2_000_000).is_some() {}
+    assert_eq!(driver.next_timeout_us(), Some(12_000_000));
+    let late = driver.handle_timeout(12_000_000).expect("overdue");
+    assert!(misbehaved(&late, "did not say within 10 s whether it holds layer 0"), "{late:?}");
+}
+
+#[test]
+fn an_exposure_that_has_not_left_can_be_taken_back() {
+    let expose = Act::Expose { layer: 0, duration_ms: 10, light_pwm: 255 };
+    let mut driver = driver();
+    driver.act(expose, 0).expect("idle");
+    assert!(driver.take_back_exposure(false), "it waits in the driver");
+    assert!(!driver.is_acting());
+    let next = driver.next_message(0, 0);
+    assert!(matches!(next, Some(HostMessage::Request { request: Request::State, .. })), "{next:?}");
+    driver.act(expose, 0).expect("idle");
+    driver.next_message(0, 0).expect("the exposure leaves the driver");
+    assert!(!driver.take_back_exposure(false) && driver.is_acting());
+    assert!(driver.take_back_exposure(true), "its owner still holds it");
+    driver.act(Act::Home, 0).expect("idle");
+    assert!(!driver.take_back_exposure(true), "no exposure");
 }
 
 #[test]
@@ -133,9 +201,9 @@ fn a_new_sessions_driver_learns_of_an_exposure_that_goes_on() {
     bench.hello();
     let mut driver = driver();
     let ask = |driver: &mut DlpDriver, bench: &mut Bench| {
-        driver.query_state();
+        driver.query_state(0);
         match exchange(driver, bench).as_slice() {
-            [DriverEvent::StateKnown(state)] => (state.exposing, state.last_exposed),
+            [DriverEvent::StateKnown { state, .. }] => (state.exposing, state.last_exposed),
             other => panic!("{other:?}"),
         }
     };

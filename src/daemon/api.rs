@@ -277,9 +277,10 @@ pub struct LayerExposed {
     pub job: String,
     /// The layer, from 0.
     pub layer: u32,
-    /// How long there was light, milliseconds.
-    pub exposure_ms: u32,
-    /// How long the device waited for the layer, dark, milliseconds.
+    /// How long there was light, as the device reported it, milliseconds; `None` where it named the layer as exposed after a
+    /// reconnection, without a time.
+    pub exposure_ms: Option<u32>,
+    /// How long the machine stood still for the layer, dark, milliseconds; 0 up to 250 ms.
     pub late_ms: u64,
 }
 

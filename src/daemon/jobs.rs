@@ -7,8 +7,9 @@ use super::clock::unix_ms;
 use super::past::Past;
 use crate::job::{
     Command, Entry as JournalEntry, Forgotten, History, JobDirectory, JobState, Progress, Record, ResumeChoice,
-    read_journal,
+    Unconfirmed, read_journal,
 };
+use crate::link::message::ExposureId;
 
 /// One job.
 #[derive(Debug)]
@@ -17,6 +18,8 @@ pub(super) struct Job {
     pub directory: JobDirectory,
     /// Names its exposures; 0 where the journal could not be read.
     pub key: u64,
+    /// Exposure of the layer that was commanded and not confirmed when the daemon started, milliseconds.
+    unconfirmed_ms: Option<u32>,
     /// What operators see.
     pub view: JobView,
     /// Its light and plate so far.
@@ -81,6 +84,14 @@ impl Jobs {
     /// The job whose exposures bear this key.
     pub(super) fn by_key(&self, key: u64) -> Option<&Job> {
         self.jobs.values().find(|job| job.key == key)
+    }
+
+    /// How long an exposure was commanded to last that may be under way since before the daemon started, milliseconds; `None`
+    /// where it was not commanded to the device since its start `boot_id`.
+    pub(super) fn commanded_ms(&self, id: ExposureId, boot_id: u32) -> Option<u32> {
+        let job = self.by_key(id.job)?;
+        let commanded = Some(Unconfirmed { layer: id.layer, boot_id });
+        job.unconfirmed_ms.filter(|_| job.past.unconfirmed == commanded)
     }
 
     /// Every job as operators see it, the oldest first.
@@ -221,6 +232,7 @@ impl Job {
         Self {
             directory,
             key,
+            unconfirmed_ms: None,
             view,
             past,
             take_up: TakeUp::Print(ResumeChoice::None),
@@ -245,11 +257,12 @@ impl Job {
                 (0, Past::unknown())
             }
         };
-        if let Ok(recipe) = crate::config::Recipe::load(&directory.recipe()) {
-            view.recipe = recipe.name;
-        }
+        let recipe = crate::config::Recipe::load(&directory.recipe()).ok();
+        let unconfirmed_ms =
+            past.unconfirmed.and_then(|commanded| Some(recipe.as_ref()?.layer_exposure_ms(commanded.layer)));
+        view.recipe = recipe.map_or_else(String::new, |recipe| recipe.name);
         let awaits_plate = awaits_plate && view.state == JobState::Queued;
-        Self::new(directory, key, view, past, awaits_plate)
+        Self { unconfirmed_ms, ..Self::new(directory, key, view, past, awaits_plate) }
     }
 
     /// What must be known of it once its record is gone.
@@ -272,7 +285,7 @@ impl Job {
         view.layers_total = progress.layers_total;
         view.layer = progress.state.is_active().then_some(progress.layer);
         // Whole seconds: a view does not change with every millisecond.
-        view.eta_s = progress.state.is_active().then_some(progress.eta_ms.div_ceil(1000));
+        view.eta_s = progress.eta_ms.map(|eta_ms| eta_ms.div_ceil(1000));
         view.late_layers = progress.late_layers;
         view.late_ms_total = progress.late_ms_total;
         view.in_doubt = progress.in_doubt;

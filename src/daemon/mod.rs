@@ -6,6 +6,7 @@ mod body;
 mod clock;
 mod faults;
 pub mod handle;
+mod idle;
 mod jobs;
 mod layers;
 mod line;

@@ -14,6 +14,7 @@ use super::background::Background;
 use super::clock::Clock;
 use super::faults::FaultNews;
 use super::handle::Desk;
+use super::idle::Idle;
 use super::jobs::{Jobs, TakeUp};
 use super::line::Line;
 use super::opened::{Opened, Unopened};
@@ -51,8 +52,7 @@ pub(super) struct Printer {
     finished_background: mpsc::Receiver<Background>,
     pub(super) link: Line,
     pub(super) capabilities: Option<Capabilities>,
-    /// Asks the device how it is while no job runs; `None` without a session.
-    pub(super) idle: Option<DlpDriver>,
+    pub(super) idle: Idle,
     pub(super) device: DeviceView,
     pub(super) faults: FaultNews,
     /// A message the driver gave and the line has no room for yet.
@@ -95,7 +95,7 @@ impl Printer {
             finished_background,
             link,
             capabilities: None,
-            idle: None,
+            idle: Idle::default(),
             device: DeviceView::default(),
             faults: FaultNews::default(),
             message: None,
@@ -124,7 +124,7 @@ impl Printer {
                 break Ok(());
             }
             let room = self.link.room();
-            let timeout_us = self.running.as_ref().and_then(|running| running.engine.next_timeout_us());
+            let timeout_us = self.next_timeout_us();
             // Orders first. What a busy or broken line can bring without end comes last: no timer and no watchdog waits for it.
             tokio::select! {
                 biased;
@@ -137,10 +137,7 @@ impl Printer {
                     break Err(anyhow!("the machine could not be made safe in time; the device's own limits must do it"));
                 }
                 _ = heartbeat.tick() => self.heartbeat(),
-                () = sleep_until(self.clock, timeout_us) => {
-                    let now_us = self.clock.now_us();
-                    self.with_engine(|running| running.engine.handle(Event::Timeout, now_us));
-                }
+                () = sleep_until(self.clock, timeout_us) => self.timeout(),
                 Some(event) = self.finished_background.recv() => self.background(event),
                 computed = wanted_layer(self.running.as_mut()) => {
                     let now_us = self.clock.now_us();
@@ -176,6 +173,22 @@ impl Printer {
         self.with_engine(|running| running.engine.handle(Event::Shutdown, now_us));
     }
 
+    /// When something is overdue that the running job, or the device without a job, owes.
+    fn next_timeout_us(&self) -> Option<u64> {
+        self.running.as_ref().map_or_else(|| self.idle.next_timeout_us(), Running::next_timeout_us)
+    }
+
+    fn timeout(&mut self) {
+        let now_us = self.clock.now_us();
+        if let Some(event) = self.driver().and_then(|driver| driver.handle_timeout(now_us)) {
+            self.driver_event(event, now_us);
+        }
+        match &mut self.running {
+            Some(running) => running.engine.handle(Event::Timeout, now_us),
+            None => self.idle_timeout(now_us),
+        }
+    }
+
     /// Does something with the running job, if there is one.
     pub(super) fn with_engine(&mut self, act: impl FnOnce(&mut Running)) {
         if let Some(running) = &mut self.running {
@@ -185,17 +198,19 @@ impl Printer {
 
     /// Carries out what the engine wants, starts the next job where none runs, and tells what changed.
     fn settle(&mut self) {
-        while let Some(task) = self.running.as_mut().and_then(|running| running.next_task(&self.budget)) {
+        let now_us = self.clock.now_us();
+        while let Some(task) = self.running.as_mut().and_then(|running| running.next_task(&self.budget, now_us)) {
             match task {
                 Task::Urgent(urgent) => self.send_urgent(urgent),
                 Task::Notice(text) => self.notice(text),
+                Task::EndSession(why) => self.end_session(why, now_us),
                 Task::Finished => self.finish(),
             }
         }
         self.tell_progress();
         if self.message.is_none() {
             let piece_bytes = self.link.piece_bytes();
-            self.message = self.driver().and_then(|driver| driver.next_message(piece_bytes));
+            self.message = self.driver().and_then(|driver| driver.next_message(piece_bytes, now_us));
         }
         if self.is_idle() && !self.shutting_down {
             self.open_next();
@@ -206,7 +221,7 @@ impl Printer {
     pub(super) fn driver(&mut self) -> Option<&mut DlpDriver> {
         match &mut self.running {
             Some(running) => running.driver.as_mut(),
-            None => self.idle.as_mut(),
+            None => self.idle.driver.as_mut(),
         }
     }
 
@@ -214,7 +229,16 @@ impl Printer {
         // An exposure that waits for room must not reach the device after an order to be dark; anything else only an abort ends.
         let is_exposure =
             |message: &mut HostMessage| matches!(message, HostMessage::Request { request: Request::Expose { .. }, .. });
+        let is_unsent = self.message.as_mut().is_some_and(is_exposure);
         self.message.take_if(|message| urgent == Urgent::Abort || is_exposure(message));
+        if urgent == Urgent::LightOff {
+            let now_us = self.clock.now_us();
+            self.with_engine(|running| {
+                if running.driver.as_mut().is_some_and(|driver| driver.take_back_exposure(is_unsent)) {
+                    running.exposure_taken_back(now_us);
+                }
+            });
+        }
         let number = self.link.urgent(urgent);
         if urgent == Urgent::Abort {
             self.last_abort = Some(number);
@@ -279,14 +303,14 @@ impl Printer {
         match result {
             Ok(opened) => {
                 tracing::info!(job = id, "job begins");
-                let mut running = Running::new(id, *opened, self.background.clone(), now_us);
+                let mut running =
+                    Running::new(id, *opened, std::mem::take(&mut self.idle).light, self.background.clone(), now_us);
                 if let Some(command) = end {
                     running.command(command, now_us);
                 }
                 if self.shutting_down {
                     running.engine.handle(Event::Shutdown, now_us);
                 }
-                self.idle = None;
                 self.message = None;
                 self.running = Some(running);
                 // A new session tells the device's state afresh and numbers requests from 1 for the job's driver.
@@ -327,7 +351,7 @@ impl Printer {
             self.leave_part_in_vat();
         }
         tracing::info!(job = id, state = %self.jobs.get(id).map_or(JobState::Failed, |job| job.view.state), "job ended");
-        self.idle = None;
+        self.idle = Idle::after(running.engine.light().clone());
         self.link.reconnect();
         self.releasing = true;
         let (spool, over, background) = (Arc::clone(&self.spool), self.jobs.over(), self.background.clone());
@@ -351,8 +375,9 @@ impl Printer {
 
     fn heartbeat(&mut self) {
         notify::alive();
+        let now_us = self.clock.now_us();
         if let Some(driver) = self.driver() {
-            driver.query_state();
+            driver.query_state(now_us);
         }
         self.late_faults();
         self.publish();
@@ -366,8 +391,7 @@ impl Printer {
         if let Some(before) = before.filter(|before| before.layers_done < progress.layers_done) {
             let late_ms = progress.late_ms_total - before.late_ms_total;
             let layer = progress.layers_done - 1;
-            let exposure_ms = running.exposure_ms(layer);
-            let exposed = LayerExposed { job: id.to_string(), layer, exposure_ms, late_ms };
+            let exposed = LayerExposed { job: id.to_string(), layer, exposure_ms: progress.light_ms, late_ms };
             let _ = self.desk.events.send(News::Layer(exposed));
         }
         if self.jobs.get_mut(id).is_some_and(|job| job.update(&progress)) {

@@ -11,7 +11,7 @@ use super::opened::Opened;
 use super::part::{EncodedLayer, Part};
 use crate::config::{Machine, Recipe};
 use crate::device::encoding::Choice;
-use crate::device::{DlpDriver, DriverEvent, check_fit};
+use crate::device::{DlpDriver, DriverEvent, LightWatch, Outcome, check_fit};
 use crate::job::{Action, Command, Engine, Event, JobPlan, Journal, Record};
 use crate::link::message::{Capabilities, DeviceState, Urgent};
 use crate::stream::{Finished, MemoryBudget, Room};
@@ -23,6 +23,8 @@ pub(super) enum Task {
     Urgent(Urgent),
     /// Tell the operator.
     Notice(String),
+    /// End the session, for that reason, and begin a new one.
+    EndSession(String),
     /// The job is over.
     Finished,
 }
@@ -55,11 +57,17 @@ pub(super) struct Running {
 
 impl Running {
     /// A job whose turn has come.
-    pub(super) fn new(job: u32, opened: Opened, background: mpsc::Sender<Background>, now_us: u64) -> Self {
+    pub(super) fn new(
+        job: u32,
+        opened: Opened,
+        light: LightWatch,
+        background: mpsc::Sender<Background>,
+        now_us: u64,
+    ) -> Self {
         let Opened { journal, key, start, recipe, machine, part } = opened;
         let layer_count = part.layer_count();
         let plan = JobPlan { key, layer_count, recipe: recipe.clone(), clear_height_um: machine.clear_height_um };
-        let mut engine = Engine::new(plan, start);
+        let mut engine = Engine::new(plan, start).watching(light);
         engine.handle(Event::Ready, now_us);
         Self {
             job,
@@ -95,10 +103,15 @@ impl Running {
 
     /// The session is lost.
     pub(super) fn line_lost(&mut self, reason: String, now_us: u64) {
+        self.session_ended();
+        self.engine.handle(Event::LineLost(reason), now_us);
+    }
+
+    /// What was under way in the session is void.
+    fn session_ended(&mut self) {
         self.driver = None;
         self.sending = None;
         self.wanted = None;
-        self.engine.handle(Event::LineLost(reason), now_us);
     }
 
     /// An order of the operator.
@@ -107,24 +120,28 @@ impl Running {
     }
 
     /// Carries out what the engine asks for, until something is left to the printer's loop; `None` when nothing is asked.
-    pub(super) fn next_task(&mut self, budget: &MemoryBudget) -> Option<Task> {
+    pub(super) fn next_task(&mut self, budget: &MemoryBudget, now_us: u64) -> Option<Task> {
         while let Some(action) = self.engine.next_action() {
             match action {
                 Action::Urgent(urgent) => return Some(Task::Urgent(urgent)),
                 Action::Notice(text) => return Some(Task::Notice(text)),
+                Action::EndSession(why) => {
+                    self.session_ended();
+                    return Some(Task::EndSession(why));
+                }
                 Action::Finished { .. } => return Some(Task::Finished),
                 Action::Journal(record) => self.journal(record),
                 Action::Act { number, act } => {
                     self.act_number = number;
                     if let Some(driver) = &mut self.driver
-                        && let Err(error) = driver.act(act)
+                        && let Err(error) = driver.act(act, now_us)
                     {
                         tracing::error!(%error, ?act, "act refused by the driver");
                     }
                 }
                 Action::QueryState => {
                     if let Some(driver) = &mut self.driver {
-                        driver.query_state();
+                        driver.query_state(now_us);
                     }
                 }
                 Action::NeedLayers { from } => {
@@ -198,19 +215,27 @@ impl Running {
                 Event::UploadRefused { layer, refusal }
             }
             DriverEvent::ActDone(outcome) => Event::ActDone { number: self.act_number, outcome },
-            DriverEvent::StateKnown(state) => Event::State(state),
-            DriverEvent::Fault(fault) => Event::Fault(fault),
-            DriverEvent::Confused { number } => {
-                tracing::warn!(number, "the device answered a request that was not asked");
-                return;
+            DriverEvent::StateKnown { state, act_taken } => {
+                if act_taken {
+                    self.engine.handle(Event::ActTaken { number: self.act_number }, now_us);
+                }
+                Event::State(state)
             }
+            DriverEvent::Fault(fault) => Event::Fault(fault),
+            DriverEvent::Misbehaved(text) => Event::Misbehaved(text),
         };
         self.engine.handle(event, now_us);
     }
 
-    /// How long the recipe exposes a layer.
-    pub(super) fn exposure_ms(&self, layer: u32) -> u32 {
-        self.recipe.layer_exposure_ms(layer)
+    /// The exposure under way was taken back before it left the host.
+    pub(super) fn exposure_taken_back(&mut self, now_us: u64) {
+        self.engine.handle(Event::ActDone { number: self.act_number, outcome: Outcome::TakenBack }, now_us);
+    }
+
+    /// When the engine or the driver has something to judge.
+    pub(super) fn next_timeout_us(&self) -> Option<u64> {
+        let driver = self.driver.as_ref().and_then(DlpDriver::next_timeout_us);
+        self.engine.next_timeout_us().into_iter().chain(driver).min()
     }
 
     /// Ends everything; returns once the memory is given back.

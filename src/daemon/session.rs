@@ -21,7 +21,10 @@ impl Printer {
                 self.faults.connected();
                 match &mut self.running {
                     Some(running) => running.connected(&capabilities, &state, now_us),
-                    None => self.idle = Some(DlpDriver::new(0)),
+                    None => {
+                        self.idle.driver = Some(DlpDriver::new(0));
+                        self.watch_light(&state, now_us);
+                    }
                 }
                 self.capabilities = Some(capabilities);
                 self.link_changed(LinkState::Connected, None);
@@ -65,11 +68,15 @@ impl Printer {
         }
     }
 
-    fn driver_event(&mut self, event: DriverEvent, now_us: u64) {
+    pub(super) fn driver_event(&mut self, event: DriverEvent, now_us: u64) {
+        let event = self.with_cause(event);
         let holder = self.holder();
         view::device_told(&mut self.device, &event, &self.jobs, holder);
-        let is_state = matches!(event, DriverEvent::StateKnown(_));
-        self.with_engine(|running| running.driver_event(event, now_us));
+        let is_state = matches!(event, DriverEvent::StateKnown { .. });
+        match &mut self.running {
+            Some(running) => running.driver_event(event, now_us),
+            None => self.idle_event(event, now_us),
+        }
         if is_state {
             self.publish();
         }
@@ -88,6 +95,24 @@ impl Printer {
         }
     }
 
+    /// A device that seems not to answer may not have been reached: adds what keeps data from getting through.
+    fn with_cause(&self, event: DriverEvent) -> DriverEvent {
+        match (event, self.link.delivery().hindrance) {
+            (DriverEvent::Misbehaved(text), Some(hindrance)) => DriverEvent::Misbehaved(format!("{text}; {hindrance}")),
+            (event, _) => event,
+        }
+    }
+
+    /// Ends a session with a device that does not follow the protocol, and begins a new one. A running job's engine has told
+    /// so already.
+    pub(super) fn end_session(&mut self, why: String, now_us: u64) {
+        if self.running.is_none() {
+            self.notice(format!("the session with the device is ended, and a new one begun: {why}"));
+        }
+        self.lost(why, now_us);
+        self.link.give_up();
+    }
+
     fn urgent_done(&mut self, number: u32, light_on: bool, now_us: u64) {
         let awaited = self.running.as_mut().and_then(|running| {
             let (_, urgent) = running.urgent.take_if(|(awaited, _)| *awaited == number)?;
@@ -100,6 +125,7 @@ impl Printer {
                 self.lost("the device has obeyed an abort; a new session begins".into(), now_us);
                 self.link.reconnect();
             }
+            self.idle.light.put_off_answered();
             return;
         };
         running.engine.handle(
@@ -119,7 +145,7 @@ impl Printer {
 
     fn lost(&mut self, reason: String, now_us: u64) {
         self.message = None;
-        self.idle = None;
+        self.idle.driver = None;
         self.reconnects += u64::from(std::mem::take(&mut self.device.connected));
         self.with_engine(|running| running.line_lost(reason.clone(), now_us));
         let state = if self.capabilities.is_some() { LinkState::Lost } else { LinkState::Connecting };

@@ -56,7 +56,7 @@ pub(super) fn device_connected(view: &mut DeviceView, capabilities: &Capabilitie
 pub(super) fn device_told(view: &mut DeviceView, event: &DriverEvent, jobs: &Jobs, holder: Option<u32>) {
     let state = view.state.get_or_insert_with(DeviceStateView::default);
     match event {
-        DriverEvent::StateKnown(known) => *state = state_view(known, jobs),
+        DriverEvent::StateKnown { state: known, .. } => *state = state_view(known, jobs),
         DriverEvent::ActDone(Outcome::Arrived { position_um }) => {
             state.position_um = Some(*position_um);
             state.moving = false;

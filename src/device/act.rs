@@ -42,4 +42,6 @@ pub enum Outcome {
     },
     /// The device did not do it.
     Refused(Refusal),
+    /// An exposure that was taken back before it left the host.
+    TakenBack,
 }

@@ -10,9 +10,19 @@
 use std::collections::VecDeque;
 
 use super::{Act, Outcome};
+use crate::deadline::Deadline;
 use crate::link::message::{
     DeviceMessage, DeviceState, Encoding, ExposureId, Fault, HostMessage, Refusal, Reply, Report, Request,
 };
+
+/// A device answers a question for its state within this time, also while it decodes a layer or moves.
+const STATE_TIMEOUT_US: u64 = 5_000_000;
+/// A device has decoded and checked a layer within this time after its last byte was handed to the line. At most half a
+/// second of data waits there.
+const LAYER_TIMEOUT_US: u64 = 10_000_000;
+/// Questions without an answer. One is asked twice a second and one behind each act; a device that leaves so many open is
+/// silent, and no more are asked until the oldest times out.
+const MOST_QUESTIONS: usize = 4;
 
 /// What came of what the driver was given.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,14 +42,17 @@ pub enum DriverEvent {
     /// The act under way has ended.
     ActDone(Outcome),
     /// The state that was asked for.
-    StateKnown(DeviceState),
+    StateKnown {
+        /// The state.
+        state: DeviceState,
+        /// The act under way has reached the device: the question was asked behind it.
+        act_taken: bool,
+    },
     /// Something keeps the device from working, or it works again (`None`).
     Fault(Option<Fault>),
-    /// A reply to no request, or of another kind than its request: the device does not follow the protocol.
-    Confused {
-        /// The number it bears.
-        number: u32,
-    },
+    /// The device does not follow the protocol: a request got no reply in time, or a reply makes no sense. The text says which.
+    /// The session is worth nothing any more: end it.
+    Misbehaved(String),
 }
 
 /// Why something cannot be asked of the device now: a mistake of the owner.
@@ -58,12 +71,12 @@ pub enum DriverBusy {
 pub struct DlpDriver {
     job: u64,
     last_number: u32,
-    /// Requests not yet sent: one act, one question and one upload's beginning at most.
+    /// Requests not yet sent: one act, [`MOST_QUESTIONS`] and one upload's beginning at most.
     requests: VecDeque<(u32, Request)>,
     /// The act whose reply is due.
     act: Option<(u32, Act)>,
-    /// The question whose reply is due.
-    query: Option<u32>,
+    /// The questions whose replies are due, at most [`MOST_QUESTIONS`].
+    questions: VecDeque<(u32, Deadline)>,
     /// The layer on its way.
     upload: Option<Upload>,
 }
@@ -75,12 +88,14 @@ struct Upload {
     /// Empty once all is sent: from then on the line alone keeps what the device has not acknowledged.
     bytes: Vec<u8>,
     sent_bytes: usize,
+    /// When the reply is due; set once all is sent.
+    due: Option<Deadline>,
 }
 
 impl DlpDriver {
     /// A driver for a job (its key in [`ExposureId`]) on a device that just said its welcome.
     pub fn new(job: u64) -> Self {
-        Self { job, last_number: 0, requests: VecDeque::new(), act: None, query: None, upload: None }
+        Self { job, last_number: 0, requests: VecDeque::new(), act: None, questions: VecDeque::new(), upload: None }
     }
 
     /// Whether an act's end is still to come.
@@ -88,11 +103,12 @@ impl DlpDriver {
         self.act.is_some()
     }
 
-    /// Begins an act; its end comes as [`DriverEvent::ActDone`].
+    /// Begins an act; its end comes as [`DriverEvent::ActDone`]. A question for the state goes behind it, whose answer shows
+    /// that the device has the act. How long an act may take is for the owner to know.
     ///
     /// # Errors
     /// [`DriverBusy::ActUnderWay`].
-    pub fn act(&mut self, act: Act) -> Result<(), DriverBusy> {
+    pub fn act(&mut self, act: Act, now_us: u64) -> Result<(), DriverBusy> {
         if self.act.is_some() {
             return Err(DriverBusy::ActUnderWay);
         }
@@ -104,13 +120,36 @@ impl DlpDriver {
             }
         });
         self.act = Some((number, act));
+        self.ask(now_us);
         Ok(())
     }
 
-    /// Asks for the device's state; it comes as [`DriverEvent::StateKnown`]. A question still open is not asked twice.
-    pub fn query_state(&mut self) {
-        if self.query.is_none() {
-            self.query = Some(self.request(Request::State));
+    /// Takes back an exposure that has not left the host, so that it does not begin after an order to be dark. `is_unsent` says
+    /// that the owner still holds its message. Returns whether there was one; its end does not come any more.
+    pub fn take_back_exposure(&mut self, is_unsent: bool) -> bool {
+        let Some((number, Act::Expose { .. })) = self.act else { return false };
+        let queued = self.requests.iter().position(|(queued, _)| *queued == number);
+        if let Some(place) = queued {
+            self.requests.remove(place);
+        }
+        if !is_unsent && queued.is_none() {
+            return false;
+        }
+        self.act = None;
+        true
+    }
+
+    /// Asks for the device's state; it comes as [`DriverEvent::StateKnown`]. Where a question is open, its answer will do.
+    pub fn query_state(&mut self, now_us: u64) {
+        if self.questions.is_empty() {
+            self.ask(now_us);
+        }
+    }
+
+    fn ask(&mut self, now_us: u64) {
+        if self.questions.len() < MOST_QUESTIONS {
+            let number = self.request(Request::State);
+            self.questions.push_back((number, Deadline::at(now_us + STATE_TIMEOUT_US)));
         }
     }
 
@@ -137,17 +176,46 @@ impl DlpDriver {
             encoded_bytes: bytes.len() as u32,
             decoded_crc32: crc32,
         });
-        self.upload = Some(Upload { number, layer, bytes, sent_bytes: 0 });
+        self.upload = Some(Upload { number, layer, bytes, sent_bytes: 0, due: None });
         Ok(())
     }
 
     /// The next message to send, requests first. Call it only while the session can take a request; layer data comes in pieces
     /// of at most `room_bytes`, and not at all where that is 0.
-    pub fn next_message(&mut self, room_bytes: usize) -> Option<HostMessage> {
+    pub fn next_message(&mut self, room_bytes: usize, now_us: u64) -> Option<HostMessage> {
         if let Some((number, request)) = self.requests.pop_front() {
             return Some(HostMessage::Request { number, request });
         }
-        self.upload.as_mut()?.next_piece(room_bytes).map(HostMessage::LayerData)
+        self.upload.as_mut()?.next_piece(room_bytes, now_us).map(HostMessage::LayerData)
+    }
+
+    /// When to call [`Self::handle_timeout`]; `None` while no reply with a time-out of the driver's is due.
+    pub fn next_timeout_us(&self) -> Option<u64> {
+        let question = self.questions.front().map(|(_, due)| due.at_us());
+        let upload = self.upload.as_ref().and_then(|upload| upload.due).map(Deadline::at_us);
+        question.into_iter().chain(upload).min()
+    }
+
+    /// Looks for a reply that is overdue.
+    pub fn handle_timeout(&mut self, now_us: u64) -> Option<DriverEvent> {
+        if let Some((_, due)) = self.questions.front_mut()
+            && due.is_over(now_us)
+        {
+            self.questions.clear();
+            let seconds = STATE_TIMEOUT_US / 1_000_000;
+            return Some(DriverEvent::Misbehaved(format!(
+                "the device did not answer a question for its state within {seconds} s: check the line and its firmware"
+            )));
+        }
+        let upload = self.upload.as_mut()?;
+        if !upload.due.as_mut()?.is_over(now_us) {
+            return None;
+        }
+        upload.due = None;
+        let (layer, seconds) = (upload.layer, LAYER_TIMEOUT_US / 1_000_000);
+        Some(DriverEvent::Misbehaved(format!(
+            "the device did not say within {seconds} s whether it holds layer {layer}: check its firmware"
+        )))
     }
 
     /// Takes what the device says.
@@ -157,24 +225,31 @@ impl DlpDriver {
             DeviceMessage::Reply { number, reply } => (number, reply),
         };
         if let Some((_, act)) = self.act.filter(|(due, _)| *due == number) {
-            return self.act_replied(number, act, &reply);
+            return self.act_replied(act, number, &reply);
         }
-        if self.query == Some(number)
-            && let Reply::State(state) = reply
-        {
-            self.query = None;
-            return DriverEvent::StateKnown(state);
+        if let Some(place) = self.questions.iter().position(|(due, _)| *due == number) {
+            return match reply {
+                Reply::State(state) => {
+                    self.questions.remove(place);
+                    let act_taken = self.act.is_some_and(|(act, _)| act < number);
+                    DriverEvent::StateKnown { state, act_taken }
+                }
+                other => nonsense(&format!("its state (request {number})"), &other),
+            };
         }
-        match self.upload.take_if(|upload| upload.number == number && upload.is_ended_by(&reply)) {
-            Some(Upload { layer, .. }) => match reply {
-                Reply::Refused(refusal) => DriverEvent::UploadRefused { layer, refusal },
-                _ => DriverEvent::Uploaded { layer },
+        match self.upload.take_if(|upload| upload.number == number) {
+            Some(upload) if upload.is_ended_by(&reply) => match reply {
+                Reply::Refused(refusal) => DriverEvent::UploadRefused { layer: upload.layer, refusal },
+                _ => DriverEvent::Uploaded { layer: upload.layer },
             },
-            None => DriverEvent::Confused { number },
+            Some(upload) => nonsense(&format!("layer {} (request {number})", upload.layer), &reply),
+            None => DriverEvent::Misbehaved(format!(
+                "the device replied to request {number}, which awaits no reply: check its firmware"
+            )),
         }
     }
 
-    fn act_replied(&mut self, number: u32, act: Act, reply: &Reply) -> DriverEvent {
+    fn act_replied(&mut self, act: Act, number: u32, reply: &Reply) -> DriverEvent {
         let outcome = match (act, reply) {
             (Act::Home | Act::Move { .. }, Reply::Moved { position_um }) => {
                 Outcome::Arrived { position_um: *position_um }
@@ -183,7 +258,7 @@ impl DlpDriver {
                 Outcome::Exposed { layer, duration_ms: *duration_ms }
             }
             (_, Reply::Refused(refusal)) => Outcome::Refused(*refusal),
-            _ => return DriverEvent::Confused { number },
+            (act, reply) => return nonsense(&format!("{act:?} (request {number})"), reply),
         };
         self.act = None;
         DriverEvent::ActDone(outcome)
@@ -203,12 +278,13 @@ impl DlpDriver {
 
 impl Upload {
     /// The next piece of the layer; `None` where all is sent or there is no room.
-    fn next_piece(&mut self, room_bytes: usize) -> Option<Vec<u8>> {
+    fn next_piece(&mut self, room_bytes: usize, now_us: u64) -> Option<Vec<u8>> {
         let rest = &self.bytes[self.sent_bytes..];
         let piece = rest[..rest.len().min(room_bytes)].to_vec();
         self.sent_bytes += piece.len();
-        if self.sent_bytes == self.bytes.len() {
+        if !piece.is_empty() && self.sent_bytes == self.bytes.len() {
             (self.bytes, self.sent_bytes) = (Vec::new(), 0);
+            self.due = Some(Deadline::at(now_us + LAYER_TIMEOUT_US));
         }
         (!piece.is_empty()).then_some(piece)
     }
@@ -220,4 +296,18 @@ impl Upload {
             reply => matches!(reply, Reply::Refused(_)),
         }
     }
+}
+
+/// A reply that does not belong to its request.
+fn nonsense(request: &str, reply: &Reply) -> DriverEvent {
+    let reply = match reply {
+        Reply::Done => "done".into(),
+        Reply::State(_) => "a state".into(),
+        Reply::Exposed { id, duration_ms } => {
+            format!("an exposure of {duration_ms} ms of layer {} of job {:016x}", id.layer, id.job)
+        }
+        Reply::Moved { position_um } => format!("a move to {position_um} µm"),
+        Reply::Refused(refusal) => format!("a refusal ({refusal:?})"),
+    };
+    DriverEvent::Misbehaved(format!("the device was asked for {request} and replied with {reply}: check its firmware"))
 }

@@ -3,9 +3,13 @@
 mod act;
 mod dlp;
 pub mod encoding;
+mod light;
 mod mismatch;
 pub mod sim;
+mod tolerance;
 
 pub use act::{Act, Outcome};
 pub use dlp::{DlpDriver, DriverBusy, DriverEvent};
+pub use light::{Light, LightWatch};
 pub use mismatch::{MachineMismatch, Misfit, check_capabilities, check_fit};
+pub use tolerance::Dose;

@@ -19,6 +19,8 @@
 //!        │                                                          ▼
 //!        └───────────────────────────────────────────────────── Curing (wait_after_exposure)
 //!
+//!  Light that was not commanded, or lasts too long: Urgent(LightOff) ──▶ Darkening ──▶ take stock ──▶ Parking ──▶ Ending
+//!
 //!  Abort, from anywhere: Urgent(Abort) ──▶ AbortSent ──▶ AbortReconnect ──▶ Parking ──▶ Ending
 //! ```
 //!
@@ -28,23 +30,30 @@
 //!
 //! What it keeps true, whatever comes in whichever order:
 //! - no light without a `Commanded` record on disk before it; one act at a time;
+//! - light that was not commanded, or lasts longer than commanded, is put off at once, and nothing else is commanded until the
+//!   device reports dark;
+//! - what the device reports, time with light and position, is what was commanded, or the print stops;
 //! - a layer counts as exposed only when the device says so or the operator decides so;
 //! - with a part on the plate it never homes, for homing drives the plate to the bottom of the vat;
 //! - every wait for somebody else has an end, but that of a pause.
 
 mod cycle;
 mod ending;
+mod light;
 mod outbox;
+mod pace;
 mod recovery;
 mod uploads;
 
 use outbox::Outbox;
+use pace::Pace;
 use uploads::Uploads;
 
 use super::{
     Action, Command, EndOrder, Event, JobPlan, JobState, Progress, Record, ResumeChoice, StartPoint, Unconfirmed,
 };
-use crate::device::Act;
+use crate::deadline::Deadline;
+use crate::device::{Act, LightWatch};
 use crate::link::message::DeviceState;
 
 const SECOND_US: u64 = 1_000_000;
@@ -56,6 +65,9 @@ const RECONNECT_US: u64 = 60 * SECOND_US;
 const ACT_MARGIN_US: u64 = 15 * SECOND_US;
 /// A layer that takes ten minutes to compute will not come.
 const LATE_LIMIT_US: u64 = 600 * SECOND_US;
+/// A device that breaks the protocol so many times without one layer printed in between will do so again.
+const MOST_MISBEHAVIOURS: u32 = 3;
+
 /// Why the engine does not simply print on.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Intent {
@@ -90,6 +102,10 @@ enum Phase {
     },
     /// ActDone, after a light-off.
     CuttingShort,
+    /// State, UrgentDone: a device that was told to put its light off reports dark.
+    Darkening {
+        until_us: u64,
+    },
     /// Journalled.
     Confirming,
     /// Timeout.
@@ -126,7 +142,7 @@ pub struct Engine {
     out: Outbox,
     uploads: Uploads,
     /// End of the phase's wait.
-    deadline_us: Option<u64>,
+    deadline: Option<Deadline>,
     ready: bool,
     line_up: bool,
     ever_connected: bool,
@@ -134,9 +150,13 @@ pub struct Engine {
     device: DeviceState,
     max_position_um: i32,
     position_um: Option<i32>,
+    /// Where the move under way goes.
+    target_um: i32,
+    light: LightWatch,
     next_layer: u32,
     unconfirmed: Option<Unconfirmed>,
-    in_doubt: bool,
+    /// Nobody can tell how much light the next layer had: what is known.
+    in_doubt: Option<String>,
     choice: ResumeChoice,
     /// Whether light may ever have fallen for this job: then homing would crush the part.
     touched: bool,
@@ -157,11 +177,15 @@ pub struct Engine {
     abort_answered: bool,
     act_number: u64,
     act_running: Option<u64>,
+    /// When the act under way was commanded; `None` once the device is known to have it.
+    act_sent_us: Option<u64>,
     commands_of_layer: u32,
     losses_in_a_row: u32,
+    misbehaviours_in_a_row: u32,
     loss: String,
-    late_layers: u32,
-    late_us_total: u64,
+    pace: Pace,
+    /// Time with light that the device reported for the layer confirmed last, milliseconds.
+    light_ms: Option<u32>,
 }
 
 impl Engine {
@@ -174,16 +198,18 @@ impl Engine {
             intent: Intent::Print,
             out: Outbox::default(),
             uploads: Uploads::default(),
-            deadline_us: None,
+            deadline: None,
             ready: false,
             line_up: false,
             ever_connected: false,
             device: DeviceState::default(),
             max_position_um: 0,
             position_um: None,
+            target_um: 0,
+            light: LightWatch::default(),
             next_layer: start.next_layer,
             unconfirmed: start.unconfirmed,
-            in_doubt: start.in_doubt,
+            in_doubt: start.in_doubt.then(|| "it was not settled before".into()),
             choice: start.choice,
             touched: start.touched,
             confirmed: start.confirmed,
@@ -197,12 +223,26 @@ impl Engine {
             abort_answered: false,
             act_number: 0,
             act_running: None,
+            act_sent_us: None,
             commands_of_layer: 0,
             losses_in_a_row: 0,
+            misbehaviours_in_a_row: 0,
             loss: String::new(),
-            late_layers: 0,
-            late_us_total: 0,
+            pace: Pace::default(),
+            light_ms: None,
         }
+    }
+
+    /// Goes on watching a device whose light was watched before this job.
+    #[must_use]
+    pub fn watching(mut self, light: LightWatch) -> Self {
+        self.light = light;
+        self
+    }
+
+    /// What is known of the device's light; for whoever watches it after this job.
+    pub fn light(&self) -> &LightWatch {
+        &self.light
     }
 
     /// Takes an event in. Events that mean nothing in the present state are ignored.
@@ -222,7 +262,9 @@ impl Engine {
             Event::Unfit(text) => self.wind_down(self.failed_or_interrupted(), text, now_us),
             Event::Connected { state, max_position_um } => self.on_connected(state, max_position_um, now_us),
             Event::LineLost(reason) => self.on_line_lost(reason, now_us),
+            Event::Misbehaved(text) => self.on_misbehaved(&text, now_us),
             Event::State(state) => self.on_state(state, now_us),
+            Event::ActTaken { number } => self.on_act_taken(number, now_us),
             Event::Uploaded { layer } => self.on_uploaded(layer, now_us),
             Event::UploadRefused { layer, refusal } => {
                 if let Err(text) = self.uploads.refused(layer, refusal) {
@@ -240,14 +282,14 @@ impl Engine {
                     self.on_act_done(outcome, now_us);
                 }
             }
-            Event::UrgentDone => {}
-            Event::UrgentFailed(text) => self.out.notice(format!("an urgent order had no effect: {text}")),
+            // Whether the device is dark, its state tells: it is asked, or asked again and again where it must be.
+            Event::UrgentDone | Event::UrgentFailed(_) => self.light.put_off_answered(),
             Event::Fault(fault) => self.on_fault(fault.as_ref(), now_us),
             Event::Command(command) => self.command(command, now_us),
             Event::Shutdown => self.shutdown(now_us),
             Event::Timeout => {
-                if self.deadline_us.is_some_and(|deadline_us| deadline_us <= now_us) {
-                    self.deadline_us = None;
+                if self.deadline.as_mut().is_some_and(|deadline| deadline.is_over(now_us)) {
+                    self.deadline = None;
                     self.on_timeout(now_us);
                 }
             }
@@ -262,7 +304,7 @@ impl Engine {
 
     /// When [`Event::Timeout`] is due.
     pub fn next_timeout_us(&self) -> Option<u64> {
-        self.deadline_us
+        self.deadline.map(Deadline::at_us)
     }
 
     /// Where the job stands.
@@ -272,11 +314,12 @@ impl Engine {
             layer: self.next_layer,
             layers_done: self.next_layer,
             layers_total: self.plan.layer_count,
-            late_layers: self.late_layers,
-            late_ms_total: self.late_us_total / 1000,
+            late_layers: self.pace.late_layers,
+            late_ms_total: self.pace.late_us_total / 1000,
             exposing: matches!(self.phase, Phase::Exposing { .. } | Phase::CuttingShort),
-            eta_ms: self.plan.remaining_ms(self.next_layer),
-            in_doubt: self.in_doubt.then_some(self.next_layer),
+            eta_ms: self.is_printing().then(|| self.pace.remaining_ms(&self.plan, self.next_layer)),
+            light_ms: self.light_ms,
+            in_doubt: self.in_doubt.is_some().then_some(self.next_layer),
             reason: self.reason(),
             part_in_vat: self.touched && !self.lifted,
         }
@@ -302,6 +345,13 @@ impl Engine {
         self.unconfirmed
     }
 
+    /// Whether layers follow one another: an absent device or a pause has no end that could be foretold.
+    fn is_printing(&self) -> bool {
+        let at_work =
+            !matches!(self.phase, Phase::Checking | Phase::Lost | Phase::Resting | Phase::Ending | Phase::Done);
+        at_work && matches!(self.intent, Intent::Print | Intent::End(JobState::Completed, _))
+    }
+
     /// The job's state.
     pub fn state(&self) -> JobState {
         match (&self.phase, &self.intent) {
@@ -318,9 +368,10 @@ impl Engine {
 
     fn reason(&self) -> String {
         match (&self.intent, &self.phase) {
-            (Intent::End(_, reason), _) => reason.clone(),
+            (Intent::End(..), _) => self.end_reason(),
             (_, Phase::Lost) => format!("waiting for the device: {}", self.loss),
             (_, Phase::Checking) if self.ready => "waiting for the device".into(),
+            (_, Phase::Darkening { .. }) => "waiting for the device to report dark".into(),
             (_, Phase::Asking { .. }) => "waiting for the device to come to rest".into(),
             (_, Phase::Waiting { .. }) => format!("layer {} is late; the device waits dark", self.next_layer),
             (_, Phase::WarmingUp) => format!("layer {} is being computed and sent", self.next_layer),
@@ -336,7 +387,7 @@ impl Engine {
         if self.line_up {
             self.begin(now_us);
         } else {
-            self.deadline_us = Some(now_us + RECONNECT_US);
+            self.deadline = Some(Deadline::at(now_us + RECONNECT_US));
         }
     }
 
@@ -378,12 +429,10 @@ impl Engine {
                 self.wind_down(JobState::Interrupted, text, now_us);
             }
             Phase::Asking { until_us } => self.ask_again(until_us, now_us),
-            Phase::Exposing { .. } => self.cut_short(now_us),
-            Phase::CuttingShort => self.doubt("the device did not say how the exposure ended", now_us),
-            Phase::Homing | Phase::Lifting | Phase::Approaching | Phase::Parking => {
-                let text = "the plate did not arrive in time: check the axis and the device".into();
-                self.end_unparked(text);
-            }
+            Phase::Darkening { until_us } => self.ask_for_dark(until_us, now_us),
+            Phase::Exposing { .. } => self.on_overdue_light(now_us),
+            Phase::CuttingShort => self.end_session("the device did not say how the exposure ended", now_us),
+            Phase::Homing | Phase::Lifting | Phase::Approaching | Phase::Parking => self.on_overdue_move(now_us),
             Phase::Checking | Phase::Lost => self.on_no_device(),
             _ => {}
         }
@@ -391,27 +440,32 @@ impl Engine {
 
     fn start_move(&mut self, position_um: i32, speed_um_s: u32, phase: Phase, now_us: u64) {
         let from_um = self.position_um.unwrap_or(0);
+        self.target_um = position_um;
         let distance_um = u64::from(position_um.abs_diff(from_um));
         let travel_us = distance_um * SECOND_US / u64::from(speed_um_s.max(1));
-        self.start_act(Act::Move { position_um, speed_um_s }, phase, now_us + travel_us + ACT_MARGIN_US);
+        self.start_act(Act::Move { position_um, speed_um_s }, phase, now_us + travel_us + ACT_MARGIN_US, now_us);
     }
 
-    fn start_act(&mut self, act: Act, phase: Phase, deadline_us: u64) {
+    fn start_act(&mut self, act: Act, phase: Phase, deadline_us: u64, now_us: u64) {
         self.lifted = false;
         self.act_number += 1;
         self.act_running = Some(self.act_number);
+        self.act_sent_us = Some(now_us);
         self.out.act = Some((self.act_number, act));
         self.wait_until(phase, deadline_us);
     }
 
     fn wait_until(&mut self, phase: Phase, deadline_us: u64) {
         self.phase = phase;
-        self.deadline_us = Some(deadline_us);
+        self.deadline = Some(Deadline::at(deadline_us));
     }
 
     fn pump_uploads(&mut self) {
-        use Phase::{AbortReconnect, AbortSent, Asking, Checking, Done, Ending, Lost};
-        let idle = matches!(self.phase, Checking | Lost | Asking { .. } | AbortSent | AbortReconnect | Ending | Done);
+        use Phase::{AbortReconnect, AbortSent, Asking, Checking, Darkening, Done, Ending, Lost};
+        let idle = matches!(
+            self.phase,
+            Checking | Lost | Asking { .. } | Darkening { .. } | AbortSent | AbortReconnect | Ending | Done
+        );
         if idle || !self.line_up || matches!(self.intent, Intent::End(..)) || self.out.upload.is_some() {
             return;
         }

@@ -22,8 +22,15 @@ pub enum Event {
     },
     /// The session is lost; a new one is being tried.
     LineLost(String),
-    /// The state asked for with [`Action::QueryState`].
+    /// The device broke the protocol: it did not answer in time, or its answer makes no sense.
+    Misbehaved(String),
+    /// The device's state: asked for with [`Action::QueryState`], or by the owner, who asks twice a second.
     State(DeviceState),
+    /// The device is known to have the act of [`Action::Act`]. Acts that are not the running one are ignored.
+    ActTaken {
+        /// Number of the act.
+        number: u64,
+    },
     /// The layer of [`Action::Upload`] is in its slot, decoded and checked.
     Uploaded {
         /// Which.
@@ -87,8 +94,11 @@ pub enum Action {
     /// Put the light off; ahead of everything else. Answer [`Event::UrgentDone`] or [`Event::UrgentFailed`]. After
     /// [`Urgent::Abort`] the device wants a new session: open one and report [`Event::Connected`].
     Urgent(Urgent),
+    /// End the session, for that reason, and begin a new one; report [`Event::Connected`]. Acts and uploads of the session are
+    /// void.
+    EndSession(String),
     /// Append to the journal and flush. Answer [`Event::Journalled`] or [`Event::JournalFailed`]; until then only urgent
-    /// actions and notices are given.
+    /// actions, ends of sessions and notices are given.
     Journal(Record),
     /// Have the device do something; answer [`Event::ActDone`]. Never given while another act runs.
     Act {
@@ -135,14 +145,17 @@ pub struct Progress {
     pub layers_done: u32,
     /// Layers of the job.
     pub layers_total: u32,
-    /// Layers that were not on the device when it wanted them.
+    /// Layers during whose cycle the machine stood still for more than 250 ms, waiting for the layer or for an order to cross
+    /// the line.
     pub late_layers: u32,
-    /// Time the device waited for them, milliseconds.
+    /// Time the machine stood still for these layers, milliseconds.
     pub late_ms_total: u64,
     /// Whether a layer is being exposed.
     pub exposing: bool,
-    /// Time the remaining layers need if none is late, milliseconds.
-    pub eta_ms: u64,
+    /// Time until the last layer is done, milliseconds, at the pace observed; `None` while nothing is printed.
+    pub eta_ms: Option<u64>,
+    /// Time with light of the layer confirmed last, as the device reported it, milliseconds; `None` where it reported none.
+    pub light_ms: Option<u32>,
     /// Layer of which nobody can tell how much light it had.
     pub in_doubt: Option<u32>,
     /// What the job is waiting for or why it ended, for people; empty where there is nothing to say.

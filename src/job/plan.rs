@@ -23,6 +23,12 @@ impl JobPlan {
         (f64::from(layer + 1) * self.recipe.layer_height_um).round() as i32
     }
 
+    /// How far the plate may be from where it was sent, micrometres: half a layer. Beyond that the part would be wrong, and
+    /// nothing later could mend it.
+    pub fn position_tolerance_um(&self) -> u32 {
+        (self.recipe.layer_height_um / 2.0) as u32
+    }
+
     /// Height after the lift that frees a layer, before the device's limit, micrometres.
     pub fn lifted_position_um(&self, layer: u32) -> i32 {
         let lift_um = i32::try_from(self.recipe.lift_height_um).unwrap_or(i32::MAX);
@@ -45,6 +51,11 @@ impl JobPlan {
         let normal_count = u64::from(self.layer_count.saturating_sub(next_layer.max(first_normal)));
         let layers = u64::from(self.layer_count.saturating_sub(next_layer));
         special + normal_count * u64::from(recipe.exposure_ms) + layers * self.dark_ms()
+    }
+
+    /// Time the machine needs for a layer if it is not late, milliseconds.
+    pub fn layer_ms(&self, layer: u32) -> u64 {
+        u64::from(self.recipe.layer_exposure_ms(layer)) + self.dark_ms()
     }
 
     /// Time of a layer without light, milliseconds.

@@ -61,7 +61,7 @@ impl Printer {
             assert!(exposed >= self.next, "the device forgot an exposure: {exposed} < {}", self.next);
             self.next = exposed;
         } else if let Some(driver) = &mut self.driver {
-            driver.query_state();
+            driver.query_state(0);
         }
     }
 
@@ -76,9 +76,11 @@ impl Printer {
                 assert_eq!(layer, self.next);
                 self.next += 1;
             }
-            DriverEvent::StateKnown(state) => self.learn(&state),
+            // The answer to the question behind an act.
+            DriverEvent::StateKnown { .. } if driver.is_acting() => {}
+            DriverEvent::StateKnown { state, .. } => self.learn(&state),
             // The old exposure may have begun just before its session ended.
-            DriverEvent::ActDone(Outcome::Refused(Refusal::Busy)) => driver.query_state(),
+            DriverEvent::ActDone(Outcome::Refused(Refusal::Busy)) => driver.query_state(0),
             DriverEvent::Fault(fault) => self.fault = fault,
             // Asked for before the fault was heard of.
             DriverEvent::ActDone(Outcome::Refused(_)) if self.fault.is_some() => {}
@@ -111,12 +113,12 @@ impl Printer {
             }
             if !driver.is_acting() && self.slots.contains(&Some(self.next)) {
                 let act = Act::Expose { layer: self.next, duration_ms: self.exposure_ms, light_pwm: 255 };
-                driver.act(act).expect("no act under way");
+                driver.act(act, 0).expect("no act under way");
             }
         }
         loop {
             let room_bytes = session.send_capacity_bytes().min(session.largest_layer_data_bytes());
-            let Some(message) = self.unsent.take().or_else(|| driver.next_message(room_bytes)) else { return };
+            let Some(message) = self.unsent.take().or_else(|| driver.next_message(room_bytes, 0)) else { return };
             match session.send(&message) {
                 Ok(()) => {}
                 Err(SendError::Full | SendError::NotConnected) => {

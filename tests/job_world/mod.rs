@@ -1,4 +1,5 @@
 //! A scripted device, a line, a journal and a clock around a job's engine.
+#![allow(dead_code, reason = "each test file uses its part")]
 
 use layerd::config::Recipe;
 use layerd::device::{Act, Outcome};
@@ -48,6 +49,27 @@ pub(crate) enum Disturbance {
     Crash,
     Order(Command),
     Shutdown,
+    /// The device does its next act, or the one under way, and says nothing of it.
+    Mute,
+    /// The host stands still for this long; its timers are the first to run after that.
+    Standstill {
+        for_us: u64,
+    },
+}
+
+/// What the device does otherwise than it was told.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Lies {
+    /// Exposures are reported with this time, milliseconds.
+    pub(crate) light_ms: Option<u32>,
+    /// Where a move to this height ends, micrometres.
+    pub(crate) misplaced: Option<(i32, i32)>,
+    /// Its light goes on only by itself, and off by nobody's order.
+    pub(crate) stays_lit: bool,
+    /// It tells of no act that it is done.
+    pub(crate) mute: bool,
+    /// It takes no act at all.
+    pub(crate) deaf: bool,
 }
 
 /// Engine, device, journal and line, with a clock of their own.
@@ -71,6 +93,12 @@ pub(crate) struct World {
     /// Layers that had their whole light, in order.
     pub(crate) exposed: Vec<u32>,
     pub(crate) acts: Vec<Act>,
+    pub(crate) lies: Lies,
+    /// The next act's end is not told.
+    pub(crate) mute_once: bool,
+    /// Urgent orders that reached the device, and when.
+    pub(crate) urgents: Vec<(u64, Urgent)>,
+    pub(crate) notices: Vec<String>,
     pub(crate) steps: usize,
     pub(crate) disturb_at: Vec<(usize, Disturbance)>,
     pub(crate) aborted: bool,
@@ -96,6 +124,10 @@ impl World {
             reconnect_at_us: Some(0),
             exposed: Vec::new(),
             acts: Vec::new(),
+            lies: Lies::default(),
+            mute_once: false,
+            urgents: Vec::new(),
+            notices: Vec::new(),
             steps: 0,
             disturb_at: Vec::new(),
             aborted: false,
@@ -124,6 +156,11 @@ impl World {
     pub(crate) fn tell(&mut self, event: Event) {
         self.engine.handle(event, self.now_us);
         self.carry_out();
+        // The daemon asks twice a second; here the engine hears at every moment how the device is.
+        if self.line_up && self.finished.is_none() {
+            self.engine.handle(Event::State(self.device.clone()), self.now_us);
+            self.carry_out();
+        }
     }
 
     pub(crate) fn carry_out(&mut self) {
@@ -131,7 +168,9 @@ impl World {
             self.steps += 1;
             match self.disturbance() {
                 // Before the action takes effect, or after it.
-                Some(disturbance) if self.steps.is_multiple_of(2) => {
+                Some(disturbance)
+                    if self.steps.is_multiple_of(2) && !matches!(disturbance, Disturbance::Standstill { .. }) =>
+                {
                     self.disturb(disturbance);
                     if matches!(disturbance, Disturbance::Crash) {
                         return;
@@ -169,6 +208,16 @@ impl World {
                 }
             }
             Disturbance::Shutdown => self.engine.handle(Event::Shutdown, self.now_us),
+            Disturbance::Mute => self.mute_once = true,
+            Disturbance::Standstill { for_us } => {
+                self.now_us += for_us;
+                let is_over = self.device_act.is_some_and(|(at_us, _)| at_us <= self.now_us);
+                let unread = if is_over { self.end_device_act() } else { None };
+                self.engine.handle(Event::Timeout, self.now_us);
+                if let Some(event) = unread {
+                    self.engine.handle(event, self.now_us);
+                }
+            }
         }
     }
 
@@ -203,7 +252,7 @@ impl World {
     }
 
     pub(crate) fn perform(&mut self, action: Action) {
-        let may_overtake = matches!(action, Action::Urgent(_) | Action::Notice(_));
+        let may_overtake = matches!(action, Action::Urgent(_) | Action::EndSession(_) | Action::Notice(_));
         assert!(may_overtake || self.flushing.is_none(), "{action:?} before the journal is on disk");
         match action {
             Action::Journal(_) if self.journal_full => {
@@ -227,14 +276,16 @@ impl World {
                 }
             }
             Action::Urgent(urgent) => self.urgent(urgent),
+            Action::EndSession(_) => self.drop_line(100_000),
             Action::Finished { state, reason } => self.finished = Some((state, reason)),
-            Action::NeedLayers { .. } | Action::Notice(_) => {}
+            Action::Notice(text) => self.notices.push(text),
+            Action::NeedLayers { .. } => {}
         }
     }
 
     pub(crate) fn begin_act(&mut self, number: u64, act: Act) {
         self.acts.push(act);
-        if !self.line_up {
+        if !self.line_up || self.lies.deaf {
             return;
         }
         assert!(self.awaited.is_none() && self.device_act.is_none(), "two acts at once: {act:?}");
@@ -256,7 +307,8 @@ impl World {
                     .rev()
                     .find(|r| !matches!(r, Record::Paused | Record::Resumed | Record::Ordered(_)));
                 assert!(matches!(commanded, Some(Record::Commanded { layer: l, .. }) if *l == layer), "{commanded:?}");
-                assert_eq!(self.device.position_um, Some(50 * (layer as i32 + 1)), "layer {layer} at a wrong height");
+                let (at_um, target_um) = (self.device.position_um, 50 * (layer as i32 + 1));
+                assert!(at_um.is_some_and(|at_um| at_um.abs_diff(target_um) <= 25), "layer {layer} at {at_um:?} µm");
                 assert_eq!(duration_ms, [20_000, 11_000, 2000, 2000, 2000][layer as usize]);
                 self.awaited = Some(number);
                 let id = ExposureId { job: KEY, layer };
@@ -270,8 +322,10 @@ impl World {
             }
         };
         self.device.moving = !matches!(act, Act::Expose { .. });
+        assert!(!self.device.moving || !self.device.light_on, "a move under light: {act:?}");
         self.awaited = Some(number);
         self.device_act = Some((self.now_us + duration_us, act));
+        self.engine.handle(Event::ActTaken { number }, self.now_us);
     }
 
     pub(crate) fn answer(&mut self, number: u64, outcome: Outcome) {
@@ -284,11 +338,15 @@ impl World {
             self.urgent_waits = Some(urgent);
             return;
         }
+        self.urgents.push((self.now_us, urgent));
+        if self.lies.stays_lit {
+            return self.engine.handle(Event::UrgentFailed("the light is on".into()), self.now_us);
+        }
+        self.device.light_on = false;
         if let Some(id) = self.device.exposing.take() {
             self.device.cut_short = Some((id, 1));
-            self.device.light_on = false;
-            self.device_act = None;
-            if let (Urgent::LightOff, Some(number)) = (urgent, self.awaited) {
+            let cut = self.device_act.take_if(|(_, act)| matches!(act, Act::Expose { .. }));
+            if let (Some(_), Urgent::LightOff, Some(number)) = (cut, urgent, self.awaited) {
                 self.answer(number, Outcome::Refused(Refusal::CutShort));
             }
         }
@@ -300,6 +358,24 @@ impl World {
             self.drop_line(500_000);
             self.engine.handle(Event::LineLost("aborted".into()), self.now_us);
         }
+    }
+
+    /// Runs until the engine is done.
+    pub(crate) fn finish(&mut self) {
+        while self.finished.is_none() {
+            assert!(self.next_event(), "the job does not end: {:?}", self.engine.progress());
+            assert!(self.steps < 3000, "the job does not end: {:?}", self.engine.progress());
+        }
+    }
+
+    /// Goes on after an end that can be resumed, with a device that is honest again.
+    pub(crate) fn resume(&mut self, choice: ResumeChoice) {
+        self.lies = Lies::default();
+        let history = History::replay(&self.journal).expect("the journal is true");
+        self.engine = Engine::new(plan(), history.start(choice).expect("resumable"));
+        self.finished = None;
+        self.drop_line(100_000);
+        self.tell(Event::Ready);
     }
 
     /// Lets time pass to the next thing that happens; false if nothing ever will.
@@ -343,7 +419,14 @@ impl World {
     }
 
     pub(crate) fn end_act(&mut self) {
-        let Some((_, act)) = self.device_act.take() else { return };
+        if let Some(event) = self.end_device_act() {
+            self.tell(event);
+        }
+    }
+
+    /// The device's act ends; what it says of that, if the host is to hear of it.
+    fn end_device_act(&mut self) -> Option<Event> {
+        let (_, act) = self.device_act.take()?;
         self.device.moving = false;
         let outcome = match act {
             Act::Home => {
@@ -351,6 +434,8 @@ impl World {
                 Outcome::Arrived { position_um: 0 }
             }
             Act::Move { position_um, .. } => {
+                let ends_at = self.lies.misplaced.filter(|(to_um, _)| *to_um == position_um);
+                let position_um = ends_at.map_or(position_um, |(_, ends_at_um)| ends_at_um);
                 self.device.position_um = Some(position_um);
                 Outcome::Arrived { position_um }
             }
@@ -361,12 +446,12 @@ impl World {
                 for slot in &mut self.device.slots {
                     *slot = slot.filter(|id| id.layer != layer);
                 }
-                Outcome::Exposed { layer, duration_ms }
+                Outcome::Exposed { layer, duration_ms: self.lies.light_ms.unwrap_or(duration_ms) }
             }
         };
-        if let Some(number) = self.awaited.take() {
-            self.tell(Event::ActDone { number, outcome });
-        }
+        let is_told = !self.lies.mute && !std::mem::take(&mut self.mute_once);
+        let number = self.awaited.take().filter(|_| is_told)?;
+        Some(Event::ActDone { number, outcome })
     }
 
     pub(crate) fn all_exposed_once(&self) -> bool {

@@ -1,8 +1,10 @@
 //! The cycle of a layer: lift, return, settle, command, expose, confirm.
 
-use super::{ACT_MARGIN_US, Engine, Intent, LATE_LIMIT_US, Phase, SECOND_US};
-use crate::device::{Act, Outcome};
+use super::{Engine, Intent, LATE_LIMIT_US, Phase, SECOND_US};
+use crate::deadline::Deadline;
+use crate::device::{Act, Dose, Outcome};
 use crate::job::{JobState, Record, Unconfirmed};
+use crate::link::message::ExposureId;
 
 /// Homing of the largest build height (2 m) at 10 mm/s takes 200 s.
 const HOMING_US: u64 = 300 * SECOND_US;
@@ -15,6 +17,9 @@ impl Engine {
         if !self.line_up {
             return self.lose(now_us);
         }
+        if self.light.must_wait() {
+            return self.darken(now_us);
+        }
         if self.intent == Intent::Print && self.next_layer == self.plan.layer_count {
             self.intent = Intent::End(JobState::Completed, String::new());
         }
@@ -23,7 +28,10 @@ impl Engine {
         }
         match self.position_um {
             None if self.touched => self.end_unparked(POSITION_LOST.into()),
-            None => self.start_act(Act::Home, Phase::Homing, now_us + HOMING_US),
+            None => {
+                self.target_um = 0;
+                self.start_act(Act::Home, Phase::Homing, now_us + HOMING_US, now_us);
+            }
             Some(position_um) if self.stuck => self.lift(position_um, now_us),
             Some(_) if !self.warm && !self.uploads.holds(self.next_layer) => {
                 self.wait_until(Phase::WarmingUp, now_us + LATE_LIMIT_US);
@@ -62,7 +70,6 @@ impl Engine {
         if self.uploads.holds(self.next_layer) {
             return self.command_exposure(now_us);
         }
-        self.late_layers += 1;
         self.wait_until(Phase::Waiting { since_us: now_us }, now_us + LATE_LIMIT_US);
     }
 
@@ -77,24 +84,63 @@ impl Engine {
         self.unconfirmed = Some(Unconfirmed { layer: self.next_layer, boot_id });
         self.out.journal(Record::Commanded { layer: self.next_layer, boot_id });
         self.phase = Phase::Commanding;
-        self.deadline_us = None;
+        self.deadline = None;
     }
 
     pub(super) fn expose(&mut self, now_us: u64) {
         let duration_ms = self.plan.recipe.layer_exposure_ms(self.next_layer);
         let act = Act::Expose { layer: self.next_layer, duration_ms, light_pwm: self.plan.recipe.light_pwm };
         self.touched = true;
+        self.light.command(self.exposure_id(), duration_ms, now_us);
         let light_until_us = now_us + u64::from(duration_ms) * 1000;
-        self.start_act(act, Phase::Exposing { light_until_us }, light_until_us + ACT_MARGIN_US);
+        let limit_us = self.light.limit_us().unwrap_or(light_until_us);
+        self.start_act(act, Phase::Exposing { light_until_us }, limit_us, now_us);
     }
 
-    /// The device says that the layer commanded had its light.
-    pub(super) fn confirm(&mut self, now_us: u64) {
+    /// What names the next layer's exposure.
+    pub(super) fn exposure_id(&self) -> ExposureId {
+        ExposureId { job: self.plan.key, layer: self.next_layer }
+    }
+
+    /// The device has the act under way; what it took to get there, the machine stood still.
+    pub(super) fn on_act_taken(&mut self, number: u64, now_us: u64) {
+        if self.act_running != Some(number) {
+            return;
+        }
+        if let Some(sent_us) = self.act_sent_us.take() {
+            self.pace.waited(now_us.saturating_sub(sent_us));
+        }
+        if matches!(self.phase, Phase::Exposing { .. }) {
+            self.light.taken(now_us);
+            self.deadline = self.light.limit_us().map(Deadline::at);
+        }
+    }
+
+    /// Compares the time with light that the device reports with the one commanded.
+    fn on_exposed(&mut self, reported_ms: u32, now_us: u64) {
+        let (layer, commanded_ms) = (self.next_layer, self.plan.recipe.layer_exposure_ms(self.next_layer));
+        let dose = Dose::of(commanded_ms, reported_ms);
+        let text =
+            format!("the device reports {reported_ms} ms of light for layer {layer} instead of {commanded_ms} ms");
+        match dose {
+            Dose::TooLittle => return self.doubt(&text, now_us),
+            Dose::TooMuch => {
+                self.intend_to_end(JobState::Interrupted, format!("{text}: check its firmware, then resume"));
+            }
+            Dose::Right => {}
+        }
+        self.confirm(Some(reported_ms), now_us);
+    }
+
+    /// The device says that the layer commanded had its light, and for how long where it tells that.
+    pub(super) fn confirm(&mut self, light_ms: Option<u32>, now_us: u64) {
         self.confirmed = true;
+        self.light_ms = light_ms;
+        self.pace.confirmed(self.plan.layer_ms(self.next_layer), now_us);
         self.out.journal(Record::Confirmed { layer: self.next_layer });
         self.count_as_exposed();
         self.phase = Phase::Confirming;
-        self.deadline_us = None;
+        self.deadline = None;
         if self.out.journal_broken {
             self.advance(now_us);
         }
@@ -103,12 +149,13 @@ impl Engine {
     pub(super) fn count_as_exposed(&mut self) {
         self.uploads.release(self.next_layer);
         self.unconfirmed = None;
-        self.in_doubt = false;
+        self.in_doubt = None;
         self.next_layer += 1;
         self.stuck = true;
         self.touched = true;
         self.commands_of_layer = 0;
         self.losses_in_a_row = 0;
+        self.misbehaviours_in_a_row = 0;
     }
 
     /// The layer commanded certainly had no light.
@@ -137,7 +184,7 @@ impl Engine {
         match self.phase {
             Phase::WarmingUp => self.advance(now_us),
             Phase::Waiting { since_us } => {
-                self.late_us_total += now_us.saturating_sub(since_us);
+                self.pace.waited(now_us.saturating_sub(since_us));
                 self.command_exposure(now_us);
             }
             _ => {}
@@ -145,20 +192,24 @@ impl Engine {
     }
 
     pub(super) fn on_act_done(&mut self, outcome: Outcome, now_us: u64) {
+        if matches!(self.phase, Phase::Exposing { .. } | Phase::CuttingShort) {
+            self.light.ended();
+        }
         match (self.phase, outcome) {
-            (Phase::Exposing { .. } | Phase::CuttingShort, Outcome::Exposed { layer, .. })
+            (Phase::Exposing { .. } | Phase::CuttingShort, Outcome::Exposed { layer, duration_ms })
                 if layer == self.next_layer =>
             {
-                self.confirm(now_us);
+                self.on_exposed(duration_ms, now_us);
             }
             (
                 Phase::Homing | Phase::Lifting | Phase::Approaching | Phase::Parking,
                 Outcome::Arrived { position_um },
             ) => {
                 self.position_um = Some(position_um);
-                self.deadline_us = None;
+                self.deadline = None;
                 self.on_arrived(position_um, now_us);
             }
+            (_, Outcome::TakenBack) => self.withdraw(now_us),
             (_, Outcome::Refused(refusal)) => self.on_refused(refusal, now_us),
             (_, outcome) => {
                 let text = format!("the device answered {outcome:?} to something else; check its firmware");
@@ -171,27 +222,72 @@ impl Engine {
         }
     }
 
-    pub(super) fn on_arrived(&mut self, position_um: i32, now_us: u64) {
+    fn on_arrived(&mut self, position_um: i32, now_us: u64) {
+        if self.is_off(position_um, self.target_um) {
+            return self.on_misplaced(position_um, now_us);
+        }
         match self.phase {
             Phase::Lifting => {
                 self.stuck = false;
                 let wait_us = u64::from(self.plan.recipe.wait_after_lift_ms) * 1000;
                 self.wait_until(Phase::Dripping, now_us + wait_us);
             }
-            Phase::Approaching if self.intent == Intent::Print => {
-                let target_um = self.plan.layer_position_um(self.next_layer);
-                // Beyond half a layer the part would be wrong, and nothing later could mend it.
-                if f64::from((position_um - target_um).abs()) > self.plan.recipe.layer_height_um / 2.0 {
-                    let text = format!(
-                        "the plate is at {position_um} µm instead of {target_um} µm: check the axis, then resume"
-                    );
-                    return self.wind_down(JobState::Interrupted, text, now_us);
-                }
-                self.settle(now_us);
-            }
+            Phase::Approaching if self.intent == Intent::Print => self.settle(now_us),
             Phase::Parking if self.intent != Intent::Print => self.parked(now_us),
             _ => self.advance(now_us),
         }
+    }
+
+    /// A move has not ended in its time.
+    pub(super) fn on_overdue_move(&mut self, now_us: u64) {
+        let text = if self.act_sent_us.is_some() {
+            "the order to move the plate did not reach the device in time: check the line".into()
+        } else {
+            format!("the plate did not arrive at {} µm in time: check the axis and the device", self.target_um)
+        };
+        self.on_misbehaved(&text, now_us);
+    }
+
+    fn is_off(&self, position_um: i32, target_um: i32) -> bool {
+        position_um.abs_diff(target_um) > self.plan.position_tolerance_um()
+    }
+
+    /// A move ended elsewhere than commanded. The plate is lifted clear once; where that is the move that ended elsewhere, the
+    /// job ends with the plate where it is.
+    fn on_misplaced(&mut self, position_um: i32, now_us: u64) {
+        let target_um = self.target_um;
+        let text = format!("the plate is at {position_um} µm instead of {target_um} µm: check the axis, then resume");
+        self.intend_to_end(self.failed_or_interrupted(), text);
+        if self.phase != Phase::Parking {
+            return self.advance(now_us);
+        }
+        if position_um > target_um { self.parked(now_us) } else { self.unparked("the move ended too low", now_us) }
+    }
+
+    /// Compares where the device says the plate is with where it was left, while nothing moves it.
+    pub(super) fn watch_plate(&mut self, found_um: Option<i32>, now_us: u64) {
+        use Phase::{Commanding, Confirming, Curing, Dripping, Exposing, Resting, Settling, Waiting, WarmingUp};
+        match self.phase {
+            // A paused machine is the operator's.
+            Resting => {
+                let left_um = self.position_um.replace(found_um.unwrap_or(i32::MIN));
+                self.lifted &= self.position_um >= left_um;
+                self.position_um = found_um;
+                return;
+            }
+            Settling | WarmingUp | Waiting { .. } | Commanding | Exposing { .. } | Confirming | Curing | Dripping => {}
+            _ => return,
+        }
+        let Some(left_um) = self.position_um else { return };
+        if found_um.is_some_and(|found_um| !self.is_off(found_um, left_um)) {
+            return;
+        }
+        self.position_um = found_um;
+        let found = found_um.map_or("at a place it no longer knows".into(), |found_um| format!("at {found_um} µm"));
+        let text = format!(
+            "the device says its plate is {found}; it was left at {left_um} µm. Look at the machine, then resume"
+        );
+        self.wind_down(self.failed_or_interrupted(), text, now_us);
     }
 }
 

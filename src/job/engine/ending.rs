@@ -8,7 +8,7 @@ use crate::link::message::{Fault, Refusal, Urgent};
 /// the longest usual bottom exposure is worth half a minute of the two that systemd waits.
 const SHUTDOWN_EXPOSURE_US: u64 = 30 * SECOND_US;
 /// A device answers urgent orders within 100 ms; the rest is for a line that is just being repaired.
-const URGENT_US: u64 = 5 * SECOND_US;
+pub(super) const URGENT_US: u64 = 5 * SECOND_US;
 /// An aborted device says hello again at once, a restarted one within seconds.
 const ABORT_RECONNECT_US: u64 = 10 * SECOND_US;
 /// Sessions with a device that does not answer an abort, or goes on showing light or moving after one.
@@ -41,10 +41,11 @@ impl Engine {
         }
     }
 
-    /// Takes back an exposure that has not left the engine.
-    fn withdraw(&mut self, now_us: u64) {
+    /// Takes back an act that has not left the engine.
+    pub(super) fn withdraw(&mut self, now_us: u64) {
         self.out.act = None;
         self.act_running = None;
+        self.light.ended();
         self.deny();
         self.advance(now_us);
     }
@@ -63,7 +64,7 @@ impl Engine {
     }
 
     /// The plate cannot be lifted; where a part may hang on it, the operator must know.
-    fn unparked(&mut self, why: &str, now_us: u64) {
+    pub(super) fn unparked(&mut self, why: &str, now_us: u64) {
         if self.touched {
             let text = format!("the plate was not lifted: {why}");
             match self.intent.clone() {
@@ -84,8 +85,9 @@ impl Engine {
             return self.end();
         }
         self.out.journal(Record::Paused);
+        self.pace.break_off();
         self.phase = Phase::Resting;
-        self.deadline_us = None;
+        self.deadline = None;
         if self.out.journal_broken {
             self.advance(now_us);
         }
@@ -96,7 +98,7 @@ impl Engine {
         self.out.forget_session();
         self.uploads.cancel();
         self.act_running = None;
-        self.deadline_us = None;
+        self.deadline = None;
         self.phase = Phase::Ending;
         // A part in the vat keeps the machine, unless it was aborted.
         if let Intent::End(state @ JobState::Stopped, _) = &mut self.intent
@@ -108,15 +110,15 @@ impl Engine {
         if self.touched && self.lifted {
             self.out.journal(Record::Lifted);
         }
-        if let Intent::End(state, reason) = &self.intent {
-            self.out.journal(Record::Ended { state: *state, reason: reason.clone() });
+        if let Intent::End(state, _) = self.intent {
+            self.out.journal(Record::Ended { state, reason: self.end_reason() });
         }
     }
 
     pub(super) fn finish(&mut self) {
         self.phase = Phase::Done;
-        if let Intent::End(state, reason) = &self.intent {
-            self.out.finished = Some((*state, reason.clone()));
+        if let Intent::End(state, _) = self.intent {
+            self.out.finished = Some((state, self.end_reason()));
         }
     }
 
@@ -143,28 +145,33 @@ impl Engine {
 
     /// Nobody can tell how much light the layer commanded had.
     pub(super) fn doubt(&mut self, why: &str, now_us: u64) {
-        let layer = self.next_layer;
-        if !self.in_doubt {
-            self.out.journal(Record::InDoubt { layer, why: why.to_owned() });
+        if self.in_doubt.is_none() {
+            self.out.journal(Record::InDoubt { layer: self.next_layer, why: why.to_owned() });
         }
         self.unconfirmed = None;
-        self.in_doubt = true;
-        self.intend_to_end(
-            JobState::Interrupted,
+        self.in_doubt = Some(why.to_owned());
+        self.intend_to_end(JobState::Interrupted, String::new());
+        self.advance(now_us);
+    }
+
+    /// Why the job ends, and what to do.
+    pub(super) fn end_reason(&self) -> String {
+        let Intent::End(_, reason) = &self.intent else { return String::new() };
+        let layer = self.next_layer;
+        let doubt = self.in_doubt.as_ref().map(|why| {
             format!(
                 "layer {layer} is in doubt: {why}. Look at the part, then resume with `--in-doubt exposed` or `--in-doubt \
                  repeat`"
-            ),
-        );
-        if self.act_running.is_some() {
-            return self.end();
-        }
-        self.advance(now_us);
+            )
+        });
+        let texts: Vec<_> =
+            doubt.iter().chain(Some(reason).filter(|reason| !reason.is_empty())).map(String::as_str).collect();
+        texts.join("; ")
     }
 
     /// Ends a running exposure early.
     pub(super) fn cut_short(&mut self, now_us: u64) {
-        self.out.urgent = Some(Urgent::LightOff);
+        self.put_light_off();
         self.wait_until(Phase::CuttingShort, now_us + URGENT_US);
     }
 
@@ -195,7 +202,9 @@ impl Engine {
         self.wind_down(JobState::Interrupted, fault_text(fault), now_us);
         if self.act_running.is_some() {
             // The light is off already; the device still owes the outcome.
-            self.deadline_us = self.deadline_us.map(|deadline_us| deadline_us.min(now_us + URGENT_US));
+            if let Some(deadline) = &mut self.deadline {
+                deadline.no_later_than(now_us + URGENT_US);
+            }
         }
     }
 
@@ -210,6 +219,7 @@ impl Engine {
             return self.end_unparked(format!("the device refused to move: {}", remedy(refusal)));
         }
         match refusal {
+            Refusal::CutShort if self.light.must_wait() => self.doubt("its light was put off", now_us),
             Refusal::CutShort => {
                 self.doubt("the device ended its light early (`layerctl device` tells after how long)", now_us);
             }
@@ -307,11 +317,17 @@ impl Engine {
                 self.wait_until(Phase::AbortSent, now_us + URGENT_US);
             }
             Event::LineLost(_) => self.line_up = false,
+            Event::Misbehaved(text) => {
+                self.line_up = false;
+                self.out.end_session = Some(text);
+            }
             Event::Fault(fault) => self.immobile = fault.is_some(),
-            Event::Timeout if self.deadline_us.is_some_and(|deadline_us| deadline_us <= now_us) => match self.phase {
-                Phase::AbortSent => self.wait_until(Phase::AbortReconnect, now_us + ABORT_RECONNECT_US),
-                _ => self.end_aborted(),
-            },
+            Event::Timeout if self.deadline.as_mut().is_some_and(|deadline| deadline.is_over(now_us)) => {
+                match self.phase {
+                    Phase::AbortSent => self.wait_until(Phase::AbortReconnect, now_us + ABORT_RECONNECT_US),
+                    _ => self.end_aborted(),
+                }
+            }
             _ => {}
         }
     }

@@ -13,6 +13,8 @@ const MOST_NOTICES: usize = 64;
 #[derive(Debug, Default)]
 pub(super) struct Outbox {
     pub(super) urgent: Option<Urgent>,
+    /// Why the session is to be ended.
+    pub(super) end_session: Option<String>,
     /// At most a handful: every record belongs to a step, and no step is taken before its records are written.
     records: VecDeque<Record>,
     record_in_flight: bool,
@@ -31,6 +33,9 @@ impl Outbox {
     pub(super) fn next(&mut self) -> Option<Action> {
         if let Some(urgent) = self.urgent.take() {
             return Some(Action::Urgent(urgent));
+        }
+        if let Some(why) = self.end_session.take() {
+            return Some(Action::EndSession(why));
         }
         if let Some(text) = self.notices.pop_front() {
             return Some(Action::Notice(text));

@@ -1,8 +1,10 @@
 //! Finding out where the device stands: at the start, after a lost line, after a crash of the host.
 
-use super::{Engine, Intent, Phase, RECONNECT_US, SECOND_US};
+use super::{Engine, Intent, MOST_MISBEHAVIOURS, Phase, RECONNECT_US, SECOND_US};
+use crate::deadline::Deadline;
+use crate::device::Light;
 use crate::job::{JobState, Record, ResumeChoice};
-use crate::link::message::{DeviceState, ExposureId, Urgent};
+use crate::link::message::{DeviceState, ExposureId};
 
 /// How often the device is asked while it still moves or exposes.
 const ASK_EVERY_US: u64 = SECOND_US / 2;
@@ -45,7 +47,7 @@ impl Engine {
         self.notice_state(state);
     }
 
-    fn notice_state(&mut self, state: DeviceState) {
+    pub(super) fn notice_state(&mut self, state: DeviceState) {
         self.position_um = state.position_um;
         self.device = state;
     }
@@ -83,8 +85,31 @@ impl Engine {
         }
     }
 
+    /// The device broke the protocol. A new session may set it right; a device that does it again and again ends the job.
+    pub(super) fn on_misbehaved(&mut self, text: &str, now_us: u64) {
+        self.misbehaviours_in_a_row += 1;
+        if self.misbehaviours_in_a_row > MOST_MISBEHAVIOURS {
+            // Not even the lift.
+            return self.end_unparked(format!("{text}; the plate was not lifted"));
+        }
+        if self.misbehaviours_in_a_row == MOST_MISBEHAVIOURS {
+            let reason = format!("{text} ({MOST_MISBEHAVIOURS} times without a layer printed in between)");
+            self.intend_to_end(self.failed_or_interrupted(), reason);
+        }
+        self.end_session(text, now_us);
+    }
+
+    /// Ends the session and waits for a new one, whose welcome tells where the device stands.
+    pub(super) fn end_session(&mut self, why: &str, now_us: u64) {
+        self.on_line_lost(why.to_owned(), now_us);
+        if !matches!(self.phase, Phase::Ending | Phase::Done) {
+            self.out.end_session = Some(why.to_owned());
+        }
+    }
+
     /// Waits for a new session; nothing is commanded meanwhile.
     pub(super) fn lose(&mut self, now_us: u64) {
+        self.pace.break_off();
         self.losses_in_a_row += 1;
         if self.losses_in_a_row > MOST_LOSSES {
             let text = format!(
@@ -94,10 +119,8 @@ impl Engine {
             );
             return self.end_unparked(text);
         }
-        self.out.notice(format!(
-            "the line to the device is lost ({}); the job waits, dark, for it to come back",
-            self.loss
-        ));
+        self.out
+            .notice(format!("the session with the device is lost ({}); the job waits, dark, for a new one", self.loss));
         self.wait_until(Phase::Lost, now_us + RECONNECT_US);
     }
 
@@ -113,12 +136,26 @@ impl Engine {
         ));
     }
 
+    /// The device tells how it is. Whatever the job is doing, its light is compared with what was commanded.
     pub(super) fn on_state(&mut self, state: DeviceState, now_us: u64) {
-        if !matches!(self.phase, Phase::Asking { .. }) || !self.line_up {
+        if !self.line_up {
             return;
         }
-        self.notice_state(state);
-        self.take_stock(now_us);
+        let light = self.light.observe(&state, now_us);
+        match (self.phase, light) {
+            (_, Light::Uncommanded(text)) => {
+                self.notice_state(state);
+                self.on_uncommanded_light(&text, now_us);
+            }
+            (Phase::Asking { .. }, _) => {
+                self.notice_state(state);
+                self.take_stock(now_us);
+            }
+            (Phase::Darkening { .. }, _) => self.on_darkening(state, now_us),
+            // The order to be dark overtook the exposure on the line.
+            (Phase::CuttingShort, Light::Commanded { .. }) if !self.light.awaits_answer() => self.put_light_off(),
+            _ => self.watch_plate(state.position_um, now_us),
+        }
     }
 
     /// Asks for the state at once, then again and again until the device is at rest.
@@ -133,26 +170,34 @@ impl Engine {
             return self.end_unparked("the device did not come to rest in time: check it, then resume".into());
         }
         self.out.query = true;
-        self.deadline_us = Some(now_us + ASK_EVERY_US);
+        self.deadline = Some(Deadline::at(now_us + ASK_EVERY_US));
     }
 
     /// Decides from the device's state how to go on. Nothing is under way on our side.
-    fn take_stock(&mut self, now_us: u64) {
-        if let Some(fault) = self.device.fault.clone() {
+    pub(super) fn take_stock(&mut self, now_us: u64) {
+        let state = self.device.clone();
+        if let Some(commanded) = self.unconfirmed.filter(|commanded| commanded.boot_id == state.boot_id) {
+            let id = ExposureId { job: self.plan.key, layer: commanded.layer };
+            if state.exposing == Some(id) {
+                self.light.found(id, self.plan.recipe.layer_exposure_ms(commanded.layer), now_us);
+            }
+        }
+        let busy_until_us = match self.light.observe(&state, now_us) {
+            Light::Uncommanded(text) => return self.on_uncommanded_light(&text, now_us),
+            Light::Commanded { until_us } => Some(until_us + 1),
+            Light::Dark => state.moving.then_some(now_us + ASK_LIMIT_US),
+        };
+        if let Some(fault) = state.fault {
             return self.on_fault_at_rest(&fault, now_us);
         }
-        if self.device.exposing.is_some() || self.device.moving {
+        if let Some(busy_until_us) = busy_until_us {
             // Polled without a request in between: the timer asks.
             let until_us = match self.phase {
                 Phase::Asking { until_us } => until_us,
                 _ => now_us + ASK_LIMIT_US,
             };
-            return self.wait_until(Phase::Asking { until_us }, until_us.min(now_us + ASK_EVERY_US));
-        }
-        if self.device.light_on {
-            self.out.urgent = Some(Urgent::LightOff);
-            let text = "the device shows light without an exposure; it was told to put it off. Check the device";
-            return self.end_unparked(text.into());
+            let next_us = until_us.min(busy_until_us).min(now_us + ASK_EVERY_US);
+            return self.wait_until(Phase::Asking { until_us }, next_us);
         }
         if self.aborting {
             return self.advance(now_us);
@@ -161,11 +206,13 @@ impl Engine {
             let text = "the device has exposed layers of another job since: this job's part is no longer where it was. Abort it";
             return self.end_unparked(text.into());
         }
+        let shone = self.light.has_shone(self.exposure_id());
+        self.light.ended();
         // It was said of this layer, as it is now, and of no later one.
         let choice = std::mem::take(&mut self.choice);
-        if self.unconfirmed.is_some() || self.in_doubt {
-            match self.fate() {
-                Fate::Exposed => return self.confirm(now_us),
+        if self.unconfirmed.is_some() || self.in_doubt.is_some() {
+            match self.fate(shone) {
+                Fate::Exposed => return self.confirm(None, now_us),
                 Fate::NotExposed => self.deny(),
                 Fate::Unknown(why) => return self.settle_doubt(choice, &why, now_us),
             }
@@ -182,9 +229,9 @@ impl Engine {
         self.advance(now_us);
     }
 
-    /// What the device's state says about the layer commanded.
-    fn fate(&self) -> Fate {
-        let id = ExposureId { job: self.plan.key, layer: self.next_layer };
+    /// What the device's state says about the layer commanded; `shone` where it was seen being exposed.
+    fn fate(&self, shone: bool) -> Fate {
+        let id = self.exposure_id();
         if self.device.last_exposed == Some(id) {
             return Fate::Exposed;
         }
@@ -195,6 +242,9 @@ impl Engine {
             return Fate::Unknown("the device says it exposed a later layer".into());
         }
         match self.unconfirmed {
+            Some(commanded) if commanded.boot_id == self.device.boot_id && shone => {
+                Fate::Unknown("the device exposed it and does not say how that ended".into())
+            }
             Some(commanded) if commanded.boot_id == self.device.boot_id => Fate::NotExposed,
             Some(_) => Fate::Unknown("the device was reset between the command and its end".into()),
             None => Fate::Unknown("the device does not know either".into()),
@@ -214,7 +264,7 @@ impl Engine {
             ResumeChoice::Repeat => {
                 self.out.journal(Record::Decided { layer, exposed: false });
                 self.unconfirmed = None;
-                self.in_doubt = false;
+                self.in_doubt = None;
                 self.advance(now_us);
             }
         }
@@ -233,6 +283,7 @@ impl Engine {
                 self.intent = Intent::End(state, reason);
             }
             Intent::End(_, known) if known.contains(&reason) || known.len() > LONGEST_REASON_BYTES => {}
+            Intent::End(_, known) if known.is_empty() => *known = reason,
             Intent::End(_, known) => *known = format!("{known}; {reason}"),
         }
     }

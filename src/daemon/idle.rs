@@ -1,0 +1,71 @@
+//! The device while no job runs: it is asked how it is, and light that nobody commanded is put off.
+
+use super::printer::Printer;
+use crate::device::{DlpDriver, DriverEvent, Light, LightWatch};
+use crate::link::message::{DeviceState, Urgent};
+
+/// What is known of the device while no job runs.
+#[derive(Default)]
+pub(super) struct Idle {
+    /// Asks the device how it is; `None` without a session, or while a job runs.
+    pub driver: Option<DlpDriver>,
+    /// Its light; the running job's engine watches it otherwise.
+    pub light: LightWatch,
+    /// When the exposure under way must have ended.
+    light_due_us: Option<u64>,
+}
+
+impl Idle {
+    /// Goes on watching the light after a job; there is no session yet.
+    pub(super) fn after(light: LightWatch) -> Self {
+        Self { light, ..Self::default() }
+    }
+
+    /// When [`Printer::idle_timeout`] is due.
+    pub(super) fn next_timeout_us(&self) -> Option<u64> {
+        let driver = self.driver.as_ref().and_then(DlpDriver::next_timeout_us);
+        driver.into_iter().chain(self.light_due_us).min()
+    }
+}
+
+impl Printer {
+    /// The device told its state while no job runs.
+    pub(super) fn watch_light(&mut self, state: &DeviceState, now_us: u64) {
+        let commanded = state.exposing.and_then(|id| Some((id, self.jobs.commanded_ms(id, state.boot_id)?)));
+        if let Some((id, duration_ms)) = commanded {
+            self.idle.light.found(id, duration_ms, now_us);
+        }
+        self.idle.light_due_us = None;
+        match self.idle.light.observe(state, now_us) {
+            Light::Dark => self.idle.light.ended(),
+            Light::Commanded { until_us } => self.idle.light_due_us = Some(until_us + 1),
+            Light::Uncommanded(text) => self.put_light_off(&text),
+        }
+    }
+
+    fn put_light_off(&mut self, text: &str) {
+        if !self.idle.light.must_wait() {
+            self.notice(format!("{text}; it was told to put it off"));
+        }
+        self.idle.light.put_off();
+        self.send_urgent(Urgent::LightOff);
+    }
+
+    /// The end of an exposure may be overdue while no job runs.
+    pub(super) fn idle_timeout(&mut self, now_us: u64) {
+        if self.idle.light_due_us.take_if(|due_us| *due_us <= now_us).is_some()
+            && let Some(text) = self.idle.light.overdue()
+        {
+            self.put_light_off(&text);
+        }
+    }
+
+    /// The device said something while no job runs.
+    pub(super) fn idle_event(&mut self, event: DriverEvent, now_us: u64) {
+        match event {
+            DriverEvent::StateKnown { state, .. } => self.watch_light(&state, now_us),
+            DriverEvent::Misbehaved(text) => self.end_session(text, now_us),
+            _ => {}
+        }
+    }
+}

@@ -1,0 +1,87 @@
+//! Light that was not commanded, or lasts longer than commanded: it is put off, and until the device reports dark nothing else is
+//! commanded.
+
+use super::ending::URGENT_US;
+use super::{Engine, Phase};
+use crate::deadline::Deadline;
+use crate::job::JobState;
+use crate::link::message::{DeviceState, Urgent};
+
+/// How often a device that was told to be dark is asked whether it is.
+const ASK_FOR_DARK_US: u64 = 100_000;
+
+impl Engine {
+    /// Tells the device to put its light off. An abort, which does that too, stands.
+    pub(super) fn put_light_off(&mut self) {
+        if self.out.urgent != Some(Urgent::Abort) {
+            self.out.urgent = Some(Urgent::LightOff);
+        }
+        self.light.put_off();
+    }
+
+    /// The device reports light that it must not have: the print ends as soon as it is dark.
+    pub(super) fn on_uncommanded_light(&mut self, text: &str, now_us: u64) {
+        if !self.light.must_wait() {
+            self.out.notice(format!("{text}; it was told to put it off"));
+        }
+        self.put_light_off();
+        self.intend_to_end(JobState::Interrupted, format!("{text}: look at the part and the device, then resume"));
+        if self.out.act.is_some() {
+            // Not handed out yet: nothing is commanded before the device is dark.
+            return self.withdraw(now_us);
+        }
+        match self.phase {
+            Phase::Exposing { .. } => {
+                self.wait_until(Phase::CuttingShort, now_us + URGENT_US);
+            }
+            Phase::Lost | Phase::Asking { .. } | Phase::Checking => self.darken(now_us),
+            _ => self.reconsider(true, now_us),
+        }
+    }
+
+    /// The commanded time and its grace have passed without a word that the exposure has ended. The light is put off; whether the
+    /// print goes on depends on what the device then says.
+    pub(super) fn on_overdue_light(&mut self, now_us: u64) {
+        if let Some(text) = self.light.overdue() {
+            self.out.notice(format!("{text}; it was told to put its light off"));
+        }
+        self.cut_short(now_us);
+    }
+
+    /// Waits until the device reports dark, and has answered the order to be: it is repeated until then.
+    pub(super) fn darken(&mut self, now_us: u64) {
+        self.out.query = true;
+        self.wait_until(Phase::Darkening { until_us: now_us + URGENT_US }, now_us + ASK_FOR_DARK_US);
+    }
+
+    /// The device reported dark while that was waited for.
+    pub(super) fn on_darkening(&mut self, state: DeviceState, now_us: u64) {
+        let lit = state.light_on || state.exposing.is_some();
+        self.notice_state(state);
+        if lit {
+            self.put_light_off();
+        }
+        if self.light.must_wait() {
+            return;
+        }
+        self.light.ended();
+        if self.unconfirmed.is_some() { self.take_stock(now_us) } else { self.advance(now_us) }
+    }
+
+    pub(super) fn ask_for_dark(&mut self, until_us: u64, now_us: u64) {
+        if now_us < until_us {
+            self.out.query = true;
+            self.deadline = Some(Deadline::at(until_us.min(now_us + ASK_FOR_DARK_US)));
+            return;
+        }
+        if self.device.light_on || self.device.exposing.is_some() {
+            return self.end_unparked(STAYS_LIT.into());
+        }
+        self.intend_to_end(JobState::Interrupted, "the device did not answer the order to put its light off".into());
+        self.light.give_up();
+        self.advance(now_us);
+    }
+}
+
+const STAYS_LIT: &str = "WARNING: the device does not put its light off: switch the machine off at its mains and look. The plate \
+     was not lifted";

@@ -1,0 +1,356 @@
+//! The job engine against a device that lies, in virtual time: light that was not commanded, times and positions that are not
+//! those commanded, answers that never come, and a host that stood still.
+
+mod job_world;
+mod properties;
+
+use job_world::{CLEAR_UM, KEY, LAYERS, Lies, World, world_exposing};
+use layerd::device::{Act, Dose};
+use layerd::job::{Event, History, JobState, Record, ResumeChoice};
+use layerd::link::message::{DeviceState, ExposureId, Urgent};
+use proptest::prelude::*;
+
+const SECOND_US: u64 = 1_000_000;
+/// What light may last beyond its commanded time where the round trip is nothing.
+const GRACE_US: u64 = SECOND_US / 2;
+
+fn light_off_at_us(world: &World) -> Option<u64> {
+    world.urgents.iter().find(|(_, urgent)| *urgent == Urgent::LightOff).map(|(at_us, _)| *at_us)
+}
+
+/// The end of a print that was stopped: dark, the plate clear, resumable.
+fn assert_stopped_safely(world: &World) {
+    assert_eq!(world.end().0, JobState::Interrupted, "{:?}", world.end());
+    assert!(!world.device.light_on && world.device.position_um == Some(CLEAR_UM), "{:?}", world.device);
+}
+
+#[test]
+fn light_that_outlasts_its_exposure_is_put_off() {
+    let mut world = world_exposing(2);
+    let began_us = world.now_us;
+    world.device_act = None;
+    world.finish();
+    let off_us = light_off_at_us(&world).expect("put off");
+    assert_eq!(off_us - began_us, 2 * SECOND_US + GRACE_US, "the commanded time and the grace");
+    assert_stopped_safely(&world);
+    assert!(world.end().1.contains("layer 2 is in doubt"), "{:?}", world.end());
+    let told = "does not report the end of layer 2's exposure of 2000 ms; it was told to put its light off";
+    assert!(world.notices.iter().any(|text| text.contains(told)), "{:?}", world.notices);
+}
+
+/// Its line was cut during an exposure; the device comes back with the light on.
+#[test]
+fn a_device_that_comes_back_lit_is_dark_by_the_end_of_the_commanded_time() {
+    for (away_us, off_after_us) in [(SECOND_US, 2 * SECOND_US + GRACE_US), (10 * SECOND_US, 10 * SECOND_US)] {
+        let mut world = world_exposing(2);
+        let began_us = world.now_us;
+        world.device_act = None;
+        world.drop_line(away_us);
+        world.tell(Event::LineLost("cable".into()));
+        let acts = world.acts.len();
+        world.finish();
+        let off_us = light_off_at_us(&world).expect("put off");
+        assert!(off_us - began_us <= off_after_us + 1, "away for {away_us} µs: {} µs", off_us - began_us);
+        assert!(off_us - began_us >= off_after_us, "the commanded time is its own: {} µs", off_us - began_us);
+        assert_stopped_safely(&world);
+        assert_eq!(world.acts.len() - acts, 1, "nothing but the lift: {:?}", world.acts);
+    }
+}
+
+#[test]
+fn a_device_that_comes_back_in_its_commanded_light_may_end_it() {
+    let mut world = world_exposing(2);
+    world.drop_line(SECOND_US);
+    world.tell(Event::LineLost("cable".into()));
+    world.finish();
+    assert_eq!((world.end(), light_off_at_us(&world)), ((JobState::Completed, ""), None));
+    assert!(world.all_exposed_once());
+}
+
+/// A crash of the host: the new process finds the exposure under way and does not know since when.
+#[test]
+fn light_found_after_a_crash_gets_its_commanded_time_once() {
+    let mut world = world_exposing(2);
+    world.device_act = None;
+    world.crash();
+    let found_us = world.reconnect_at_us.expect("the line comes back");
+    world.finish();
+    let off_us = light_off_at_us(&world).expect("put off");
+    assert!(off_us - found_us <= 2 * SECOND_US + GRACE_US + 1, "{} µs", off_us - found_us);
+    assert_stopped_safely(&world);
+}
+
+#[test]
+fn an_exposure_of_an_earlier_start_of_the_device_is_put_off_at_once() {
+    let mut world = world_exposing(2);
+    world.device_act = None;
+    world.device.boot_id += 1;
+    world.crash();
+    let found_us = world.reconnect_at_us.expect("the line comes back");
+    world.finish();
+    assert_eq!(light_off_at_us(&world), Some(found_us));
+    assert_eq!(world.end().0, JobState::Interrupted);
+}
+
+/// Steps of an undisturbed print.
+fn steps_of_a_print() -> usize {
+    let mut world = World::new();
+    world.run();
+    world.steps
+}
+
+#[test]
+fn light_without_an_exposure_is_put_off_at_every_step_and_the_print_stops() {
+    let others = Some(ExposureId { job: KEY + 1, layer: 3 });
+    for (step, exposing) in (1..steps_of_a_print() - 2).flat_map(|step| [(step, None), (step, others)]) {
+        let mut world = World::new();
+        world.tell(Event::Ready);
+        while world.steps < step && world.finished.is_none() {
+            assert!(world.next_event());
+        }
+        if world.finished.is_some() || world.device.exposing.is_some() || !world.line_up {
+            continue;
+        }
+        (world.device.light_on, world.device.exposing) = (true, exposing);
+        let acts = world.acts.len();
+        world.engine.handle(Event::State(world.device.clone()), world.now_us);
+        let stopping = world.engine.progress().state;
+        if world.engine.next_action() != Some(layerd::job::Action::Urgent(Urgent::LightOff)) {
+            assert_eq!(stopping, JobState::Printing, "step {step}");
+            // Only where the last record is being written and the engine has no say any more.
+            assert!(world.journal.iter().any(|r| matches!(r, Record::Ended { .. })) || world.flushing.is_some());
+            continue;
+        }
+        world.perform(layerd::job::Action::Urgent(Urgent::LightOff));
+        world.carry_out();
+        world.finish();
+        assert_eq!(world.end().0, JobState::Interrupted, "step {step}: {:?}", world.end());
+        assert!(!world.device.light_on && !world.end().1.is_empty(), "step {step}: {:?}", world.end());
+        let new = &world.acts[acts..];
+        assert!(new.iter().all(|act| matches!(act, Act::Move { .. })), "step {step}: {new:?}");
+        world.device.cut_short = None;
+        let in_doubt = History::replay(&world.journal).expect("true").in_doubt.is_some();
+        world.resume(if in_doubt { ResumeChoice::Repeat } else { ResumeChoice::None });
+        world.finish();
+        assert_eq!(world.end().0, JobState::Completed, "step {step}: {:?}", world.end());
+        assert!(world.all_exposed_once(), "step {step}: {:?}", world.exposed);
+    }
+}
+
+#[test]
+fn a_device_that_stays_lit_moves_nothing_and_is_told_in_capitals() {
+    let mut world = world_exposing(2);
+    world.lies.stays_lit = true;
+    world.device_act = None;
+    let (began_us, acts) = (world.now_us, world.acts.len());
+    world.finish();
+    assert_eq!((world.end().0, world.acts.len()), (JobState::Interrupted, acts), "{:?}", world.end());
+    assert!(world.end().1.contains("WARNING: the device does not put its light off"), "{:?}", world.end());
+    assert!(world.now_us - began_us < 20 * SECOND_US, "{} µs", world.now_us - began_us);
+    let orders = world.urgents.iter().filter(|(_, urgent)| *urgent == Urgent::LightOff).count();
+    assert!(orders > 3, "told again and again: {orders}");
+}
+
+#[test]
+fn a_reported_time_is_compared_with_the_commanded_one() {
+    let dose = |reported_ms| Dose::of(2000, reported_ms);
+    assert_eq!(
+        [dose(1959), dose(1960), dose(2040), dose(2041)],
+        [Dose::TooLittle, Dose::Right, Dose::Right, Dose::TooMuch]
+    );
+    assert_eq!([Dose::of(300, 280), Dose::of(300, 279)], [Dose::Right, Dose::TooLittle], "20 ms at least");
+    assert_eq!(Dose::of(u32::MAX, 0), Dose::TooLittle);
+    for reported_ms in [0, 200, 1959] {
+        let mut world = world_exposing(2);
+        world.lies.light_ms = Some(reported_ms);
+        world.finish();
+        assert_stopped_safely(&world);
+        let words =
+            format!("layer 2 is in doubt: the device reports {reported_ms} ms of light for layer 2 instead of 2000 ms");
+        assert!(world.end().1.contains(&words), "{:?}", world.end());
+        world.resume(ResumeChoice::AssumeExposed);
+        world.finish();
+        assert_eq!((world.end().0, world.exposed.len()), (JobState::Completed, LAYERS as usize), "{:?}", world.end());
+    }
+    for reported_ms in [2041, 20_000] {
+        let mut world = world_exposing(2);
+        world.lies.light_ms = Some(reported_ms);
+        world.finish();
+        assert_stopped_safely(&world);
+        let words = format!("the device reports {reported_ms} ms of light for layer 2 instead of 2000 ms");
+        assert!(world.end().1.starts_with(&words), "{:?}", world.end());
+        assert_eq!(world.engine.progress().light_ms, Some(reported_ms));
+        world.resume(ResumeChoice::None);
+        world.finish();
+        assert!(world.end().0 == JobState::Completed && world.all_exposed_once(), "{:?}", world.end());
+    }
+}
+
+#[test]
+fn a_move_that_ends_elsewhere_stops_the_print_with_the_plate_lifted() {
+    // Approach too low, too high; lift too low, too high.
+    for (to_um, ends_at_um) in [(150, 120), (150, 400), (5150, 3000), (5150, 5180)] {
+        let mut world = World::new();
+        world.lies.misplaced = Some((to_um, ends_at_um));
+        assert!(world.run());
+        assert_stopped_safely(&world);
+        let words = format!("the plate is at {ends_at_um} µm instead of {to_um} µm");
+        assert!(world.end().1.contains(&words), "{:?}", world.end());
+        world.resume(ResumeChoice::None);
+        world.finish();
+        assert!(world.end().0 == JobState::Completed && world.all_exposed_once(), "{:?}", world.end());
+    }
+    // The lift clear itself: what can be done has been done.
+    let mut world = World::new();
+    world.lies.misplaced = Some((CLEAR_UM, 9000));
+    assert!(world.run());
+    assert!(
+        world.end().0 == JobState::Interrupted && world.end().1.contains("the plate was not lifted"),
+        "{:?}",
+        world.end()
+    );
+    assert!(world.engine.progress().part_in_vat);
+}
+
+#[test]
+fn a_move_within_half_a_layer_is_where_it_should_be() {
+    let mut world = World::new();
+    world.lies.misplaced = Some((5150, 5175));
+    assert!(world.run());
+    assert_eq!(world.end(), (JobState::Completed, ""));
+}
+
+#[test]
+fn a_plate_moved_by_hand_during_a_layer_stops_the_print() {
+    let mut world = world_exposing(2);
+    let moved = DeviceState { position_um: Some(900), ..world.device.clone() };
+    world.engine.handle(Event::State(moved), world.now_us);
+    world.carry_out();
+    world.finish();
+    assert_stopped_safely(&world);
+    assert!(world.end().1.contains("its plate is at 900 µm; it was left at 150 µm"), "{:?}", world.end());
+    assert_eq!(world.exposed, [0, 1, 2], "the exposure under way ends by itself");
+}
+
+#[test]
+fn an_answer_that_never_comes_costs_a_session_and_not_the_print() {
+    for step in 1..steps_of_a_print() {
+        let mut world = World::disturbed(vec![(step, job_world::Disturbance::Mute)]);
+        assert!(world.run());
+        assert_eq!(world.end().0, JobState::Completed, "step {step}: {:?}", world.end());
+        assert!(world.all_exposed_once(), "step {step}: {:?}", world.exposed);
+    }
+}
+
+/// Its state tells what it did.
+#[test]
+fn a_device_that_never_says_done_prints_all_the_same() {
+    let mut world = world_exposing(2);
+    world.lies.mute = true;
+    world.finish();
+    assert_eq!(world.end(), (JobState::Completed, ""));
+    assert!(world.all_exposed_once());
+}
+
+#[test]
+fn a_device_that_does_nothing_ends_the_job_in_bounded_time() {
+    let mut world = world_exposing(2);
+    world.lies.deaf = true;
+    let began_us = world.now_us;
+    world.finish();
+    assert_eq!(world.end().0, JobState::Interrupted, "{:?}", world.end());
+    assert!(world.end().1.contains("did not reach the device in time: check the line"), "{:?}", world.end());
+    assert!(world.now_us - began_us < 240 * SECOND_US, "{} s", (world.now_us - began_us) / SECOND_US);
+}
+
+#[test]
+fn a_device_that_breaks_the_protocol_three_times_in_a_row_ends_the_job() {
+    let mut world = World::new();
+    world.upload_us = 60 * SECOND_US;
+    world.tell(Event::Ready);
+    for _ in 0..3 {
+        while world.upload.is_none() {
+            assert!(world.next_event());
+        }
+        world.tell(Event::Misbehaved("the device replied to request 9, which awaits no reply".into()));
+    }
+    world.finish();
+    assert_eq!(world.end().0, JobState::Failed, "{:?}", world.end());
+    assert_eq!(world.device.position_um, Some(CLEAR_UM));
+    assert!(world.end().1.contains("request 9, which awaits no reply (3 times"), "{:?}", world.end());
+}
+
+/// SIGSTOP, suspend: the timers run first when the host wakes, and what the device said lies unread.
+#[test]
+fn a_host_that_stood_still_hears_the_device_before_it_judges() {
+    for step in 1..steps_of_a_print() {
+        let mut world = World::disturbed(vec![(step, job_world::Disturbance::Standstill { for_us: 40 * SECOND_US })]);
+        assert!(world.run(), "step {step}");
+        assert_eq!(
+            (world.end().0, light_off_at_us(&world)),
+            (JobState::Completed, None),
+            "step {step}: {:?}",
+            world.end()
+        );
+        assert!(world.all_exposed_once(), "step {step}: {:?}", world.exposed);
+    }
+}
+
+#[test]
+fn the_time_left_follows_the_pace_and_is_silent_without_a_device() {
+    let mut world = world_exposing(1);
+    let planned_ms = world.engine.progress().eta_ms.expect("it prints");
+    // Every layer is late by a minute.
+    world.upload_us = 60 * SECOND_US;
+    while world.device.exposing != Some(ExposureId { job: KEY, layer: 4 }) {
+        assert!(world.next_event());
+    }
+    let progress = world.engine.progress();
+    assert!(progress.eta_ms > Some(planned_ms / 4 + 10_000), "{planned_ms} ms, then {:?}", progress.eta_ms);
+    world.drop_line(30 * SECOND_US);
+    world.tell(Event::LineLost("cable".into()));
+    assert_eq!(world.engine.progress().eta_ms, None, "nobody knows when it comes back");
+}
+
+fn any_lies() -> impl Strategy<Value = Lies> {
+    let light = prop::option::weighted(0.3, 0u32..30_000);
+    let place = prop::option::weighted(0.3, (prop::sample::select(vec![100, 150, 5100, 5150, CLEAR_UM]), 0i32..30_000));
+    (light, place, prop::bool::weighted(0.1), 0u8..10).prop_map(|(light_ms, misplaced, stays_lit, ear)| Lies {
+        light_ms,
+        misplaced,
+        stays_lit,
+        mute: ear == 1,
+        deaf: ear == 2,
+    })
+}
+
+proptest! {
+    #![proptest_config(properties::cases(256))]
+
+    /// Whatever a device says, from whichever step on: the job ends, no layer has light twice, the plate does not move down
+    /// under light, and an honest device goes on where the journal says.
+    #[test]
+    fn a_job_ends_whatever_the_device_says(lies in any_lies(), from in 1usize..130, lit in any::<bool>()) {
+        let mut world = World::new();
+        world.tell(Event::Ready);
+        while world.steps < from && world.finished.is_none() {
+            world.next_event();
+        }
+        world.lies = lies;
+        if lit && world.line_up && world.device_act.is_none() && world.finished.is_none() {
+            world.device.light_on = true;
+            world.tell(Event::State(world.device.clone()));
+        }
+        world.finish();
+        let mut seen = world.exposed.clone();
+        seen.dedup();
+        prop_assert_eq!(&seen, &world.exposed, "a layer twice");
+        if world.end().0 == JobState::Interrupted && !lies.stays_lit {
+            world.device.light_on = false;
+            let in_doubt = History::replay(&world.journal).expect("true").in_doubt.is_some();
+            world.resume(if in_doubt { ResumeChoice::AssumeExposed } else { ResumeChoice::None });
+            world.finish();
+            prop_assert_eq!(world.end().0, JobState::Completed, "{:?}", world.end());
+        }
+    }
+}
