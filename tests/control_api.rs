@@ -9,8 +9,10 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use layerd::cli::client::{Client, ClientError, NewJob};
-use layerd::daemon::api::{DeviceView, Event, InDoubt, JobView, LinkState, LinkView, ResumeBody};
-use layerd::daemon::handle::{Command, CommandError, Desk, Order, Snapshot, channel};
+use layerd::daemon::api::{
+    DeviceView, Event, InDoubt, JobView, LinkState, LinkView, RaiseView, RemovedView, ResumeBody,
+};
+use layerd::daemon::handle::{Answer, Command, CommandError, Desk, Order, Snapshot, channel};
 use layerd::daemon::server::{self, BindError};
 use layerd::job::JobState;
 use tokio::sync::watch;
@@ -77,14 +79,14 @@ async fn obey(mut desk: Desk, directory: PathBuf) {
     while let Some(Order { command, reply }) = desk.orders.next().await {
         let mut answer = Err(CommandError::new(404, "no such job"));
         desk.snapshot.send_modify(|snapshot| answer = carry_out(command, snapshot, &directory));
-        if let Ok(job) = &answer {
-            let _ = desk.events.send(Event::Job(Box::new(job.clone())));
+        if let Ok(Answer::Job(job)) = &answer {
+            let _ = desk.events.send(Event::Job(job.clone()));
         }
         let _ = reply.send(answer);
     }
 }
 
-fn carry_out(command: Command, snapshot: &mut Snapshot, directory: &Path) -> Result<JobView, CommandError> {
+fn carry_out(command: Command, snapshot: &mut Snapshot, directory: &Path) -> Result<Answer, CommandError> {
     let (id, state) = match command {
         Command::Submit(new) => {
             let id = format!("job-{}", snapshot.jobs.len() + 1);
@@ -92,7 +94,14 @@ fn carry_out(command: Command, snapshot: &mut Snapshot, directory: &Path) -> Res
             std::fs::write(directory.join(format!("{id}.toml")), text).unwrap();
             new.part.persist(directory.join(format!("{id}.layerd"))).unwrap();
             snapshot.jobs.push(queued(&id, &new.name, new.recipe_name));
-            return Ok(snapshot.jobs[snapshot.jobs.len() - 1].clone());
+            return Ok(snapshot.jobs[snapshot.jobs.len() - 1].clone().into());
+        }
+        Command::Raise => return Ok(Answer::Raise(RaiseView { from_um: 3_200, to_um: 30_000 })),
+        Command::Remove(id) => {
+            let known = snapshot.jobs.len();
+            snapshot.jobs.retain(|job| job.id != id);
+            let removed = Answer::Removed(RemovedView { id, freed_bytes: 4096 });
+            return if snapshot.jobs.len() < known { Ok(removed) } else { Err(CommandError::new(404, "no such job")) };
         }
         Command::Pause(id) => (id, JobState::Paused),
         Command::Resume { in_doubt: Some(InDoubt::Repeat), .. } => {
@@ -108,7 +117,7 @@ fn carry_out(command: Command, snapshot: &mut Snapshot, directory: &Path) -> Res
     };
     let job = snapshot.jobs.iter_mut().find(|job| job.id == id).ok_or_else(|| CommandError::new(404, "no such job"))?;
     job.state = state;
-    Ok(job.clone())
+    Ok(job.clone().into())
 }
 
 fn queued(id: &str, name: &str, recipe: Option<String>) -> JobView {
@@ -128,6 +137,7 @@ fn queued(id: &str, name: &str, recipe: Option<String>) -> JobView {
         ended_ms: None,
         reason: None,
         in_doubt: None,
+        warning: None,
     }
 }
 
@@ -173,6 +183,9 @@ async fn a_job_is_submitted_and_obeys_every_order() {
     assert_eq!(client.order(&job.id, "abort").await.unwrap().state, JobState::Aborted);
     assert_eq!(client.job(&job.id).await.unwrap().state, JobState::Aborted);
     assert_eq!(client.jobs().await.unwrap().len(), 1);
+    assert_eq!(client.raise().await.unwrap(), RaiseView { from_um: 3_200, to_um: 30_000 });
+    assert_eq!(client.remove(&job.id).await.unwrap(), RemovedView { id: job.id.clone(), freed_bytes: 4096 });
+    assert!(matches!(client.remove(&job.id).await.unwrap_err(), ClientError::Refused { status: 404, .. }));
     assert!(!client.get::<DeviceView>("/v1/device").await.unwrap().connected);
 }
 
@@ -238,6 +251,8 @@ async fn bad_requests_get_a_status_and_a_sentence() {
         (format!("GET /v2/status HTTP/1.1\r\n{close}\r\n"), "404", "/v2/status"),
         (format!("GET /v1/jobs/none HTTP/1.1\r\n{close}\r\n"), "404", "none"),
         (format!("DELETE /v1/status HTTP/1.1\r\n{close}\r\n"), "405", "DELETE"),
+        (format!("DELETE /v1/jobs/none HTTP/1.1\r\n{close}\r\n"), "404", "no such job"),
+        (format!("GET /v1/raise HTTP/1.1\r\n{close}\r\n"), "405", "GET"),
         (post("/v1/jobs/job-1/explode", "", ""), "404", "explode"),
         (post("/v1/jobs/job-9/pause", "", ""), "404", "no such job"),
         (post("/v1/jobs/job-1/resume", "", "{\"in_doubt\": \"perhaps\"}"), "400", "perhaps"),

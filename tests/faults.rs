@@ -4,11 +4,9 @@
 mod support;
 
 use std::fs;
-use std::path::Path;
-use std::process::Command;
 use std::time::{Duration, Instant};
 
-use support::{Bench, Setup, signal, skipped, wait_until};
+use support::{Bench, Setup, SmallDisk, signal, skipped, wait_until};
 
 const SMALL: [&str; 10] = ["generate", "bcc", "--struts", "300", "--box", "8,8,3", "--seed", "1", "-o", "part.layerd"];
 
@@ -159,33 +157,6 @@ fn a_full_disk_interrupts_dark_and_the_job_goes_on_once_there_is_room() {
     let job = bench.wait_for(id, &["completed", "failed", "interrupted"]);
     assert_eq!(job["state"], "completed", "{job}");
     assert_eq!(bench.exposed_layers(), all_layers(&job));
-}
-
-/// A file system of its own, small enough to fill.
-struct SmallDisk(std::path::PathBuf);
-
-impl SmallDisk {
-    fn mount(at: &Path) -> Option<Self> {
-        let mount = Command::new("mount").args(["-t", "tmpfs", "-o", "size=40m", "tmpfs"]).arg(at).output().ok()?;
-        mount.status.success().then(|| Self(at.into()))
-    }
-
-    fn fill(&self) {
-        let filler = fs::File::create(self.0.join("filler")).expect("filler");
-        let mut writer = &filler;
-        while std::io::Write::write_all(&mut writer, &[0; 4096]).is_ok() {}
-    }
-
-    fn empty(&self) {
-        fs::remove_file(self.0.join("filler")).expect("removed");
-    }
-}
-
-impl Drop for SmallDisk {
-    fn drop(&mut self) {
-        // Lazily: the daemon may still hold files there when a test fails.
-        let _ = Command::new("umount").arg("-l").arg(&self.0).status();
-    }
 }
 
 #[test]

@@ -15,7 +15,8 @@ use tokio::time::timeout;
 
 use crate::config::DEFAULT_SOCKET;
 use crate::daemon::api::{
-    ErrorBody, Event, JobList, JobView, NAME_HEADER, RECIPE_HEADER, RECIPE_NAME_HEADER, ResumeBody, Status,
+    ErrorBody, Event, JobList, JobView, NAME_HEADER, RECIPE_HEADER, RECIPE_NAME_HEADER, RaiseView, RemovedView,
+    ResumeBody, Status,
 };
 use crate::daemon::{ChannelBody, percent_encode};
 
@@ -165,7 +166,25 @@ impl Client {
         self.post("/v1/abort", Bytes::new()).await
     }
 
-    async fn post(&self, path: &str, body: Bytes) -> Result<JobView, ClientError> {
+    /// Lifts the plate clear while no job runs.
+    ///
+    /// # Errors
+    /// [`ClientError`]; status 409 where a job has the machine, or the plate cannot be moved.
+    pub async fn raise(&self) -> Result<RaiseView, ClientError> {
+        self.post("/v1/raise", Bytes::new()).await
+    }
+
+    /// Deletes a finished job.
+    ///
+    /// # Errors
+    /// [`ClientError`]; status 409 where the job is not over.
+    pub async fn remove(&self, id: &str) -> Result<RemovedView, ClientError> {
+        let request = request(Method::DELETE, &format!("/v1/jobs/{}", percent_encode(id)));
+        let request = request.body(Either::Left(Full::default())).map_err(broken)?;
+        read(self.send(request).await?).await
+    }
+
+    async fn post<T: DeserializeOwned>(&self, path: &str, body: Bytes) -> Result<T, ClientError> {
         let request = request(Method::POST, path).header(header::CONTENT_TYPE, "application/json");
         let request = request.body(Either::Left(Full::new(body))).map_err(broken)?;
         read(self.send(request).await?).await

@@ -104,5 +104,9 @@ fn resumable(jobs: &[JobView]) -> anyhow::Result<&JobView> {
 }
 
 fn tell(job: &JobView, json: bool) -> anyhow::Result<()> {
-    if json { print_json(job) } else { print(&format!("job {} is {}", job.id, job.state)) }
+    if json {
+        return print_json(job);
+    }
+    print(&format!("job {} is {}", job.id, job.state))?;
+    job.warning.as_ref().map_or(Ok(()), |warning| print(&format!("warning: {warning}")))
 }

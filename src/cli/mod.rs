@@ -10,6 +10,8 @@ pub mod generate;
 pub mod info;
 mod jobs;
 pub mod pack;
+mod raise;
+mod remove;
 pub mod simulate;
 pub mod slice;
 mod start;
@@ -81,6 +83,10 @@ enum Command {
     Stop(commands::JobArgs),
     /// End the job now: light off first, then lift.
     Abort(commands::JobArgs),
+    /// Lift the plate clear of the resin while no job runs.
+    Raise(raise::RaiseArgs),
+    /// Delete finished jobs, their parts and their records.
+    Remove(remove::RemoveArgs),
     /// Print a lattice on a simulated printer: everything in one go.
     Demo(demo::DemoArgs),
 }
@@ -139,6 +145,8 @@ fn dispatch(command: Command) -> anyhow::Result<Ending> {
         Command::Resume(args) => commands::resume(args).map(done),
         Command::Stop(args) => commands::order(args, "stop").map(done),
         Command::Abort(args) => commands::order(args, "abort").map(done),
+        Command::Raise(args) => raise::run(&args).map(done),
+        Command::Remove(args) => remove::run(args).map(done),
         Command::Demo(args) => demo::run(&args).map(done),
     }
 }

@@ -80,6 +80,27 @@ pub struct JobView {
     pub reason: Option<String>,
     /// The layer of which nobody knows whether it was exposed; `resume` then needs `in_doubt`.
     pub in_doubt: Option<u32>,
+    /// In the answer to an order: what went wrong although it is carried out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub warning: Option<String>,
+}
+
+/// Answer of `POST /v1/raise`: the plate is on its way, or there already where both are equal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RaiseView {
+    /// Where the plate was, micrometres above the bottom of the vat.
+    pub from_um: i32,
+    /// Where it goes, micrometres.
+    pub to_um: i32,
+}
+
+/// Answer of `DELETE /v1/jobs/{id}`.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RemovedView {
+    /// The job that was removed.
+    pub id: String,
+    /// Room that this made on the spool's disk, bytes.
+    pub freed_bytes: u64,
 }
 
 /// The line to the device.

@@ -2,14 +2,13 @@
 
 use tokio::sync::oneshot;
 
-use super::api::JobView;
-use super::handle::CommandError;
+use super::handle::{Answer, CommandError};
 use super::jobs::Job;
 use super::opened::{Opened, Unopened};
 use super::orders::Settled;
 
 /// Where an order's answer goes.
-pub(super) type Reply = oneshot::Sender<Result<JobView, CommandError>>;
+pub(super) type Reply = oneshot::Sender<Result<Answer, CommandError>>;
 
 /// Something that ended in the background.
 #[derive(Debug)]
@@ -43,6 +42,15 @@ pub(super) enum Background {
         job: u32,
         /// The change.
         result: Result<Settled, CommandError>,
+        /// Who asked.
+        reply: Reply,
+    },
+    /// A finished job was deleted, or not.
+    Removed {
+        /// The job.
+        job: u32,
+        /// Bytes that became free, or what could not be deleted.
+        result: Result<u64, String>,
         /// Who asked.
         reply: Reply,
     },

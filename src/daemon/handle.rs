@@ -1,8 +1,9 @@
 //! Between the server and the printer: orders one way, a snapshot and events the other. Every queue is bounded.
 
+use serde::Serialize;
 use tokio::sync::{broadcast, mpsc, oneshot, watch};
 
-use super::api::{BudgetView, DeviceView, Event, InDoubt, JobView, LineView, LinkView, Status};
+use super::api::{BudgetView, DeviceView, Event, InDoubt, JobView, LineView, LinkView, RaiseView, RemovedView, Status};
 use crate::job::JobState;
 
 /// Orders that wait for the printer. People and scripts send a few a second at most; more means that nobody answers.
@@ -77,6 +78,28 @@ pub enum Command {
     Stop(String),
     /// Light off now, then lift clear; without an id the active job.
     Abort(Option<String>),
+    /// Delete a job that is over.
+    Remove(String),
+    /// Lift the plate clear while no job runs.
+    Raise,
+}
+
+/// What an order is answered with; as JSON what is in it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(untagged)]
+pub enum Answer {
+    /// The job as it is once the order is accepted.
+    Job(Box<JobView>),
+    /// Where the plate goes.
+    Raise(RaiseView),
+    /// What is gone.
+    Removed(RemovedView),
+}
+
+impl From<JobView> for Answer {
+    fn from(job: JobView) -> Self {
+        Self::Job(Box::new(job))
+    }
 }
 
 /// A new job.
@@ -117,8 +140,8 @@ impl CommandError {
 pub struct Order {
     /// What to do.
     pub command: Command,
-    /// Takes the answer: the job as it is once the order is accepted. Nobody may be listening any more.
-    pub reply: oneshot::Sender<Result<JobView, CommandError>>,
+    /// Takes the answer. Nobody may be listening any more.
+    pub reply: oneshot::Sender<Result<Answer, CommandError>>,
 }
 
 /// The server's end.
@@ -175,7 +198,7 @@ impl Handle {
     ///
     /// # Errors
     /// What the printer says, or 503 where it takes no orders.
-    pub async fn order(&self, command: Command) -> Result<JobView, CommandError> {
+    pub async fn order(&self, command: Command) -> Result<Answer, CommandError> {
         let queue = if matches!(command, Command::Abort(_)) { &self.aborts } else { &self.orders };
         let (reply, answer) = oneshot::channel();
         queue.try_send(Order { command, reply }).map_err(|refused| match refused {

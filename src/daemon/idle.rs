@@ -1,6 +1,7 @@
 //! The device while no job runs: it is asked how it is, and light that nobody commanded is put off.
 
 use super::printer::Printer;
+use super::raise::Raise;
 use crate::device::{DlpDriver, DriverEvent, Light, LightWatch};
 use crate::link::message::{DeviceState, Urgent};
 
@@ -13,6 +14,8 @@ pub(super) struct Idle {
     pub light: LightWatch,
     /// When the exposure under way must have ended.
     light_due_us: Option<u64>,
+    /// The plate on its way up.
+    pub raise: Option<Raise>,
 }
 
 impl Idle {
@@ -24,19 +27,27 @@ impl Idle {
     /// When [`Printer::idle_timeout`] is due.
     pub(super) fn next_timeout_us(&self) -> Option<u64> {
         let driver = self.driver.as_ref().and_then(DlpDriver::next_timeout_us);
-        driver.into_iter().chain(self.light_due_us).min()
+        let raised = self.raise.as_ref().map(|raise| raise.deadline.at_us());
+        driver.into_iter().chain(self.light_due_us).chain(raised).min()
     }
 }
 
 impl Printer {
     /// The device told its state while no job runs.
-    pub(super) fn watch_light(&mut self, state: &DeviceState, now_us: u64) {
+    pub(super) fn idle_state(&mut self, state: &DeviceState, now_us: u64) {
+        self.look_at_doubt(state);
+        self.watch_light(state, now_us);
+    }
+
+    fn watch_light(&mut self, state: &DeviceState, now_us: u64) {
         let commanded = state.exposing.and_then(|id| Some((id, self.jobs.commanded_ms(id, state.boot_id)?)));
         if let Some((id, duration_ms)) = commanded {
             self.idle.light.found(id, duration_ms, now_us);
         }
         self.idle.light_due_us = None;
         match self.idle.light.observe(state, now_us) {
+            // What is known of a layer whose end is open is kept for the job's engine.
+            Light::Dark if self.open_exposure().is_some_and(|(_, id, _)| self.idle.light.has_shone(id)) => {}
             Light::Dark => self.idle.light.ended(),
             Light::Commanded { until_us } => self.idle.light_due_us = Some(until_us + 1),
             Light::Uncommanded(text) => self.put_light_off(&text),
@@ -58,12 +69,14 @@ impl Printer {
         {
             self.put_light_off(&text);
         }
+        self.raise_timeout(now_us);
     }
 
     /// The device said something while no job runs.
     pub(super) fn idle_event(&mut self, event: DriverEvent, now_us: u64) {
         match event {
-            DriverEvent::StateKnown { state, .. } => self.watch_light(&state, now_us),
+            DriverEvent::StateKnown { state, .. } => self.idle_state(&state, now_us),
+            DriverEvent::ActDone(outcome) => self.raise_ended(outcome),
             DriverEvent::Misbehaved(text) => self.end_session(text, now_us),
             _ => {}
         }

@@ -3,11 +3,13 @@
 use std::collections::{BTreeMap, VecDeque};
 
 use super::api::JobView;
+use super::background::Reply;
 use super::clock::unix_ms;
 use super::past::Past;
+use super::plate::{self, Sign};
 use crate::job::{
-    Command, Entry as JournalEntry, Forgotten, History, JobDirectory, JobState, Progress, Record, ResumeChoice,
-    Unconfirmed, read_journal,
+    Command, EndOrder, Entry as JournalEntry, Forgotten, History, JobDirectory, JobState, MOST_FORGOTTEN, PlateAfter,
+    Progress, Record, ResumeChoice, Trace, Unconfirmed, read_journal,
 };
 use crate::link::message::ExposureId;
 
@@ -26,12 +28,31 @@ pub(super) struct Job {
     pub past: Past,
     /// What for, when its turn comes.
     pub take_up: TakeUp,
-    /// Whether the operator must say first that the plate is clear.
+    /// Whether the operator must say first that the plate is clear, whatever device and spool show.
     pub awaits_plate: bool,
+    /// Whether it is taken up only once a device answers: nobody who could wait for it asked just now.
+    pub awaits_device: bool,
+    /// What the operator was told of the plate and has not answered.
+    pub told: Vec<Sign>,
+    /// What the operator knows of the plate.
+    pub cleared: Vec<Sign>,
+    /// What the device says of the unconfirmed layer, where that leaves it in doubt, and the job's reason before.
+    pub doubt: Option<(String, Option<String>)>,
     /// Whether an order is being checked or written in its journal; until then nothing else is done with it.
     pub ordered: bool,
-    /// An abort came meanwhile; it is carried out next.
-    pub abort_ordered: bool,
+    /// Aborts that came meanwhile; they are carried out next.
+    pub aborts: Vec<Reply>,
+}
+
+/// What is known of a layer that a device speaks of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Account {
+    /// Here is a record of it, or the operator knows of it.
+    Known,
+    /// This job's journal knows nothing of it.
+    NotOf(u32),
+    /// No job here has that key.
+    Foreign,
 }
 
 /// What a job is given the machine for.
@@ -48,19 +69,25 @@ pub(super) enum TakeUp {
 pub(super) struct Jobs {
     jobs: BTreeMap<u32, Job>,
     queue: VecDeque<u32>,
+    /// Jobs whose records are gone.
+    forgotten: BTreeMap<u32, Forgotten>,
 }
 
 impl Jobs {
     /// Reads the journals of a spool's jobs. Jobs that were queued still are; they wait for a clear plate where
-    /// `awaits_plate`.
-    pub(super) fn load(directories: Vec<JobDirectory>, awaits_plate: bool) -> Self {
-        let mut jobs = Self::default();
+    /// `awaits_plate`. What was ordered to end before a crash is done so once a device answers.
+    pub(super) fn load(directories: Vec<JobDirectory>, forgotten: Vec<Forgotten>, awaits_plate: bool) -> Self {
+        let forgotten = forgotten.into_iter().map(|job| (job.id, job)).collect();
+        let mut jobs = Self { forgotten, ..Self::default() };
         for directory in directories {
-            let job = Job::load(directory, awaits_plate);
-            if job.view.state == JobState::Queued {
-                jobs.queue.push_back(job.directory.id);
+            let (id, job) = (directory.id, Job::load(directory, awaits_plate));
+            let (state, ordered) = (job.view.state, job.past.ordered);
+            jobs.jobs.insert(id, job);
+            match (state, ordered) {
+                (JobState::Queued, _) => jobs.queue.push_back(id),
+                (JobState::Interrupted, Some(order)) => jobs.end_later(id, order),
+                _ => {}
             }
-            jobs.jobs.insert(job.directory.id, job);
         }
         jobs
     }
@@ -83,7 +110,8 @@ impl Jobs {
 
     /// The job whose exposures bear this key.
     pub(super) fn by_key(&self, key: u64) -> Option<&Job> {
-        self.jobs.values().find(|job| job.key == key)
+        // 0 is the key of none: a job has it whose journal cannot be read.
+        self.jobs.values().find(|job| job.key == key && key != 0)
     }
 
     /// How long an exposure was commanded to last that may be under way since before the daemon started, milliseconds; `None`
@@ -109,20 +137,42 @@ impl Jobs {
         self.jobs.iter().find(|(_, job)| job.view.state == JobState::Interrupted).map(|(id, _)| *id)
     }
 
-    /// Lets every queued job wait for a word that the plate is clear.
-    pub(super) fn await_plate(&mut self) {
-        for id in &self.queue {
-            if let Some(job) = self.jobs.get_mut(id) {
-                job.awaits_plate = matches!(job.take_up, TakeUp::Print(_)) && !job.has_begun();
-            }
-        }
+    /// The newest job that tells anything about the plate: what it tells.
+    fn last_plate(&self) -> Option<(Forgotten, Option<&Job>)> {
+        let jobs = self.jobs.values().map(|job| (job.forgotten(), Some(job)));
+        let all = jobs.chain(self.forgotten.values().map(|job| (*job, None)));
+        // Jobs begin in the order of their numbers: an interrupted one keeps the machine.
+        all.filter(|(job, _)| job.plate != PlateAfter::Unsaid).max_by_key(|(job, _)| job.id)
     }
 
-    /// Whether the job that ended last, as far as the spool tells, may have left its part in the vat.
-    pub(super) fn ended_unknown(&self) -> bool {
-        let begun = self.jobs.values().filter(|job| job.view.state.is_final() && job.has_begun());
-        let last = begun.max_by_key(|job| (job.view.ended_ms.unwrap_or(u64::MAX), job.directory.id));
-        last.is_some_and(|job| job.view.state != JobState::Completed)
+    /// Number and key of the job whose part may lie in the vat, as far as the spool tells. An interrupted one does not count:
+    /// it keeps the machine.
+    pub(super) fn left(&self) -> Option<(u32, u64)> {
+        let (last, job) = self.last_plate()?;
+        let is_over = job.is_none_or(|job| job.view.state.is_final());
+        (last.plate == PlateAfter::Left && is_over).then_some((last.id, last.key))
+    }
+
+    /// The start of the device whose plate only a job that had no light yet has moved since it was bare.
+    pub(super) fn bare_on(&self) -> Option<u32> {
+        let (_, job) = self.last_plate()?;
+        job.filter(|job| !job.past.touched)?.past.plate_clear_on
+    }
+
+    /// What is known here of what a device shows, for a job about to begin.
+    pub(super) fn account(&self, trace: Trace, beginning: u32) -> Account {
+        let (Trace::Lit { job: key, .. } | Trace::Held { job: key, .. }) = trace;
+        let is_told = self.jobs.values().any(|job| job.past.traces.contains(&trace));
+        if is_told || self.forgotten.values().any(|job| job.key == key) {
+            return Account::Known;
+        }
+        match self.by_key(key) {
+            None => Account::Foreign,
+            // What contradicts its own journal is for its engine to find.
+            Some(job) if job.directory.id == beginning || matches!(trace, Trace::Held { .. }) => Account::Known,
+            Some(job) if job.past.touched && job.view.state.is_final() => Account::Known,
+            Some(job) => Account::NotOf(job.directory.id),
+        }
     }
 
     /// A job that is to be given the machine only to end.
@@ -136,11 +186,20 @@ impl Jobs {
     pub(super) fn take_up(&mut self, id: u32, take_up: TakeUp) {
         if let Some(job) = self.jobs.get_mut(&id) {
             job.take_up = take_up;
-            job.awaits_plate = false;
+            (job.awaits_plate, job.awaits_device) = (false, false);
+            job.doubt = None;
             job.view.state = take_up.state_before(JobState::Queued);
             job.view.reason = None;
             self.unqueue(id);
             self.queue.push_front(id);
+        }
+    }
+
+    /// Gives an interrupted job the machine to end, as soon as a device answers.
+    pub(super) fn end_later(&mut self, id: u32, order: EndOrder) {
+        self.take_up(id, TakeUp::End(order.into()));
+        if let Some(job) = self.jobs.get_mut(&id) {
+            job.awaits_device = job.past.touched;
         }
     }
 
@@ -149,21 +208,22 @@ impl Jobs {
         self.queue.retain(|queued| *queued != id);
     }
 
-    /// The job whose turn it is, out of the queue; `None` where none waits or the first must wait. From now on its part is on
-    /// the plate: what was said of the plate before holds for no other job where `awaits_plate`.
-    pub(super) fn take_next(&mut self, awaits_plate: bool) -> Option<u32> {
-        let id = *self.queue.front()?;
-        let job = self.jobs.get(&id)?;
-        if job.ordered || job.awaits_plate || self.interrupted().is_some() {
-            return None;
-        }
-        self.queue.pop_front();
+    /// The first job in the queue, where nothing but the machine itself may keep it.
+    pub(super) fn next(&self) -> Option<&Job> {
+        let job = self.jobs.get(self.queue.front()?)?;
+        (!job.ordered && self.interrupted().is_none()).then_some(job)
+    }
+
+    /// Takes a job whose turn has come out of the queue. From now on its part is on the plate: what was said of the plate
+    /// before holds for no other job where `awaits_plate`.
+    pub(super) fn take(&mut self, id: u32, awaits_plate: bool) {
+        self.unqueue(id);
         for other in &self.queue {
             if let Some(job) = self.jobs.get_mut(other) {
                 job.awaits_plate = awaits_plate;
+                (job.told, job.cleared) = (Vec::new(), Vec::new());
             }
         }
-        Some(id)
     }
 
     /// What a queued job waits for besides a word that the plate is clear; `holder` has the machine.
@@ -186,11 +246,19 @@ impl Jobs {
         for id in self.queue.clone() {
             let ahead = self.ahead_of(id, holder);
             let Some(job) = self.jobs.get_mut(&id) else { continue };
-            let reason = match (ahead, job.awaits_plate) {
-                (None, true) => {
+            let reason = match (ahead, job.take_up) {
+                (Some(ahead), _) => Some(ahead),
+                (None, TakeUp::End(command)) => job.awaits_device.then(|| {
+                    let verb = if command == Command::Abort { "aborted" } else { "stopped" };
+                    format!(
+                        "is {verb} as ordered as soon as the device answers; `layerctl abort {id}` does not wait for it"
+                    )
+                }),
+                _ if !job.told.is_empty() => Some(plate::text(&job.told, id)),
+                _ if job.awaits_plate => {
                     Some(format!("waits for a clear plate: take the last part off, then `layerctl resume {id}`"))
                 }
-                (ahead, _) => ahead,
+                _ => None,
             };
             if job.view.reason != reason {
                 job.view.reason = reason;
@@ -200,9 +268,23 @@ impl Jobs {
         changed
     }
 
-    /// Forgets jobs whose records the spool has deleted.
+    /// Forgets jobs whose records the spool has deleted, but for what must still be known.
     pub(super) fn forget(&mut self, ids: &[u32]) {
-        self.jobs.retain(|id, _| !ids.contains(id));
+        for job in ids.iter().filter_map(|id| self.jobs.remove(id)) {
+            self.forgotten.insert(job.directory.id, job.forgotten());
+        }
+        while self.forgotten.len() > MOST_FORGOTTEN {
+            self.forgotten.pop_first();
+        }
+    }
+}
+
+impl From<EndOrder> for Command {
+    fn from(order: EndOrder) -> Self {
+        match order {
+            EndOrder::Stop => Self::Stop,
+            EndOrder::Abort => Self::Abort,
+        }
     }
 }
 
@@ -237,8 +319,12 @@ impl Job {
             past,
             take_up: TakeUp::Print(ResumeChoice::None),
             awaits_plate,
+            awaits_device: false,
+            told: Vec::new(),
+            cleared: Vec::new(),
+            doubt: None,
             ordered: false,
-            abort_ordered: false,
+            aborts: Vec::new(),
         }
     }
 
@@ -290,7 +376,8 @@ impl Job {
         view.late_ms_total = progress.late_ms_total;
         view.in_doubt = progress.in_doubt;
         view.reason = Some(progress.reason.clone()).filter(|reason| !reason.is_empty());
-        if view.started_ms.is_none() && progress.state.is_active() {
+        // While it is checked nothing is commanded yet.
+        if view.started_ms.is_none() && progress.state.is_active() && progress.state != JobState::Checking {
             view.started_ms = Some(unix_ms());
         }
         if !progress.state.is_active() && view.ended_ms.is_none() {
@@ -300,6 +387,24 @@ impl Job {
             view.ended_ms = None;
         }
         *view != before
+    }
+
+    /// Takes over what the device makes of the layer commanded: whether it is in doubt, and why. Returns whether that is news.
+    pub(super) fn set_doubt(&mut self, layer: u32, why: Option<String>) -> bool {
+        if self.doubt.as_ref().map(|(why, _)| why) == why.as_ref() {
+            return false;
+        }
+        if let Some((_, before)) = self.doubt.take() {
+            self.view.reason = before;
+        }
+        self.view.in_doubt = why.as_ref().map(|_| layer);
+        if let Some(why) = why {
+            let before = self.view.reason.take();
+            let known = before.as_ref().map_or_else(String::new, |before| format!("{before}; "));
+            self.view.reason = Some(format!("{known}layer {layer} is in doubt: {why}. Look at the part"));
+            self.doubt = Some((why, before));
+        }
+        true
     }
 
     /// The job ended without an engine.
@@ -329,6 +434,7 @@ fn blank_view(directory: &JobDirectory) -> JobView {
         ended_ms: None,
         reason: None,
         in_doubt: None,
+        warning: None,
     }
 }
 

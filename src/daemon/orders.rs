@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use super::api::{InDoubt, JobView};
 use super::background::{Background, Reply};
 use super::clock::unix_ms;
-use super::handle::{Command, CommandError, Order, Submission};
+use super::handle::{Answer, Command, CommandError, Order, Submission};
 use super::jobs::{Job, TakeUp};
 use super::part::Part;
 use super::printer::Printer;
@@ -15,8 +15,8 @@ use crate::buildfile::BuildFile;
 use crate::config::Recipe;
 use crate::device::{Misfit, check_fit};
 use crate::job::{
-    Command as EngineCommand, JobState, Journal, JournalError, NewJob, Record, ResumeChoice, Spool, SpoolError,
-    read_journal,
+    Command as EngineCommand, EndOrder, JobState, Journal, JournalError, NewJob, Record, ResumeChoice, ResumeError,
+    Spool, SpoolError, read_journal,
 };
 use crate::link::message::{Capabilities, Urgent};
 use crate::random;
@@ -25,16 +25,23 @@ use crate::random;
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Change {
     /// Stop or abort it; one that has begun needs the machine for that.
-    End(EngineCommand),
+    End(EndOrder),
     /// Abort it though it cannot be given the machine.
     Close,
     /// Print an interrupted job further.
     Resume(ResumeChoice),
 }
 
-/// What the journal made of a change.
+/// What the journal made of a change, and what went wrong although it is carried out.
 #[derive(Debug)]
-pub(super) enum Settled {
+pub(super) struct Settled {
+    outcome: Outcome,
+    warning: Option<String>,
+}
+
+/// What becomes of a job that was changed.
+#[derive(Debug)]
+enum Outcome {
     /// The job is over, for that reason.
     Ended(JobState, String),
     /// It is taken up as soon as the machine is free.
@@ -42,12 +49,29 @@ pub(super) enum Settled {
 }
 
 /// How far an order came at once.
-enum Step {
+pub(super) enum Step {
     /// Done; the job's view is the answer.
     Done(u32),
+    /// The job's engine carries it out; its record is on the way to the disk.
+    Unwritten(u32, EndOrder),
+    /// An order for the job is being written already; this one comes next.
+    Next(u32),
     /// The journal must be asked or told first.
     Change(u32, Change),
 }
+
+/// An order that is being carried out and is answered once it is on disk.
+#[derive(Debug)]
+pub(super) struct Unwritten {
+    job: u32,
+    order: EndOrder,
+    reply: Reply,
+    /// A disk that takes longer than this keeps nobody waiting.
+    until_us: u64,
+}
+
+/// The slowest memory cards flush within a second; an operator who aborts is not kept waiting longer for a disk.
+const LONGEST_WRITE_US: u64 = 1_500_000;
 
 const ENDED: &str = "ended by the operator";
 const CLOSED: &str =
@@ -57,12 +81,17 @@ impl Printer {
     /// Carries an order out and answers it.
     pub(super) fn order(&mut self, order: Order) {
         let Order { command, reply } = order;
-        if self.shutting_down && matches!(command, Command::Submit(_) | Command::Resume { .. }) {
+        if self.shutting_down && matches!(command, Command::Submit(_) | Command::Resume { .. } | Command::Remove(_)) {
             let _ = reply.send(Err(CommandError::new(503, "the daemon is ending and begins nothing more")));
             return;
         }
         let step = match command {
             Command::Submit(submission) => return self.submit(submission, reply),
+            Command::Remove(id) => return self.remove(&id, reply),
+            Command::Raise => {
+                let _ = reply.send(self.raise());
+                return;
+            }
             Command::Pause(id) => self.steer(&id, EngineCommand::Pause),
             Command::Stop(id) => self.steer(&id, EngineCommand::Stop),
             Command::Resume { id, in_doubt } => self.resume(&id, in_doubt),
@@ -81,7 +110,17 @@ impl Printer {
         };
         let answer = match step {
             Ok(Step::Change(id, change)) => return self.change(id, change, reply),
-            Ok(Step::Done(id)) => self.view(id),
+            Ok(Step::Next(id)) => {
+                if let Some(job) = self.jobs.get_mut(id) {
+                    job.aborts.push(reply);
+                }
+                return;
+            }
+            Ok(Step::Unwritten(job, order)) => {
+                let until_us = self.clock.now_us() + LONGEST_WRITE_US;
+                return self.unwritten.push(Unwritten { job, order, reply, until_us });
+            }
+            Ok(Step::Done(id)) => self.view(id, None),
             Err(error) => Err(error),
         };
         // Whoever asked may have gone.
@@ -112,19 +151,24 @@ impl Printer {
             let is_next = self.jobs.ahead_of(id, self.holder()).is_none();
             let is_seen = jobs_ended == self.jobs_ended && !reply.is_closed() && is_next;
             if let Some(job) = self.jobs.get_mut(id) {
-                job.awaits_plate = self.part_in_vat || (self.setting.machine.confirm_plate && !is_seen);
+                job.awaits_plate = self.setting.machine.confirm_plate && !is_seen;
             }
             self.publish_job(id);
             id
         });
-        let _ = reply.send(answer.and_then(|id| self.view(id)));
+        let _ = reply.send(answer.and_then(|id| self.view(id, None)));
     }
 
     /// Pause, stop or abort.
     fn steer(&mut self, id: &str, command: EngineCommand) -> Result<Step, CommandError> {
         let id = self.find(id)?;
+        let end = match command {
+            EngineCommand::Abort => Some(EndOrder::Abort),
+            EngineCommand::Stop => Some(EndOrder::Stop),
+            EngineCommand::Pause | EngineCommand::Resume => None,
+        };
         if self.command_running(id, command)? {
-            return Ok(Step::Done(id));
+            return Ok(end.map_or(Step::Done(id), |order| Step::Unwritten(id, order)));
         }
         let (is_opening, holder) = (self.opening == Some(id), self.holder());
         let job = self.known(id)?;
@@ -134,29 +178,86 @@ impl Printer {
             EngineCommand::Stop => !state.is_final() && state != JobState::Aborting,
             EngineCommand::Pause | EngineCommand::Resume => false,
         };
-        if !ends {
-            return Err(wrong_state(id, state, command));
-        }
+        let Some(order) = end.filter(|_| ends) else { return Err(wrong_state(id, state, command)) };
         if is_opening {
             job.take_up = TakeUp::End(command);
             job.view.state = job.take_up.state_before(state);
         }
-        let is_abort = command == EngineCommand::Abort;
-        let comes_next = is_abort && job.ordered;
-        job.abort_ordered |= comes_next;
-        let has_begun = job.has_begun();
+        let is_abort = order == EndOrder::Abort;
+        let (comes_next, has_begun) = (is_abort && job.ordered, job.has_begun());
         if is_abort && has_begun && holder.is_none_or(|holder| holder == id) {
             // Its light first, before any disk is asked.
             self.send_urgent(Urgent::Abort);
         }
-        if is_opening || comes_next {
-            return Ok(Step::Done(id));
+        if is_opening {
+            return Ok(Step::Unwritten(id, order));
+        }
+        if comes_next {
+            return Ok(Step::Next(id));
         }
         if self.shutting_down {
             return Err(CommandError::new(503, "the daemon is ending; end the job when it runs again"));
         }
         self.waiting(id)?;
-        Ok(Step::Change(id, Change::End(command)))
+        Ok(Step::Change(id, Change::End(order)))
+    }
+
+    /// Answers the orders that engines carry out and that are on disk now, or never will be.
+    pub(super) fn answer_written(&mut self) {
+        let now_us = self.clock.now_us();
+        for order in std::mem::take(&mut self.unwritten) {
+            let id = order.job;
+            let is_late = order.until_us <= now_us;
+            let running = self.running.as_ref().filter(|running| running.job == id).map(|running| &running.engine);
+            let warning = match running {
+                // One that is ending already may end as a job that can go on.
+                Some(engine) if engine.order_unwritten() || engine.is_over() => is_late.then_some(SLOW),
+                Some(engine) => {
+                    let warning = engine.journal_failed().then_some(UNWRITTEN);
+                    self.answer(order, warning);
+                    continue;
+                }
+                None if self.opening == Some(id) => is_late.then_some(SLOW),
+                // It came when the job was ending already, as one that could go on.
+                None if self
+                    .jobs
+                    .get(id)
+                    .is_some_and(|job| job.view.state == JobState::Interrupted && !job.ordered) =>
+                {
+                    self.change(id, Change::End(order.order), order.reply);
+                    continue;
+                }
+                None => {
+                    self.answer(order, None);
+                    continue;
+                }
+            };
+            match warning {
+                Some(warning) => self.answer(order, Some(warning)),
+                None => self.unwritten.push(order),
+            }
+        }
+    }
+
+    /// Answers the orders for a job that is over and whose journal could not be written.
+    pub(super) fn answer_unwritten(&mut self, id: u32) {
+        for order in self.unwritten.extract_if(.., |order| order.job == id).collect::<Vec<_>>() {
+            self.answer(order, Some(UNWRITTEN));
+        }
+    }
+
+    fn answer(&mut self, order: Unwritten, warning: Option<&str>) {
+        if let Some(warning) = warning {
+            self.notice(format!("the order to {} job {} {warning}", order.order.verb(), order.job));
+        }
+        let answer = self.view(order.job, warning.map(|warning| format!("the order {warning}")));
+        // Whoever asked may have gone.
+        let _ = order.reply.send(answer);
+    }
+
+    /// The orders for a job that could not be opened: taken away to be answered otherwise.
+    pub(super) fn take_unwritten(&mut self, id: u32) -> Vec<Reply> {
+        self.unwritten.extract_if(.., |order| order.job == id).map(|order| order.reply).collect()
     }
 
     fn resume(&mut self, id: &str, in_doubt: Option<InDoubt>) -> Result<Step, CommandError> {
@@ -169,31 +270,23 @@ impl Printer {
             Some(InDoubt::Exposed) => ResumeChoice::AssumeExposed,
             Some(InDoubt::Repeat) => ResumeChoice::Repeat,
         };
+        let confirms = self.setting.machine.confirm_plate;
         let job = self.waiting(id)?;
-        let (state, awaits_plate) = (job.view.state, job.awaits_plate);
+        if let (Some(order), false) = (job.past.ordered, job.view.state.is_final()) {
+            return Err(refused(id, &ResumeError::Ordered(order)));
+        }
+        let (state, awaits_word) = (job.view.state, confirms || job.awaits_plate || !job.told.is_empty());
         match state {
-            JobState::Queued if awaits_plate || self.setting.machine.confirm_plate => self.plate_is_clear(id),
-            JobState::Interrupted => Ok(Step::Change(id, Change::Resume(choice))),
+            JobState::Queued if awaits_word => self.plate_is_clear(id),
+            JobState::Interrupted => {
+                if let (Some((why, _)), Some(layer), ResumeChoice::None) = (&job.doubt, job.view.in_doubt, choice) {
+                    return Err(refused(id, &ResumeError::InDoubt { layer, why: why.clone() }));
+                }
+                job.clear_told();
+                Ok(Step::Change(id, Change::Resume(choice)))
+            }
             state => Err(wrong_state(id, state, EngineCommand::Resume)),
         }
-    }
-
-    /// The operator's word for a queued job. It counts only once the job is next: whoever says it earlier cannot have looked.
-    fn plate_is_clear(&mut self, id: u32) -> Result<Step, CommandError> {
-        if let Some(ahead) = self.jobs.ahead_of(id, self.holder()) {
-            let text = format!("job {id} {ahead}; what is on the plate then is not known yet");
-            return Err(CommandError::new(409, text));
-        }
-        self.waiting(id)?.awaits_plate = false;
-        self.part_in_vat = false;
-        self.publish_job(id);
-        Ok(Step::Done(id))
-    }
-
-    /// A change ordered by an operator who has had the answer already.
-    pub(super) fn change_unasked(&mut self, id: u32, change: Change) {
-        let (reply, _) = tokio::sync::oneshot::channel();
-        self.change(id, change, reply);
     }
 
     /// Gives the order to the engine if the job is the running one; says whether it is.
@@ -207,13 +300,14 @@ impl Printer {
         running.command(command, now_us);
         let progress = running.engine.progress();
         if let Some(job) = self.jobs.get_mut(id) {
+            job.past.order(command);
             job.update(&progress);
         }
         Ok(true)
     }
 
     /// Asks or tells the journal of a job that does not hold the machine, in the background.
-    fn change(&mut self, id: u32, change: Change, reply: Reply) {
+    pub(super) fn change(&mut self, id: u32, change: Change, reply: Reply) {
         let Some(job) = self.jobs.get_mut(id) else {
             let _ = reply.send(Err(no_such_job(&id.to_string())));
             return;
@@ -221,28 +315,29 @@ impl Printer {
         job.ordered = true;
         let (journal, background) = (job.directory.journal(), self.background.clone());
         tokio::task::spawn_blocking(move || {
-            let result = settle_in_journal(&journal, change);
+            let result = settle_in_journal(id, &journal, change);
             let _ = background.blocking_send(Background::Changed { job: id, result, reply });
         });
     }
 
     /// The journal allows the change and says so, or not.
     pub(super) fn changed(&mut self, id: u32, result: Result<Settled, CommandError>, reply: Reply) {
-        let mut abort = false;
+        let mut aborts = Vec::new();
         if let Some(job) = self.jobs.get_mut(id) {
             job.ordered = false;
-            abort = std::mem::take(&mut job.abort_ordered) && !matches!(result, Ok(Settled::Ended(..)));
-            match &result {
-                Ok(Settled::Ended(state, reason)) => {
-                    let is_left = job.has_begun() && *state != JobState::Completed;
+            aborts = std::mem::take(&mut job.aborts);
+            match result.as_ref().map(|settled| &settled.outcome) {
+                Ok(Outcome::Ended(state, reason)) => {
                     self.jobs_ended += 1;
                     job.end(*state, Some(reason.clone()));
                     self.jobs.unqueue(id);
-                    if is_left {
-                        self.leave_part_in_vat();
-                    }
                 }
-                Ok(Settled::TakenUp(take_up)) => self.jobs.take_up(id, *take_up),
+                Ok(Outcome::TakenUp(take_up)) => {
+                    if let TakeUp::End(command) = take_up {
+                        job.past.order(*command);
+                    }
+                    self.jobs.take_up(id, *take_up);
+                }
                 Err(_) => {}
             }
         }
@@ -250,9 +345,18 @@ impl Printer {
         if let (Err(error), true) = (&result, reply.is_closed()) {
             self.notice(format!("an order for job {id} could not be carried out: {}", error.message));
         }
-        let _ = reply.send(result.and_then(|_| self.view(id)));
-        if abort {
-            self.change_unasked(id, Change::End(EngineCommand::Abort));
+        let is_over = matches!(&result, Ok(Settled { outcome: Outcome::Ended(..), .. }));
+        let _ = reply.send(result.and_then(|settled| self.view(id, settled.warning)));
+        for abort in aborts {
+            if is_over {
+                let _ = abort.send(self.view(id, None));
+            } else {
+                // The first writes it; those behind it come again as they came now.
+                match self.jobs.get_mut(id) {
+                    Some(job) if job.ordered => job.aborts.push(abort),
+                    _ => self.change(id, Change::End(EndOrder::Abort), abort),
+                }
+            }
         }
     }
 
@@ -261,7 +365,7 @@ impl Printer {
     }
 
     /// A job that no other order is being carried out on.
-    fn waiting(&mut self, id: u32) -> Result<&mut Job, CommandError> {
+    pub(super) fn waiting(&mut self, id: u32) -> Result<&mut Job, CommandError> {
         let job = self.known(id)?;
         if job.ordered {
             let text = format!("another order for job {id} is being carried out; look at it and try again");
@@ -270,13 +374,15 @@ impl Printer {
         Ok(job)
     }
 
-    fn find(&self, id: &str) -> Result<u32, CommandError> {
+    pub(super) fn find(&self, id: &str) -> Result<u32, CommandError> {
         let number = id.parse().ok().filter(|number| self.jobs.get(*number).is_some());
         number.ok_or_else(|| no_such_job(id))
     }
 
-    fn view(&self, id: u32) -> Result<JobView, CommandError> {
-        self.jobs.get(id).map(|job| job.view.clone()).ok_or_else(|| no_such_job(&id.to_string()))
+    /// A job as an order's answer, with what went wrong although it is carried out.
+    pub(super) fn view(&self, id: u32, warning: Option<String>) -> Result<Answer, CommandError> {
+        let job = self.jobs.get(id).ok_or_else(|| no_such_job(&id.to_string()))?;
+        Ok(JobView { warning, ..job.view.clone() }.into())
     }
 }
 
@@ -301,45 +407,57 @@ fn wrong_state(id: u32, state: JobState, command: EngineCommand) -> CommandError
     CommandError::new(409, format!("job {id} is {state} and cannot be {verb}"))
 }
 
+/// Why a job is not resumed, with its number.
+fn refused(id: u32, error: &ResumeError) -> CommandError {
+    CommandError::new(409, error.to_string().replace("JOB", &id.to_string()))
+}
+
+/// What is said of an order whose record is not on disk.
+const SLOW: &str =
+    "is being carried out, but the disk has not taken its record yet: after a crash now it must be given again";
+const UNWRITTEN: &str =
+    "is carried out, but its record could not be written: after a restart of the daemon it must be given again";
+
 fn no_such_job(id: &str) -> CommandError {
     CommandError::new(404, format!("there is no job `{id}`; `layerctl jobs` lists them"))
 }
 
-/// Checks a change against the job's journal and writes there what must be known after a crash. Blocks.
-fn settle_in_journal(path: &Path, change: Change) -> Result<Settled, CommandError> {
+/// Checks a change against the job's journal and writes there what must be known after a crash. An order to end is carried out
+/// whether or not that can be written. Blocks.
+fn settle_in_journal(id: u32, path: &Path, change: Change) -> Result<Settled, CommandError> {
+    let ended = |state, reason: String| Settled { outcome: Outcome::Ended(state, reason), warning: None };
     let unreadable = |error: JournalError| CommandError::new(500, error.to_string());
     let history = match read_journal(path) {
         Ok((_, history)) => history,
         // The operator must get rid of it; after a restart it comes back for as long as it cannot be read.
-        Err(error) if matches!(change, Change::End(EngineCommand::Abort)) => {
+        Err(error) if matches!(change, Change::End(EndOrder::Abort) | Change::Close) => {
             let reason = format!("{ENDED}, but {error}: the plate was not lifted; see to plate and light");
-            return Ok(Settled::Ended(JobState::Aborted, reason));
+            return Ok(ended(JobState::Aborted, reason));
         }
         Err(error) => return Err(unreadable(error)),
     };
     if history.state.is_final() {
         // It could not be read when the daemon started.
-        return Ok(Settled::Ended(history.state, history.reason));
+        return Ok(ended(history.state, history.reason));
     }
-    let (command, reason) = match change {
+    let write = |record| Journal::open(path).and_then(|(mut journal, _)| journal.append(record, unix_ms()));
+    let warning =
+        |written: Result<(), JournalError>| written.err().map(|error| format!("the order {UNWRITTEN} ({error})"));
+    let (order, reason) = match change {
         Change::Resume(choice) => {
-            history.start(choice).map_err(|error| CommandError::new(409, error.to_string()))?;
-            return Ok(Settled::TakenUp(TakeUp::Print(choice)));
+            history.start(choice).map_err(|error| refused(id, &error))?;
+            return Ok(Settled { outcome: Outcome::TakenUp(TakeUp::Print(choice)), warning: None });
         }
-        Change::End(command) if history.state != JobState::Queued => {
-            return Ok(Settled::TakenUp(TakeUp::End(command)));
+        Change::End(order) if history.state != JobState::Queued => {
+            let warning = warning(if history.ordered == Some(order) { Ok(()) } else { write(Record::Ordered(order)) });
+            return Ok(Settled { outcome: Outcome::TakenUp(TakeUp::End(order.into())), warning });
         }
-        Change::End(command) => (command, ENDED),
-        Change::Close => (EngineCommand::Abort, CLOSED),
+        Change::End(order) => (order, ENDED),
+        Change::Close => (EndOrder::Abort, CLOSED),
     };
-    let state = if command == EngineCommand::Abort { JobState::Aborted } else { JobState::Stopped };
-    let ended = Record::Ended { state, reason: reason.into() };
-    let written = Journal::open(path).and_then(|(mut journal, _)| journal.append(ended, unix_ms()));
-    match (written, change) {
-        (Ok(()), _) => Ok(Settled::Ended(state, reason.into())),
-        (Err(error), Change::Close) => Ok(Settled::Ended(state, format!("{reason}. A restart forgets this: {error}"))),
-        (Err(error), _) => Err(CommandError::new(507, error.to_string())),
-    }
+    let state = if order == EndOrder::Abort { JobState::Aborted } else { JobState::Stopped };
+    let warning = warning(write(Record::Ended { state, reason: reason.into() }));
+    Ok(Settled { outcome: Outcome::Ended(state, reason.into()), warning })
 }
 
 /// Checks that the connected device can print the new job; without one that is left to the job's beginning.
@@ -396,11 +514,24 @@ fn accept(
     // A panic elsewhere leaves the spool as it was: jobs appear whole or not at all.
     let spool = spool.lock().unwrap_or_else(PoisonError::into_inner);
     spool.check_space(0).map_err(|error| spool_error(&error))?;
-    let (directory, _journal) = spool.create(job).map_err(|error| spool_error(&error))?;
+    let (directory, journal) = spool.create(job).map_err(|error| spool_error(&error))?;
+    if !journal.is_reserved() {
+        tracing::warn!(
+            job = directory.id,
+            "the spool's file system sets no room aside (fallocate): a full disk can keep the job's end from being written"
+        );
+    }
     Ok(Job::accepted(directory, key, layer_count, submission.name.clone(), recipe.name))
 }
 
 fn spool_error(error: &SpoolError) -> CommandError {
-    let status = if matches!(error, SpoolError::NoSpace { .. }) { 507 } else { 500 };
+    let is_full = match error {
+        SpoolError::NoSpace { .. } => true,
+        SpoolError::Io { source, .. } | SpoolError::Journal(JournalError::Io { source, .. }) => {
+            source.kind() == std::io::ErrorKind::StorageFull
+        }
+        _ => false,
+    };
+    let status = if is_full { 507 } else { 500 };
     CommandError::new(status, error.to_string())
 }

@@ -1,6 +1,6 @@
 //! What is known of a job's light and plate, from its journal and its engine: it outlives the engine, and a crash.
 
-use crate::job::{EndOrder, Engine, History, PlateAfter, Trace, Unconfirmed};
+use crate::job::{Command, EndOrder, Engine, History, PlateAfter, Trace, Unconfirmed};
 
 /// A job's light and plate so far.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -32,6 +32,15 @@ impl Past {
         self.touched = engine.touched();
         self.lifted = !engine.progress().part_in_vat;
         self.unconfirmed = engine.unconfirmed();
+    }
+
+    /// Notes an order to end.
+    pub(super) fn order(&mut self, command: Command) {
+        self.ordered = match command {
+            Command::Abort => Some(EndOrder::Abort),
+            Command::Stop => self.ordered.or(Some(EndOrder::Stop)),
+            Command::Pause | Command::Resume => self.ordered,
+        };
     }
 
     /// What it tells about the plate after it.

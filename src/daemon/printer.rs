@@ -13,19 +13,19 @@ use super::api::{DeviceView, Event as News, LayerExposed};
 use super::background::Background;
 use super::clock::Clock;
 use super::faults::FaultNews;
-use super::handle::Desk;
+use super::handle::{CommandError, Desk};
 use super::idle::Idle;
 use super::jobs::{Jobs, TakeUp};
 use super::line::Line;
 use super::opened::{Opened, Unopened};
-use super::orders::Change;
+use super::orders::{Change, Unwritten};
 use super::part::EncodedLayer;
 use super::running::{Running, Task};
 use super::setting::Setting;
 use super::{notify, view};
 use crate::device::DlpDriver;
 use crate::job::{Command, Event, JobState, Progress, Spool};
-use crate::link::message::{Capabilities, HostMessage, Request, Urgent};
+use crate::link::message::{Capabilities, DeviceState, HostMessage, Request, Urgent};
 use crate::stream::{Finished, MemoryBudget};
 
 /// Ends from the background that may wait; what more ends waits with its thread: nobody gives so many orders at once.
@@ -47,7 +47,7 @@ pub(super) struct Printer {
     /// The job being opened.
     pub(super) opening: Option<u32>,
     /// The last job's memory is still being given back.
-    releasing: bool,
+    pub(super) releasing: bool,
     pub(super) background: mpsc::Sender<Background>,
     finished_background: mpsc::Receiver<Background>,
     pub(super) link: Line,
@@ -55,6 +55,10 @@ pub(super) struct Printer {
     pub(super) idle: Idle,
     pub(super) device: DeviceView,
     pub(super) faults: FaultNews,
+    /// The device as last heard of in this session; `None` without one.
+    pub(super) device_state: Option<DeviceState>,
+    /// Orders answered once they are on disk: at most a few, each leaves within a second or two.
+    pub(super) unwritten: Vec<Unwritten>,
     /// A message the driver gave and the line has no room for yet.
     pub(super) message: Option<HostMessage>,
     /// Number of the abort sent last that no device has answered.
@@ -62,8 +66,6 @@ pub(super) struct Printer {
     last_progress: Option<Progress>,
     /// See [`super::handle::Snapshot::jobs_ended`].
     pub(super) jobs_ended: u64,
-    /// The last job ended with its part in the vat; no job begins without a word that the plate is clear.
-    pub(super) part_in_vat: bool,
     /// Sessions begun because the one before was lost.
     pub(super) reconnects: u64,
     pub(super) shutting_down: bool,
@@ -80,7 +82,6 @@ impl Printer {
         link: Line,
     ) -> Self {
         let (background, finished_background) = mpsc::channel(BACKGROUND_EVENTS);
-        let part_in_vat = jobs.ended_unknown();
         Self {
             setting,
             spool: Arc::new(Mutex::new(spool)),
@@ -98,11 +99,12 @@ impl Printer {
             idle: Idle::default(),
             device: DeviceView::default(),
             faults: FaultNews::default(),
+            device_state: None,
+            unwritten: Vec::new(),
             message: None,
             last_abort: None,
             last_progress: None,
             jobs_ended: 0,
-            part_in_vat,
             reconnects: 0,
             shutting_down: false,
         }
@@ -199,6 +201,7 @@ impl Printer {
     /// Carries out what the engine wants, starts the next job where none runs, and tells what changed.
     fn settle(&mut self) {
         let now_us = self.clock.now_us();
+        self.answer_written();
         while let Some(task) = self.running.as_mut().and_then(|running| running.next_task(&self.budget, now_us)) {
             match task {
                 Task::Urgent(urgent) => self.send_urgent(urgent),
@@ -212,7 +215,7 @@ impl Printer {
             let piece_bytes = self.link.piece_bytes();
             self.message = self.driver().and_then(|driver| driver.next_message(piece_bytes, now_us));
         }
-        if self.is_idle() && !self.shutting_down {
+        if self.is_idle() && !self.shutting_down && self.idle.raise.is_none() {
             self.open_next();
         }
     }
@@ -253,7 +256,14 @@ impl Printer {
     }
 
     fn open_next(&mut self) {
-        let Some(id) = self.jobs.take_next(self.setting.machine.confirm_plate) else { return };
+        let Some(job) = self.jobs.next() else { return };
+        let waits_for_word =
+            || job.needs_bare_plate() && !self.unknown_signs(job, self.device_state.as_ref()).is_empty();
+        if job.awaits_plate || (job.awaits_device && !self.device.connected) || waits_for_word() {
+            return;
+        }
+        let id = job.directory.id;
+        self.jobs.take(id, self.setting.machine.confirm_plate);
         let Some(job) = self.jobs.get_mut(id) else { return };
         let (directory, take_up, has_begun) = (job.directory.clone(), job.take_up, job.has_begun());
         job.view.state = take_up.state_before(JobState::Checking);
@@ -282,6 +292,7 @@ impl Printer {
             Background::Opened { job, result } => self.opened(job, result, now_us),
             Background::Accepted { result, jobs_ended, reply } => self.accepted(result, jobs_ended, reply),
             Background::Changed { job, result, reply } => self.changed(job, result, reply),
+            Background::Removed { job, result, reply } => self.removed(job, result, reply),
             Background::Released { forgotten } => {
                 self.releasing = false;
                 match forgotten {
@@ -318,18 +329,20 @@ impl Printer {
             }
             Err(Unopened { text, state }) => {
                 self.notice(format!("job {id} cannot be printed: {text}"));
-                let mut has_begun = false;
                 if let Some(job) = self.jobs.get_mut(id) {
-                    has_begun = job.has_begun();
-                    job.end(state, Some(text));
+                    job.end(state, Some(text.clone()));
                 }
                 self.jobs_ended += 1;
-                if has_begun {
-                    self.leave_part_in_vat();
-                }
                 self.publish_job(id);
+                let mut replies = self.take_unwritten(id);
                 if let (Some(Command::Abort), JobState::Interrupted) = (end, state) {
-                    self.change_unasked(id, Change::Close);
+                    let reply = replies.pop().unwrap_or_else(|| tokio::sync::oneshot::channel().0);
+                    self.change(id, Change::Close, reply);
+                }
+                for reply in replies {
+                    let failed = || CommandError::new(409, format!("job {id} could not be taken up: {text}"));
+                    // Whoever asked may have gone.
+                    let _ = reply.send(if state.is_final() { self.view(id, None) } else { Err(failed()) });
                 }
             }
         }
@@ -339,18 +352,24 @@ impl Printer {
     fn finish(&mut self) {
         self.tell_progress();
         let Some(running) = self.running.take() else { return };
-        self.message = None;
-        self.last_progress = None;
+        self.forget_progress();
         let id = running.job;
+        let mut again = None;
         if let Some(job) = self.jobs.get_mut(id) {
             job.past.update(&running.engine);
+            // An order to end that the device was not there for.
+            again = job.past.ordered.filter(|_| job.view.state == JobState::Interrupted && !self.device.connected);
+        }
+        if running.engine.journal_failed() && self.jobs.get(id).is_some_and(|job| job.view.state.is_final()) {
+            self.answer_unwritten(id);
         }
         self.jobs_ended += 1;
-        self.part_in_vat = false;
-        if running.engine.progress().part_in_vat {
-            self.leave_part_in_vat();
-        }
+        // Of before the job's last moves.
+        self.device_state = None;
         tracing::info!(job = id, state = %self.jobs.get(id).map_or(JobState::Failed, |job| job.view.state), "job ended");
+        if let Some(order) = again {
+            self.jobs.end_later(id, order);
+        }
         self.idle = Idle::after(running.engine.light().clone());
         self.link.reconnect();
         self.releasing = true;
@@ -367,10 +386,10 @@ impl Printer {
         self.publish();
     }
 
-    /// A job ended without its plate lifted, or nobody knows: whatever comes next waits for a word.
-    pub(super) fn leave_part_in_vat(&mut self) {
-        self.part_in_vat = true;
-        self.jobs.await_plate();
+    /// What was told of the job that runs no more.
+    pub(super) fn forget_progress(&mut self) {
+        self.message = None;
+        self.last_progress = None;
     }
 
     fn heartbeat(&mut self) {
@@ -414,7 +433,7 @@ impl Printer {
 
     /// Writes what subscribers and `status` read.
     pub(super) fn publish(&mut self) {
-        for id in self.jobs.explain(self.holder()) {
+        for id in self.explain_queue() {
             if let Some(job) = self.jobs.get(id) {
                 let _ = self.desk.events.send(News::Job(Box::new(job.view.clone())));
             }

@@ -52,7 +52,7 @@ async fn serve(setting: Setting) -> anyhow::Result<()> {
     let mut interrupt = signal(SignalKind::interrupt())?;
     let spool = Spool::open(&setting.config.spool)?;
     let incoming = spool.incoming();
-    let jobs = Jobs::load(spool.jobs()?, setting.machine.confirm_plate);
+    let jobs = Jobs::load(spool.jobs()?, spool.forgotten()?, setting.machine.confirm_plate);
     let listener = server::bind(&setting.config.socket).await?;
     let budget = MemoryBudget::new(setting.config.memory_budget);
     let (handle, desk) = handle::channel(first_snapshot(&setting, &jobs));

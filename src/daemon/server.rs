@@ -172,9 +172,10 @@ fn router(shared: Arc<Shared>) -> Router {
     Router::new()
         .route("/v1/status", get(status))
         .route("/v1/jobs", get(jobs).post(submit))
-        .route("/v1/jobs/{id}", get(job))
+        .route("/v1/jobs/{id}", get(job).delete(remove))
         .route("/v1/jobs/{id}/{order}", post(order_job))
         .route("/v1/abort", post(abort))
+        .route("/v1/raise", post(raise))
         .route("/v1/device", get(device))
         .route("/v1/events", get(events))
         .fallback(no_such_path)
@@ -241,6 +242,14 @@ async fn order_job(State(shared): App, UrlPath((id, order)): UrlPath<(String, St
 
 async fn abort(State(shared): App) -> Answer {
     Ok(Json(shared.handle.order(Command::Abort(None)).await?).into_response())
+}
+
+async fn remove(State(shared): App, UrlPath(id): UrlPath<String>) -> Answer {
+    Ok(Json(shared.handle.order(Command::Remove(id)).await?).into_response())
+}
+
+async fn raise(State(shared): App) -> Answer {
+    Ok(Json(shared.handle.order(Command::Raise).await?).into_response())
 }
 
 async fn resume_body(request: Request) -> Result<ResumeBody, CommandError> {

@@ -19,14 +19,17 @@ impl Printer {
                 view::device_connected(&mut self.device, &capabilities, &state, &self.jobs);
                 self.compare(&capabilities);
                 self.faults.connected();
+                self.capabilities = Some(capabilities.clone());
+                self.device_state = Some(state.clone());
+                let may_begin = self.plate_allows(&state, now_us);
                 match &mut self.running {
-                    Some(running) => running.connected(&capabilities, &state, now_us),
+                    Some(running) if may_begin => running.connected(&capabilities, &state, now_us),
+                    Some(_) => {}
                     None => {
                         self.idle.driver = Some(DlpDriver::new(0));
-                        self.watch_light(&state, now_us);
+                        self.idle_state(&state, now_us);
                     }
                 }
-                self.capabilities = Some(capabilities);
                 self.link_changed(LinkState::Connected, None);
             }
             LinkEvent::Session(HostEvent::Message(message)) => self.message(message, now_us),
@@ -73,6 +76,9 @@ impl Printer {
         let holder = self.holder();
         view::device_told(&mut self.device, &event, &self.jobs, holder);
         let is_state = matches!(event, DriverEvent::StateKnown { .. });
+        if let DriverEvent::StateKnown { state, .. } = &event {
+            self.device_state = Some(state.clone());
+        }
         match &mut self.running {
             Some(running) => running.driver_event(event, now_us),
             None => self.idle_event(event, now_us),
@@ -146,6 +152,8 @@ impl Printer {
     fn lost(&mut self, reason: String, now_us: u64) {
         self.message = None;
         self.idle.driver = None;
+        self.device_state = None;
+        self.raise_lost(&reason);
         self.reconnects += u64::from(std::mem::take(&mut self.device.connected));
         self.with_engine(|running| running.line_lost(reason.clone(), now_us));
         let state = if self.capabilities.is_some() { LinkState::Lost } else { LinkState::Connecting };

@@ -62,7 +62,7 @@ const SECOND_US: u64 = 1_000_000;
 /// time to walk to the machine, and resin left longer under a plate at rest does it no good.
 const RECONNECT_US: u64 = 60 * SECOND_US;
 /// What an act may take beyond its computed time: ramps, a busy line, one repair by the link (at most 5 s).
-const ACT_MARGIN_US: u64 = 15 * SECOND_US;
+pub const ACT_MARGIN_US: u64 = 15 * SECOND_US;
 /// A layer that takes ten minutes to compute will not come.
 const LATE_LIMIT_US: u64 = 600 * SECOND_US;
 /// A device that breaks the protocol so many times without one layer printed in between will do so again.
@@ -284,6 +284,8 @@ impl Engine {
             }
             // Whether the device is dark, its state tells: it is asked, or asked again and again where it must be.
             Event::UrgentDone | Event::UrgentFailed(_) => self.light.put_off_answered(),
+            Event::PlateClear { boot_id, traces } => self.out.journal(Record::PlateClear { boot_id, traces }),
+            Event::PlateUnclear(text) => self.end_unparked(text),
             Event::Fault(fault) => self.on_fault(fault.as_ref(), now_us),
             Event::Command(command) => self.command(command, now_us),
             Event::Shutdown => self.shutdown(now_us),
@@ -338,6 +340,21 @@ impl Engine {
     /// Whether light may ever have fallen for this job, so that what hangs on the plate is its own part.
     pub fn touched(&self) -> bool {
         self.touched
+    }
+
+    /// Whether it is to print and has had no light: it would move the plate down, and nothing of its own hangs there.
+    pub fn goes_down_bare(&self) -> bool {
+        !self.touched && !self.aborting && !self.is_over() && matches!(self.intent, Intent::Print | Intent::Pause)
+    }
+
+    /// Whether the job's end is decided and only its record is missing, if that.
+    pub fn is_over(&self) -> bool {
+        matches!(self.phase, Phase::Ending | Phase::Done)
+    }
+
+    /// Whether it has begun: a device and the part were there, and acts may have been commanded.
+    pub fn has_begun(&self) -> bool {
+        self.phase != Phase::Checking
     }
 
     /// The layer that was commanded and neither confirmed nor denied.

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::{JobState, Record};
+use super::{JobState, Record, Trace};
 use crate::device::{Act, Outcome};
 use crate::link::message::{DeviceState, Fault, Refusal, Urgent};
 
@@ -20,6 +20,16 @@ pub enum Event {
         /// Highest plate position of the device ([`crate::link::message::Capabilities::max_position_um`]).
         max_position_um: i32,
     },
+    /// Before [`Event::Connected`], for a job without light: nothing hangs on this device's plate, or the operator knows of it.
+    PlateClear {
+        /// The start of the device.
+        boot_id: u32,
+        /// What it shows of exposures that only the operator knows of.
+        traces: Vec<Trace>,
+    },
+    /// In place of [`Event::Connected`], for a job without light that has begun: something may hang on this device's plate. The
+    /// job is interrupted; nothing is moved.
+    PlateUnclear(String),
     /// The session is lost; a new one is being tried.
     LineLost(String),
     /// The device broke the protocol: it did not answer in time, or its answer makes no sense.

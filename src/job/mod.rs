@@ -4,16 +4,20 @@
 
 mod engine;
 mod event;
+mod fate;
 mod journal;
 mod plan;
 mod record;
 mod spool;
 mod state;
 
-pub use engine::Engine;
+pub use engine::{ACT_MARGIN_US, Engine};
 pub use event::{Action, Command, Event, Progress};
+pub use fate::{Fate, fate};
 pub use journal::{Entry, Journal, JournalError, read_journal};
 pub use plan::JobPlan;
 pub use record::{Contradiction, EndOrder, History, Record, ResumeChoice, ResumeError, StartPoint, Trace, Unconfirmed};
-pub use spool::{Forgotten, JobDirectory, MOST_PARTS, MOST_RECORDS, NewJob, PlateAfter, Spool, SpoolError};
+pub use spool::{
+    Forgotten, JobDirectory, MOST_FORGOTTEN, MOST_PARTS, MOST_RECORDS, NewJob, PlateAfter, Spool, SpoolError,
+};
 pub use state::JobState;

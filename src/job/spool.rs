@@ -32,7 +32,7 @@ pub const MOST_RECORDS: usize = 100;
 pub const MOST_PARTS: usize = 10;
 /// Removed jobs that are remembered by key. A device speaks of the last layer it exposed and of the last it cut short; the
 /// latter may lie many jobs back.
-const MOST_FORGOTTEN: usize = 1000;
+pub const MOST_FORGOTTEN: usize = 1000;
 
 const PART: &str = "part.layerd";
 const RECIPE: &str = "recipe.toml";

@@ -297,6 +297,36 @@ impl Drop for Bench {
     }
 }
 
+/// A file system of its own, small enough to fill.
+pub(crate) struct SmallDisk(PathBuf);
+
+impl SmallDisk {
+    /// Mounts 40 MiB; `None` where that takes more rights.
+    pub(crate) fn mount(at: &Path) -> Option<Self> {
+        let mount = Command::new("mount").args(["-t", "tmpfs", "-o", "size=40m", "tmpfs"]).arg(at).output().ok()?;
+        mount.status.success().then(|| Self(at.into()))
+    }
+
+    /// Leaves no byte free.
+    pub(crate) fn fill(&self) {
+        let filler = fs::File::create(self.0.join("filler")).expect("filler");
+        let mut writer = &filler;
+        while std::io::Write::write_all(&mut writer, &[0; 4096]).is_ok() {}
+    }
+
+    /// Gives the room back.
+    pub(crate) fn empty(&self) {
+        fs::remove_file(self.0.join("filler")).expect("removed");
+    }
+}
+
+impl Drop for SmallDisk {
+    fn drop(&mut self) {
+        // Lazily: the daemon may still hold files there when a test fails.
+        let _ = Command::new("umount").arg("-l").arg(&self.0).status();
+    }
+}
+
 /// Sends a signal by name.
 pub(crate) fn signal(pid: u32, name: &str) {
     // The shell's own kill: the program is in a package that a small system lacks.

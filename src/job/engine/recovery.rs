@@ -3,7 +3,7 @@
 use super::{Engine, Intent, MOST_MISBEHAVIOURS, Phase, RECONNECT_US, SECOND_US};
 use crate::deadline::Deadline;
 use crate::device::Light;
-use crate::job::{JobState, Record, ResumeChoice};
+use crate::job::{Fate, JobState, Record, ResumeChoice, fate};
 use crate::link::message::{DeviceState, ExposureId};
 
 /// How often the device is asked while it still moves or exposes.
@@ -15,13 +15,6 @@ const MOST_LOSSES: u32 = 20;
 
 /// A reason this long gets no further ones added: it goes into the journal, whose records are limited.
 const LONGEST_REASON_BYTES: usize = 1000;
-
-/// What became of a layer that was commanded.
-enum Fate {
-    Exposed,
-    NotExposed,
-    Unknown(String),
-}
 
 impl Engine {
     pub(super) fn on_connected(&mut self, state: DeviceState, max_position_um: i32, now_us: u64) {
@@ -211,7 +204,7 @@ impl Engine {
         // It was said of this layer, as it is now, and of no later one.
         let choice = std::mem::take(&mut self.choice);
         if self.unconfirmed.is_some() || self.in_doubt.is_some() {
-            match self.fate(shone) {
+            match fate(self.exposure_id(), self.unconfirmed, shone, &self.device) {
                 Fate::Exposed => return self.confirm(None, now_us),
                 Fate::NotExposed => self.deny(),
                 Fate::Unknown(why) => return self.settle_doubt(choice, &why, now_us),
@@ -227,28 +220,6 @@ impl Engine {
             return self.wind_down_at_rest(JobState::Failed, text, now_us);
         }
         self.advance(now_us);
-    }
-
-    /// What the device's state says about the layer commanded; `shone` where it was seen being exposed.
-    fn fate(&self, shone: bool) -> Fate {
-        let id = self.exposure_id();
-        if self.device.last_exposed == Some(id) {
-            return Fate::Exposed;
-        }
-        if let Some((_, light_ms)) = self.device.cut_short.filter(|(cut, _)| *cut == id) {
-            return Fate::Unknown(format!("its light was cut short after {light_ms} ms"));
-        }
-        if self.device.last_exposed.is_some_and(|last| last.job == id.job && last.layer > id.layer) {
-            return Fate::Unknown("the device says it exposed a later layer".into());
-        }
-        match self.unconfirmed {
-            Some(commanded) if commanded.boot_id == self.device.boot_id && shone => {
-                Fate::Unknown("the device exposed it and does not say how that ended".into())
-            }
-            Some(commanded) if commanded.boot_id == self.device.boot_id => Fate::NotExposed,
-            Some(_) => Fate::Unknown("the device was reset between the command and its end".into()),
-            None => Fate::Unknown("the device does not know either".into()),
-        }
     }
 
     /// Only the operator can tell; perhaps they did already.

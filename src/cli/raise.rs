@@ -1,0 +1,33 @@
+//! `layerctl raise`.
+
+use clap::Args;
+
+use super::client::Client;
+use super::{block_on, print, print_json};
+
+/// Lift the plate clear of the resin while no job runs.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  layerctl raise
+  layerctl device           tells where the plate is, and whether it moves
+
+The plate moves up to the machine's clear_height_um, never down. A job that prints is paused or stopped instead. It does not
+count as a word that the plate is clear: a part may still hang there.")]
+pub(super) struct RaiseArgs {
+    /// Print from_um and to_um as one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(args: &RaiseArgs) -> anyhow::Result<()> {
+    let raise = block_on(async { Ok(Client::from_environment().raise().await?) })?;
+    if args.json {
+        return print_json(&raise);
+    }
+    let [from_mm, to_mm] = [raise.from_um, raise.to_um].map(|um| f64::from(um) / 1000.0);
+    if raise.from_um == raise.to_um {
+        return print(&format!("the plate is clear already, {to_mm} mm above the vat"));
+    }
+    print(&format!("the plate goes up from {from_mm} mm to {to_mm} mm above the vat"))
+}

@@ -1,0 +1,33 @@
+//! A layer that an interrupted job commanded and that nobody confirmed: the device is asked as soon as it answers, so that the
+//! operator hears of a doubt before the job goes on.
+
+use super::printer::Printer;
+use crate::job::{Fate, Unconfirmed, fate};
+use crate::link::message::{DeviceState, ExposureId};
+
+impl Printer {
+    /// The device told its state while no job runs.
+    pub(super) fn look_at_doubt(&mut self, state: &DeviceState) {
+        if state.light_on || state.exposing.is_some() {
+            // It is not over; a later state tells how it ended.
+            return;
+        }
+        let Some((id, exposure, commanded)) = self.open_exposure() else { return };
+        let layer = exposure.layer;
+        let why = match fate(exposure, Some(commanded), self.idle.light.has_shone(exposure), state) {
+            Fate::Unknown(why) => Some(why),
+            Fate::Exposed | Fate::NotExposed => None,
+        };
+        if self.jobs.get_mut(id).is_some_and(|job| job.set_doubt(layer, why)) {
+            self.publish_job(id);
+        }
+    }
+
+    /// The exposure whose end nobody confirmed, and its job.
+    pub(super) fn open_exposure(&self) -> Option<(u32, ExposureId, Unconfirmed)> {
+        let id = self.jobs.interrupted()?;
+        let job = self.jobs.get(id)?;
+        let commanded = job.past.unconfirmed?;
+        Some((id, ExposureId { job: job.key, layer: commanded.layer }, commanded))
+    }
+}

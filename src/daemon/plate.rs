@@ -1,0 +1,259 @@
+//! What may hang on the plate or lie in the vat that no record here accounts for, and the operator's word that it is gone.
+//!
+//! A job that has had no light of its own would drive the plate down: at its first approach, or while homing. Whatever the
+//! device or the spool shows of an earlier part must be accounted for before: by a record that its plate was lifted, or by the
+//! operator, who is told each sign by name and answers with `layerctl resume JOB`. A part whose plate was lifted is the
+//! operator's affair as ever: they take it off before they start the next job, or say so where that one waited in the queue.
+
+use std::fmt;
+
+use super::background::Background;
+use super::handle::CommandError;
+use super::idle::Idle;
+use super::jobs::{Account, Job, TakeUp};
+use super::orders::Step;
+use super::printer::Printer;
+use crate::job::{Event, Trace};
+use crate::link::message::{DeviceState, ExposureId};
+
+/// How far below the clear height a plate still counts as clear, micrometres: axes report positions to some ten micrometres.
+pub(super) const CLEAR_TOLERANCE_UM: i32 = 100;
+
+/// How the device shows an exposure.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Seen {
+    LastExposed,
+    CutShort,
+    Exposing,
+    InSlot,
+}
+
+/// Something that may be on the plate or in the vat.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Sign {
+    /// The device shows an exposure that no journal here accounts for.
+    Exposure {
+        /// What it shows.
+        trace: Trace,
+        /// How.
+        seen: Seen,
+        /// The job whose journal knows nothing of it; `None` where no job here has that key.
+        job: Option<u32>,
+    },
+    /// The plate is not clear of the resin.
+    Low {
+        /// Where it is.
+        position_um: i32,
+        /// Where it would be clear.
+        clear_um: i32,
+        /// The start of the device.
+        boot_id: u32,
+    },
+    /// A job of this spool ended, and no record says that its plate was lifted.
+    Left {
+        /// The job.
+        job: u32,
+        /// Names its exposures.
+        key: u64,
+    },
+}
+
+impl Sign {
+    /// Whether the operator, who knows of `known`, knows of this as well; `state` is what the device showed.
+    fn is_known(&self, known: &[Self], state: Option<&DeviceState>) -> bool {
+        known.iter().any(|known| match (self, known) {
+            (Self::Exposure { trace, .. }, Self::Exposure { trace: known, .. }) => trace == known,
+            (Self::Low { boot_id, .. }, Self::Low { boot_id: known, .. }) => boot_id == known,
+            // Whoever knows that a part was left in the vat knows that the plate is low, on the device that printed it.
+            (Self::Low { .. }, Self::Left { key, .. }) => state.is_some_and(|state| {
+                let cut = state.cut_short.map(|(id, _)| id);
+                state.last_exposed.into_iter().chain(cut).any(|id| id.job == *key)
+            }),
+            (Self::Left { job, .. }, Self::Left { job: known, .. }) => job == known,
+            _ => false,
+        })
+    }
+}
+
+impl fmt::Display for Sign {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Exposure { trace: Trace::Lit { layer, .. } | Trace::Held { layer, .. }, seen, job } => {
+                match seen {
+                    Seen::LastExposed => write!(f, "the device last exposed layer {layer}")?,
+                    Seen::CutShort => write!(f, "the device cut the light of layer {layer} short")?,
+                    Seen::Exposing => write!(f, "the device is exposing layer {layer}")?,
+                    Seen::InSlot => write!(f, "the device holds layer {layer}")?,
+                }
+                match job {
+                    Some(job) => write!(f, " of job {job}, whose journal knows nothing of it"),
+                    None => write!(f, " of a job this spool does not know"),
+                }
+            }
+            Self::Low { position_um, clear_um, .. } => write!(
+                f,
+                "the plate is {} mm above the vat, below the clear height of {} mm (`layerctl raise` lifts it)",
+                f64::from(*position_um) / 1000.0,
+                f64::from(*clear_um) / 1000.0
+            ),
+            Self::Left { job, .. } => write!(f, "no record says that the plate was lifted at the end of job {job}"),
+        }
+    }
+}
+
+/// Signs as one text, with what to do.
+pub(super) fn text(signs: &[Sign], job: u32) -> String {
+    let signs: Vec<_> = signs.iter().map(ToString::to_string).collect();
+    format!(
+        "waits for a clear plate: {}. Look at plate and vat, take out what is there, then `layerctl resume {job}`",
+        signs.join("; ")
+    )
+}
+
+/// What a device shows of exposures.
+fn traces(state: &DeviceState) -> Vec<(Trace, Seen)> {
+    let lit = |id: ExposureId| Trace::Lit { job: id.job, layer: id.layer };
+    let held = |id: ExposureId| Trace::Held { job: id.job, layer: id.layer };
+    let slots = state.slots.iter().flatten().map(|id| (held(*id), Seen::InSlot));
+    let shown = [
+        (state.exposing, Seen::Exposing),
+        (state.last_exposed, Seen::LastExposed),
+        (state.cut_short.map(|(id, _)| id), Seen::CutShort),
+    ];
+    shown.into_iter().filter_map(|(id, seen)| Some((lit(id?), seen))).chain(slots).collect()
+}
+
+impl Printer {
+    /// What the operator must still be asked before this job, which has had no light, may move the plate down. `state` is the
+    /// device as last heard of in this session.
+    pub(super) fn unknown_signs(&self, job: &Job, state: Option<&DeviceState>) -> Vec<Sign> {
+        let mut signs: Vec<_> = self.jobs.left().map(|(job, key)| Sign::Left { job, key }).into_iter().collect();
+        if let Some(state) = state {
+            let unaccounted = |(trace, seen): (Trace, Seen)| match self.jobs.account(trace, job.directory.id) {
+                Account::Known => None,
+                Account::NotOf(job) => Some(Sign::Exposure { trace, seen, job: Some(job) }),
+                Account::Foreign => Some(Sign::Exposure { trace, seen, job: None }),
+            };
+            signs.extend(traces(state).into_iter().filter_map(unaccounted));
+            signs.extend(self.low_plate(state));
+        }
+        signs.retain(|sign| !sign.is_known(&job.cleared, state));
+        signs
+    }
+
+    fn low_plate(&self, state: &DeviceState) -> Option<Sign> {
+        let position_um = state.position_um?;
+        let clear_um = self.clear_um();
+        let is_own = self.jobs.bare_on() == Some(state.boot_id);
+        (position_um < clear_um - CLEAR_TOLERANCE_UM && !is_own).then_some(Sign::Low {
+            position_um,
+            clear_um,
+            boot_id: state.boot_id,
+        })
+    }
+
+    /// Where the plate is clear of the resin, as far as the device goes up, micrometres.
+    pub(super) fn clear_um(&self) -> i32 {
+        // `as` saturates; the configuration allows two metres.
+        let clear_um = self.setting.machine.clear_height_um.ceil() as i32;
+        self.capabilities.as_ref().map_or(clear_um, |capabilities| clear_um.min(capabilities.max_position_um))
+    }
+
+    /// Tells each queued job what it waits for; returns those where that changed.
+    pub(super) fn explain_queue(&mut self) -> Vec<u32> {
+        // While a job runs nobody can tell what the next one finds.
+        let next = self.jobs.next().filter(|job| job.needs_bare_plate() && self.holder().is_none());
+        let told = next.map(|job| (job.directory.id, self.unknown_signs(job, self.device_state.as_ref())));
+        if let Some((id, signs)) = told
+            && let Some(job) = self.jobs.get_mut(id)
+        {
+            job.told = signs;
+        }
+        self.jobs.explain(self.holder())
+    }
+
+    /// The operator's word for a queued job. It counts only once the job is next: whoever says it earlier cannot have looked.
+    pub(super) fn plate_is_clear(&mut self, id: u32) -> Result<Step, CommandError> {
+        if let Some(ahead) = self.jobs.ahead_of(id, self.holder()) {
+            let text = format!("job {id} {ahead}; what is on the plate then is not known yet");
+            return Err(CommandError::new(409, text));
+        }
+        let job = self.waiting(id)?;
+        job.awaits_plate = false;
+        job.clear_told();
+        self.publish_job(id);
+        Ok(Step::Done(id))
+    }
+
+    /// A session with the device begins. Whether the running job may use it: a job that has had no light moves the plate down
+    /// only where nothing can be there, whichever device this is.
+    pub(super) fn plate_allows(&mut self, state: &DeviceState, now_us: u64) -> bool {
+        let Some(running) = self.running.as_ref().filter(|running| running.engine.goes_down_bare()) else {
+            return true;
+        };
+        let id = running.job;
+        let Some(job) = self.jobs.get(id) else { return true };
+        let signs = self.unknown_signs(job, Some(state));
+        if signs.is_empty() {
+            self.note_clear_plate(id, state, now_us);
+            return true;
+        }
+        tracing::warn!(job = id, "{}", text(&signs, id));
+        if let Some(job) = self.jobs.get_mut(id) {
+            job.told = signs.clone();
+        }
+        match &mut self.running {
+            Some(running) if running.engine.has_begun() => {
+                running.engine.handle(Event::PlateUnclear(text(&signs, id)), now_us);
+            }
+            _ => self.put_back(id),
+        }
+        false
+    }
+
+    /// Writes down, before the first move, that the plate was bare and what the operator knows of the device.
+    fn note_clear_plate(&mut self, id: u32, state: &DeviceState, now_us: u64) {
+        // Only by the operator's word.
+        let is_told = |trace: &Trace| self.jobs.account(*trace, id) != Account::Known;
+        let mut traces: Vec<_> = traces(state).into_iter().map(|(trace, _)| trace).filter(is_told).collect();
+        traces.dedup();
+        let Some(job) = self.jobs.get_mut(id) else { return };
+        if job.past.plate_clear_on == Some(state.boot_id) && traces.is_empty() {
+            return;
+        }
+        job.past.plate_clear_on = Some(state.boot_id);
+        job.past.traces.extend(&traces);
+        let boot_id = state.boot_id;
+        self.with_engine(|running| running.engine.handle(Event::PlateClear { boot_id, traces }, now_us));
+    }
+
+    /// Gives the machine back before the job began: it waits in the queue for the operator's word.
+    fn put_back(&mut self, id: u32) {
+        let Some(running) = self.running.take() else { return };
+        self.forget_progress();
+        if let Some(TakeUp::Print(choice)) = self.jobs.get(id).map(|job| job.take_up) {
+            self.jobs.take_up(id, TakeUp::Print(choice));
+        }
+        self.idle = Idle::after(running.engine.light().clone());
+        self.releasing = true;
+        let background = self.background.clone();
+        tokio::spawn(async move {
+            running.release().await;
+            let _ = background.send(Background::Released { forgotten: Ok(Vec::new()) }).await;
+        });
+        self.publish_job(id);
+    }
+}
+
+impl Job {
+    /// Whether the plate must be bare when it begins: it is to print and has had no light.
+    pub(super) fn needs_bare_plate(&self) -> bool {
+        matches!(self.take_up, TakeUp::Print(_)) && !self.past.touched && !self.past.unknown
+    }
+
+    /// The operator knows of every sign named so far.
+    pub(super) fn clear_told(&mut self) {
+        let told = std::mem::take(&mut self.told);
+        self.cleared.extend(told);
+    }
+}

@@ -1,0 +1,37 @@
+//! What became of a layer that was commanded and not confirmed, as far as the device tells.
+
+use super::Unconfirmed;
+use crate::link::message::{DeviceState, ExposureId};
+
+/// What became of a layer that was commanded.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Fate {
+    /// It had its whole time.
+    Exposed,
+    /// It had no light.
+    NotExposed,
+    /// Only the operator can tell: what is known.
+    Unknown(String),
+}
+
+/// What a device at rest says about the layer `id`. `commanded` is its command where no record says yet that it is in doubt;
+/// `shone` says that the layer was seen being exposed.
+pub fn fate(id: ExposureId, commanded: Option<Unconfirmed>, shone: bool, device: &DeviceState) -> Fate {
+    if device.last_exposed == Some(id) {
+        return Fate::Exposed;
+    }
+    if let Some((_, light_ms)) = device.cut_short.filter(|(cut, _)| *cut == id) {
+        return Fate::Unknown(format!("its light was cut short after {light_ms} ms"));
+    }
+    if device.last_exposed.is_some_and(|last| last.job == id.job && last.layer > id.layer) {
+        return Fate::Unknown("the device says it exposed a later layer".into());
+    }
+    match commanded {
+        Some(commanded) if commanded.boot_id == device.boot_id && shone => {
+            Fate::Unknown("the device exposed it and does not say how that ended".into())
+        }
+        Some(commanded) if commanded.boot_id == device.boot_id => Fate::NotExposed,
+        Some(_) => Fate::Unknown("the device was reset between the command and its end".into()),
+        None => Fate::Unknown("the device does not know either".into()),
+    }
+}

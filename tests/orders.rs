@@ -1,0 +1,207 @@
+//! Orders and ends that must outlive the daemon, and layers in doubt that are told before a job goes on.
+
+mod support;
+
+use std::fs;
+
+use serde_json::Value;
+use support::{Bench, Setup, SmallDisk, signal, skipped, wait_until};
+
+const SMALL: [&str; 10] = ["generate", "bcc", "--struts", "300", "--box", "8,8,3", "--seed", "1", "-o", "part.layerd"];
+
+/// `clear_height_um` of the bench's machine.
+const CLEAR_UM: i64 = 30_000;
+
+/// A print whose first layer has light for some seconds.
+fn under_light() -> (Bench, u64) {
+    let bench = Bench::start(Setup { exposure_ms: 24_000, time_scale: 4, ..Setup::default() });
+    bench.ok(&SMALL);
+    let id = bench.start_job("part.layerd");
+    wait_until("light", || has(&bench.acts(), "light_on"));
+    (bench, id)
+}
+
+fn has(acts: &[Value], event: &str) -> bool {
+    acts.iter().any(|act| act["event"] == event)
+}
+
+/// Where the plate came to rest last.
+fn plate_um(acts: &[Value]) -> Option<i64> {
+    acts.iter().rev().find(|act| act["event"] == "moved").and_then(|act| act["position_um"].as_i64())
+}
+
+fn reason(job: &Value) -> &str {
+    job["reason"].as_str().unwrap_or_default()
+}
+
+/// The text with which `layerctl` refuses.
+fn refusal(bench: &Bench, arguments: &[&str]) -> String {
+    let output = bench.layerctl(arguments);
+    assert_eq!(output.status.code(), Some(1), "{arguments:?}: {output:?}");
+    String::from_utf8(output.stderr).expect("UTF-8")
+}
+
+#[test]
+fn an_order_that_was_answered_is_carried_out_after_a_kill() {
+    for (order, state) in [("stop", "stopped"), ("abort", "aborted")] {
+        let (mut bench, id) = under_light();
+        bench.ok(&[order]);
+        bench.kill_daemon();
+        bench.start_daemon();
+        let job = bench.wait_for(id, &[state, "interrupted", "failed", "completed"]);
+        assert_eq!(job["state"], state, "{job}");
+        let acts = bench.acts();
+        assert!(has(&acts, "light_off") && plate_um(&acts) == Some(CLEAR_UM), "{order}: {acts:?}");
+        assert_eq!(has(&acts, "exposed"), order == "stop", "{acts:?}");
+        assert_eq!(acts.iter().filter(|act| act["event"] == "light_on").count(), 1, "it printed on: {acts:?}");
+        // Its plate was lifted, and that is known: nobody is asked before the next part.
+        bench.kill_daemon();
+        bench.start_daemon();
+        let next = bench.start_job("part.layerd");
+        wait_until("the next job's light", || bench.acts().iter().filter(|act| act["event"] == "light_on").count() > 1);
+        bench.ok(&["abort", &next.to_string()]);
+    }
+}
+
+#[test]
+fn an_order_waits_for_its_device_after_a_restart_and_keeps_the_job_from_going_on() {
+    let (mut bench, id) = under_light();
+    bench.ok(&["stop"]);
+    signal(bench.device_pid(), "STOP");
+    bench.kill_daemon();
+    bench.start_daemon();
+    let job = bench.job(id);
+    assert!(job["state"] == "stopping" && reason(&job).contains("as soon as the device answers"), "{job}");
+    let text = refusal(&bench, &["resume", &id.to_string()]);
+    assert!(text.contains("ordered to stop") && text.contains("start the part again"), "{text}");
+    signal(bench.device_pid(), "CONT");
+    let job = bench.wait_for(id, &["stopped", "interrupted", "failed", "completed"]);
+    assert_eq!(job["state"], "stopped", "{job}");
+    assert_eq!(plate_um(&bench.acts()), Some(CLEAR_UM));
+}
+
+#[test]
+fn an_order_for_an_interrupted_job_outlives_a_second_kill() {
+    let (mut bench, id) = under_light();
+    bench.kill_daemon();
+    bench.start_daemon();
+    assert_eq!(bench.job(id)["state"], "interrupted");
+    bench.ok(&["stop"]);
+    bench.kill_daemon();
+    bench.start_daemon();
+    let job = bench.wait_for(id, &["stopped", "interrupted", "failed", "completed"]);
+    assert_eq!((&job["state"], &job["layers_done"]), (&"stopped".into(), &1.into()), "{job}");
+    assert_eq!(plate_um(&bench.acts()), Some(CLEAR_UM));
+}
+
+#[test]
+fn a_layer_that_the_device_cannot_settle_is_told_before_resume() {
+    let (mut bench, id) = under_light();
+    bench.kill_daemon();
+    bench.kill_device();
+    bench.start_device();
+    bench.start_daemon();
+    wait_until("the doubt", || bench.job(id)["in_doubt"] == 0);
+    let job = bench.job(id);
+    assert!(job["state"] == "interrupted" && reason(&job).contains("in doubt"), "{job}");
+    assert!(bench.ok(&["jobs"]).contains("--in-doubt"), "{}", bench.ok(&["jobs"]));
+    let text = refusal(&bench, &["resume", &id.to_string()]);
+    assert!(text.contains("--in-doubt exposed") && text.contains("--in-doubt repeat"), "{text}");
+    assert_eq!(bench.job(id)["state"], "interrupted", "nothing was begun for that");
+    assert!(!has(&bench.acts(), "light_on"), "{:?}", bench.acts());
+}
+
+#[test]
+fn a_layer_that_the_device_settles_is_in_no_doubt() {
+    let (mut bench, id) = under_light();
+    bench.kill_daemon();
+    bench.start_daemon();
+    // While it has light nobody can tell, and then the device can.
+    wait_until("the end of the light", || bench.json(&["device"])["state"]["light_on"] == false);
+    assert_eq!(bench.job(id)["in_doubt"], Value::Null, "{}", bench.job(id));
+    bench.ok(&["resume"]);
+    wait_until("the next layer", || bench.acts().iter().filter(|act| act["event"] == "light_on").count() == 2);
+    assert_eq!(bench.exposed_layers(), [0]);
+    bench.ok(&["abort"]);
+    bench.wait_for(id, &["aborted"]);
+}
+
+#[test]
+fn an_end_on_a_full_disk_is_final() {
+    for order in [None, Some("stop"), Some("abort")] {
+        let mut bench = Bench::prepare(Setup { exposure_ms: 2000, time_scale: 20, ..Setup::default() });
+        fs::create_dir(bench.path("spool")).expect("spool");
+        let Some(disk) = SmallDisk::mount(&bench.path("spool")) else {
+            return skipped("mounting a small disk takes root");
+        };
+        bench.start_device();
+        bench.start_daemon();
+        bench.ok(&SMALL);
+        let id = bench.start_job("part.layerd");
+        wait_until("some layers", || bench.job(id)["layers_done"].as_u64() >= Some(2));
+        disk.fill();
+        let state = match order {
+            None => "completed",
+            Some("stop") => "stopped",
+            Some(_) => "aborted",
+        };
+        if let Some(order) = order {
+            let job = bench.json(&[order]);
+            assert_eq!(job.get("warning"), None, "its room was kept: {job}");
+        }
+        bench.wait_for(id, &[state]);
+        bench.kill_daemon();
+        bench.start_daemon();
+        assert_eq!(bench.job(id)["state"], state, "{}", bench.job(id));
+        let text = refusal(&bench, &["resume", &id.to_string()]);
+        assert!(text.contains(state), "{text}");
+    }
+}
+
+#[test]
+fn an_order_that_cannot_be_written_is_carried_out_and_says_so() {
+    let (bench, id) = under_light();
+    let spool = bench.path("spool");
+    fs::rename(&spool, bench.path("away")).expect("renamed");
+    let output = bench.ok(&["abort"]);
+    assert!(output.contains("warning") && output.contains("could not be written"), "{output}");
+    let job = bench.wait_for(id, &["aborted", "interrupted", "failed"]);
+    assert_eq!(job["state"], "aborted", "{job}");
+    assert_eq!(plate_um(&bench.acts()), Some(CLEAR_UM));
+}
+
+#[test]
+fn a_spool_that_vanishes_under_a_job_interrupts_it_with_the_plate_clear() {
+    let bench = Bench::start(Setup { exposure_ms: 2000, time_scale: 20, ..Setup::default() });
+    bench.ok(&SMALL);
+    let id = bench.start_job("part.layerd");
+    wait_until("some layers", || bench.job(id)["layers_done"].as_u64() >= Some(2));
+    let done = bench.exposed_layers().len();
+    fs::remove_dir_all(bench.path("spool")).expect("the spool");
+    let job = bench.wait_for(id, &["interrupted", "completed", "failed"]);
+    assert!(job["state"] == "interrupted" && reason(&job).contains("is no longer there"), "{job}");
+    assert!(bench.exposed_layers().len() <= done + 2, "it is noticed at the next record");
+    assert!(plate_um(&bench.acts()) >= Some(CLEAR_UM), "{:?}", bench.acts().last());
+}
+
+#[test]
+fn removed_jobs_free_their_room_and_no_other_gets_their_number() {
+    let mut bench = Bench::start(Setup::default());
+    bench.ok(&SMALL);
+    let first = bench.start_job("part.layerd");
+    wait_until("its beginning", || bench.job(first)["state"] == "printing");
+    let text = refusal(&bench, &["remove", &first.to_string()]);
+    assert!(text.contains("only a job that is over") && text.contains("layerctl stop"), "{text}");
+    bench.wait_for(first, &["completed"]);
+    assert!(refusal(&bench, &["remove", "99"]).contains("there is no job `99`"));
+    let told = bench.ok(&["remove", &first.to_string()]);
+    assert!(told.contains(&format!("job {first} is removed")) && told.contains("MiB"), "{told}");
+    assert_eq!(bench.json(&["jobs"])["jobs"], serde_json::json!([]));
+    bench.kill_daemon();
+    bench.start_daemon();
+    assert_eq!(bench.json(&["jobs"])["jobs"], serde_json::json!([]), "for ever");
+    // The device still speaks of the removed job, and the spool still knows its key.
+    let second = bench.start_job("part.layerd");
+    assert_eq!(second, first + 1);
+    bench.wait_for(second, &["completed"]);
+}
