@@ -350,7 +350,9 @@ impl Printer {
         if running.engine.progress().part_in_vat {
             self.leave_part_in_vat();
         }
-        tracing::info!(job = id, state = %self.jobs.get(id).map_or(JobState::Failed, |job| job.view.state), "job ended");
+        if let Some(job) = self.jobs.get(id) {
+            job.log_end();
+        }
         self.idle = Idle::after(running.engine.light().clone());
         self.link.reconnect();
         self.releasing = true;
