@@ -80,11 +80,12 @@ impl Door {
                     continue;
                 }
             };
+            let caller = Caller::of(&stream);
             match (&everything, Arc::clone(&places).try_acquire_owned()) {
                 (Some(everything), Ok(place)) => {
-                    tasks.spawn(talk.clone().converse(stream, everything.clone(), None, Some(place)));
+                    tasks.spawn(talk.clone().converse(stream, caller, everything.clone(), None, Some(place)));
                 }
-                _ => crowd.admit(stream, &talk),
+                _ => crowd.admit(stream, caller, &talk),
             }
             // Those that are here go on before the next one is taken, and what was let go of is closed.
             tokio::task::yield_now().await;
@@ -116,11 +117,11 @@ impl Talk {
     async fn converse(
         mut self,
         stream: UnixStream,
+        caller: Caller,
         service: TowerToHyperService<Router>,
         asked: Option<Arc<AtomicBool>>,
         _place: Option<OwnedSemaphorePermit>,
     ) {
-        let caller = Caller::of(&stream);
         let service = service_fn(move |mut request: Request<Incoming>| {
             if let Some(asked) = &asked {
                 asked.store(true, Ordering::Relaxed);
@@ -180,14 +181,13 @@ impl Crowd {
         }
     }
 
-    fn admit(&mut self, stream: UnixStream, talk: &Talk) {
+    fn admit(&mut self, stream: UnixStream, caller: Caller, talk: &Talk) {
         if self.members.len() >= LARGEST_CROWD {
             self.make_room();
         }
-        let pid = Caller::of(&stream).pid;
         let asked = Arc::new(AtomicBool::new(false));
-        let conversation = talk.clone().converse(stream, self.service.clone(), Some(Arc::clone(&asked)), None);
-        self.members.push(Member { task: self.tasks.spawn(conversation), pid, asked });
+        let conversation = talk.clone().converse(stream, caller, self.service.clone(), Some(Arc::clone(&asked)), None);
+        self.members.push(Member { task: self.tasks.spawn(conversation), pid: caller.pid, asked });
     }
 
     /// Lets one go: of those that have asked nothing yet, if there are any, the oldest of the process that has most.
