@@ -37,6 +37,8 @@ pub mod job;
 pub mod link;
 mod output;
 mod random;
+mod signals;
 pub mod slice;
 pub mod solid;
 pub mod stream;
+mod text;

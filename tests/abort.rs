@@ -1,21 +1,17 @@
 //! The abort, timed. It stands alone in its file: test files run one after the other, so nothing else takes the processor.
 
+mod lag;
 mod support;
 
 use std::io::{Read, Write};
 use std::os::unix::net::UnixStream;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use lag::{LARGEST_LAG, Lag};
 use support::{Bench, Setup, skipped, wait_until};
 
 /// Attempts to find a moment at which the machine itself does not stand still, as one does whose host has no time for it.
 const ATTEMPTS: usize = 4;
-
-/// A machine whose threads sleep longer than they asked for by this much is not one to measure 100 ms on.
-const LARGEST_LAG: Duration = Duration::from_millis(20);
 
 /// So many on a machine that did not stand still are no chance: one may come of other work on all its processors.
 const MISSES: usize = 2;
@@ -38,38 +34,6 @@ fn abort_on_a_saturated_line_turns_the_light_off_within_100_ms() {
         assert!(missed.len() < MISSES, "light off, or bytes a second on a line not saturated: {missed:?}");
     }
     skipped(&format!("this machine stands still too often to measure (light off or bytes a second, lag): {found:?}"));
-}
-
-/// How much longer than asked for threads sleep at most, on any processor.
-struct Lag {
-    ended: Arc<AtomicBool>,
-    sleepers: Vec<JoinHandle<Duration>>,
-}
-
-impl Lag {
-    fn begin() -> Self {
-        let ended = Arc::new(AtomicBool::new(false));
-        let sleeper = || {
-            let ended = Arc::clone(&ended);
-            std::thread::spawn(move || {
-                let mut most = Duration::ZERO;
-                while !ended.load(Ordering::Relaxed) {
-                    let began = Instant::now();
-                    std::thread::sleep(Duration::from_millis(2));
-                    most = most.max(began.elapsed().saturating_sub(Duration::from_millis(2)));
-                }
-                most
-            })
-        };
-        let processors = std::thread::available_parallelism().map_or(1, usize::from);
-        let sleepers = (0..processors).map(|_| sleeper()).collect();
-        Self { ended, sleepers }
-    }
-
-    fn end(self) -> Duration {
-        self.ended.store(true, Ordering::Relaxed);
-        self.sleepers.into_iter().map(|sleeper| sleeper.join().expect("ends")).max().unwrap_or_default()
-    }
 }
 
 /// Aborts a print while a layer is exposed and the next one is on the line; how long it took to turn the light off, or the

@@ -12,8 +12,10 @@ use layerd::cli::client::{Client, ClientError, NewJob};
 use layerd::daemon::api::{
     DeviceView, Event, InDoubt, JobView, LinkState, LinkView, RaiseView, RemovedView, ResumeBody,
 };
-use layerd::daemon::handle::{Answer, Command, CommandError, Desk, Order, Snapshot, channel};
-use layerd::daemon::server::{self, BindError};
+use layerd::daemon::caller::Caller;
+use layerd::daemon::handle::{Answer, Command, CommandError, Desk, MOST_QUEUED_JOBS, Order, Snapshot, channel};
+use layerd::daemon::server;
+use layerd::daemon::socket::{self, BindError};
 use layerd::job::JobState;
 use tokio::sync::watch;
 
@@ -22,7 +24,7 @@ struct Daemon {
     directory: tempfile::TempDir,
     events: tokio::sync::broadcast::Sender<Event>,
     shutdown: watch::Sender<bool>,
-    server: tokio::task::JoinHandle<()>,
+    servers: [tokio::task::JoinHandle<()>; 2],
 }
 
 impl Daemon {
@@ -30,17 +32,24 @@ impl Daemon {
         let directory = tempfile::tempdir().unwrap();
         let incoming = directory.path().join("incoming");
         std::fs::create_dir(&incoming).unwrap();
-        let listener = server::bind(&directory.path().join("control.sock")).await.unwrap();
+        let [control, aborts] = socket::bind(&directory.path().join("control.sock")).await.unwrap();
         let (handle, desk) = channel(empty_snapshot());
         let events = desk.events.clone();
         let (shutdown, ends) = watch::channel(false);
-        let server = tokio::spawn(server::serve(listener, handle, incoming, ends));
+        let servers = [
+            tokio::spawn(server::serve(control, handle.clone(), incoming, ends.clone())),
+            tokio::spawn(server::serve_aborts(aborts, handle, ends)),
+        ];
         tokio::spawn(obey(desk, directory.path().into()));
-        Self { directory, events, shutdown, server }
+        Self { directory, events, shutdown, servers }
     }
 
     fn socket(&self) -> PathBuf {
         self.directory.path().join("control.sock")
+    }
+
+    fn abort_socket(&self) -> PathBuf {
+        socket::abort_path(&self.socket())
     }
 
     fn client(&self) -> Client {
@@ -205,10 +214,10 @@ async fn an_abort_overtakes_orders_that_wait() {
     let (handle, mut desk) = channel(empty_snapshot());
     let pause = tokio::spawn({
         let handle = handle.clone();
-        async move { handle.order(Command::Pause("a".into())).await }
+        async move { handle.order(Command::Pause("a".into()), Caller::default()).await }
     });
     tokio::time::sleep(Duration::from_millis(50)).await;
-    let abort = tokio::spawn(async move { handle.order(Command::Abort(None)).await });
+    let abort = tokio::spawn(async move { handle.order(Command::Abort(None), Caller::default()).await });
     tokio::time::sleep(Duration::from_millis(50)).await;
     let first = desk.orders.next().await.unwrap();
     assert!(matches!(first.command, Command::Abort(None)), "{:?}", first.command);
@@ -225,7 +234,7 @@ async fn orders_beyond_the_queue_are_refused_at_once() {
     let waiting: Vec<_> = (0..40)
         .map(|_| {
             let handle = handle.clone();
-            tokio::spawn(async move { handle.order(Command::Pause("a".into())).await })
+            tokio::spawn(async move { handle.order(Command::Pause("a".into()), Caller::default()).await })
         })
         .collect();
     tokio::time::sleep(Duration::from_millis(50)).await;
@@ -335,7 +344,9 @@ async fn the_end_of_the_daemon_ends_streams_and_takes_no_time() {
     events.next().await.unwrap();
     let _idle = tokio::net::UnixStream::connect(daemon.socket()).await.unwrap();
     daemon.shutdown.send(true).unwrap();
-    tokio::time::timeout(Duration::from_secs(5), daemon.server).await.expect("ends soon").unwrap();
+    for server in daemon.servers {
+        tokio::time::timeout(Duration::from_secs(5), server).await.expect("ends soon").unwrap();
+    }
     // A stream cut off by the end may be told as an end or as broken; both mean that no more comes.
     assert!(!matches!(events.next().await, Ok(Some(_))));
 }
@@ -357,23 +368,137 @@ async fn subscribers_are_limited_and_keep_no_abort_out() {
     }
 }
 
+/// Connections that say nothing, or the beginning of a request.
+fn half_open(socket: &Path, count: usize) -> Vec<std::os::unix::net::UnixStream> {
+    let open = |index| {
+        let mut stream = std::os::unix::net::UnixStream::connect(socket).unwrap();
+        if index % 2 == 0 {
+            let _ = stream.write_all(b"POST /v1/jobs HTTP/1.1\r\nhost: x\r\nx-layerd-name: ");
+        }
+        stream
+    };
+    (0..count).map(open).collect()
+}
+
+const STATUS: &str = "GET /v1/status HTTP/1.1\r\nhost: x\r\nconnection: close\r\n\r\n";
+const ABORT: &str = "POST /v1/abort HTTP/1.1\r\nhost: x\r\nconnection: close\r\ncontent-length: 0\r\n\r\n";
+
 #[tokio::test(flavor = "multi_thread")]
-async fn the_socket_is_for_owner_and_group_and_a_stale_one_is_replaced() {
+async fn beyond_the_limit_503_comes_at_once_and_an_abort_gets_through() {
+    let daemon = Daemon::start().await;
+    let job = daemon.submit("one").await;
+    daemon.client().resume(&job.id, ResumeBody::default()).await.unwrap();
+    let [control, aborts] = [daemon.socket(), daemon.abort_socket()];
+    let silent = tokio::task::spawn_blocking({
+        let (control, aborts) = (control.clone(), aborts.clone());
+        move || (half_open(&control, 300), half_open(&aborts, 300))
+    });
+    let _silent = silent.await.unwrap();
+    // Nobody waits for the silent ones to be let go.
+    let began = Instant::now();
+    let answer = raw_async(control.clone(), STATUS).await;
+    assert!(answer.starts_with("HTTP/1.1 503 ") && answer.contains("64 connections are open"), "{answer}");
+    for socket in [&control, &aborts] {
+        let answer = raw_async(socket.clone(), ABORT.replace("/v1/abort", "/v1/jobs/job-1/abort")).await;
+        assert!(answer.starts_with("HTTP/1.1 200 ") && answer.contains("\"aborted\""), "{answer}");
+        let answer = raw_async(socket.clone(), ABORT).await;
+        assert!(answer.starts_with("HTTP/1.1 409 ") && answer.contains("nothing is printing"), "{answer}");
+    }
+    assert!(began.elapsed() < Duration::from_millis(900), "answered only when the silent ones were gone");
+    // The silent ones hold their places for a second.
+    wait_until_async(async || daemon.client().status().await.is_ok()).await;
+}
+
+async fn wait_until_async(condition: impl AsyncFn() -> bool) {
+    let began = Instant::now();
+    while !condition().await {
+        assert!(began.elapsed() < Duration::from_secs(10), "waited in vain");
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_request_that_does_not_arrive_within_a_second_is_given_up() {
+    let daemon = Daemon::start().await;
+    for socket in [daemon.socket(), daemon.abort_socket()] {
+        let took = tokio::task::spawn_blocking(move || {
+            let mut stream = std::os::unix::net::UnixStream::connect(socket).unwrap();
+            stream.set_read_timeout(Some(Duration::from_secs(9))).unwrap();
+            stream.write_all(b"POST /v1/abort HTTP/1.1\r\n").unwrap();
+            let began = Instant::now();
+            let _ = stream.read_to_end(&mut Vec::new());
+            began.elapsed()
+        });
+        let took = took.await.unwrap();
+        assert!((Duration::from_millis(900)..Duration::from_secs(8)).contains(&took), "{took:?}");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_socket_for_aborts_takes_nothing_else() {
+    let daemon = Daemon::start().await;
+    let answer = raw_async(daemon.abort_socket(), STATUS).await;
+    assert!(answer.starts_with("HTTP/1.1 404 ") && answer.contains("takes only POST /v1/abort"), "{answer}");
+    let answer = raw_async(daemon.abort_socket(), ABORT).await;
+    assert!(answer.starts_with("HTTP/1.1 409 ") && answer.contains("nothing is printing"), "{answer}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_abort_falls_back_to_the_common_socket() {
+    let daemon = Daemon::start().await;
+    let job = daemon.submit("one").await;
+    std::fs::remove_file(daemon.abort_socket()).unwrap();
+    assert_eq!(daemon.client().order(&job.id, "abort").await.unwrap().state, JobState::Aborted);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_full_queue_refuses_a_job_before_its_part_is_read() {
+    let daemon = Daemon::start().await;
+    for _ in 0..MOST_QUEUED_JOBS {
+        daemon.submit("one").await;
+    }
+    // Only announced: whoever waits for the bytes waits for ever.
+    let request =
+        "POST /v1/jobs HTTP/1.1\r\nhost: x\r\nconnection: close\r\nx-layerd-name: a\r\ncontent-length: 99999\r\n\r\n";
+    let answer = raw_async(daemon.socket(), request).await;
+    assert!(answer.starts_with("HTTP/1.1 503 ") && answer.contains("the queue is full: 64 jobs wait"), "{answer}");
+    assert_eq!(daemon.incoming_files(), 0);
+    daemon.client().order("job-7", "stop").await.unwrap();
+    daemon.submit("another").await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_sockets_are_for_owner_and_group_and_stale_ones_are_replaced() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("control.sock");
-    let first = server::bind(&path).await.unwrap();
-    assert_eq!(std::fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o660);
-    let refused = server::bind(&path).await.unwrap_err();
+    let first = socket::bind(&path).await.unwrap();
+    for path in [path.clone(), socket::abort_path(&path)] {
+        assert_eq!(std::fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o660);
+    }
+    assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), 2, "nothing else is left there");
+    let refused = socket::bind(&path).await.unwrap_err();
     assert!(matches!(&refused, BindError::AlreadyRunning(_)), "{refused}");
     drop(first);
     assert!(path.exists(), "as after a crash");
-    drop(server::bind(&path).await.unwrap());
+    drop(socket::bind(&path).await.unwrap());
 
     std::fs::remove_file(&path).unwrap();
     std::fs::write(&path, "a file").unwrap();
-    assert!(matches!(server::bind(&path).await.unwrap_err(), BindError::NotASocket(_)));
-    let missing = server::bind(&directory.path().join("none/control.sock")).await.unwrap_err();
-    assert!(missing.to_string().contains("none/control.sock"), "{missing}");
+    assert!(matches!(socket::bind(&path).await.unwrap_err(), BindError::NotASocket(_)));
+}
+
+#[tokio::test]
+async fn the_longest_path_of_a_socket_works_and_a_longer_one_is_named() {
+    let directory = tempfile::tempdir().unwrap();
+    let with_length = |length: usize| {
+        let room = length - directory.path().as_os_str().len() - 1;
+        directory.path().join("s".repeat(room))
+    };
+    drop(socket::bind(&with_length(101)).await.unwrap());
+    let long = socket::bind(&with_length(102)).await.unwrap_err().to_string();
+    assert!(long.contains("102 bytes") && long.contains("at most 101"), "{long}");
+    let missing = socket::bind(&directory.path().join("none/control.sock")).await.unwrap_err().to_string();
+    assert!(missing.contains("/none does not exist"), "{missing}");
 }
 
 #[tokio::test]

@@ -1,17 +1,18 @@
 //! The daemon on a printer's host: computes layers just ahead of the printer and sends them to it.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::Parser;
+use layerd::daemon::Findings;
 
 /// Prints jobs given to it by `layerctl`.
 #[derive(Debug, Parser)]
 #[command(
     version,
     after_help = "\
-The daemon runs in the foreground until SIGTERM or Ctrl-C, which end the print dark, plate clear, and resumable.
-It logs to stderr; RUST_LOG=debug tells more.
+The daemon runs in the foreground until SIGTERM, SIGINT (Ctrl-C), SIGQUIT or SIGHUP, which end the print dark, plate clear, and
+resumable. It logs to stderr; RUST_LOG=debug tells more.
 
 Examples:
   layerd --config /etc/layerd/layerd.toml --check
@@ -21,31 +22,32 @@ struct Arguments {
     /// The daemon's configuration file.
     #[arg(long, value_name = "FILE", default_value = "/etc/layerd/layerd.toml")]
     config: PathBuf,
-    /// Only check the configuration, its machine and its recipe.
+    /// Only try what a start needs: the configuration, the places of socket and spool, the port, the memory budget.
     #[arg(long)]
     check: bool,
 }
 
 fn main() -> ExitCode {
     let Arguments { config, check } = Arguments::parse();
-    let ended = if check {
-        layerd::daemon::Setting::load(&config).map(|setting| {
-            println!(
-                "{}: machine `{}`, recipe `{}`: fine",
-                config.display(),
-                setting.machine.name,
-                setting.recipe.name
-            );
-        })
-    } else {
-        layerd::daemon::log_to_stderr();
-        layerd::daemon::run(&config)
-    };
-    match ended {
+    if check {
+        return report(&config, &layerd::daemon::check(&config));
+    }
+    match layerd::daemon::run(&config) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             layerd::cli::report(&error);
             ExitCode::FAILURE
         }
     }
+}
+
+fn report(config: &Path, findings: &Findings) -> ExitCode {
+    let Findings { errors, warnings, summary } = findings;
+    warnings.iter().for_each(|warning| layerd::cli::tell(&format!("warning: {warning}")));
+    errors.iter().for_each(|error| layerd::cli::tell(&format!("error: {error}")));
+    if !errors.is_empty() {
+        return ExitCode::FAILURE;
+    }
+    println!("{}: {}: fine", config.display(), summary.as_deref().unwrap_or_default());
+    ExitCode::SUCCESS
 }

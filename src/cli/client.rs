@@ -11,14 +11,14 @@ use hyper_util::rt::TokioIo;
 use serde::de::DeserializeOwned;
 use tokio::io::AsyncReadExt;
 use tokio::net::UnixStream;
-use tokio::time::timeout;
+use tokio::time::{Instant, timeout};
 
 use crate::config::DEFAULT_SOCKET;
 use crate::daemon::api::{
     ErrorBody, Event, JobList, JobView, NAME_HEADER, RECIPE_HEADER, RECIPE_NAME_HEADER, RaiseView, RemovedView,
     ResumeBody, Status,
 };
-use crate::daemon::{ChannelBody, percent_encode};
+use crate::daemon::{ChannelBody, percent_encode, socket};
 
 /// No answer of the API but events is larger; a wrong socket must not fill memory.
 const LARGEST_ANSWER_BYTES: usize = 16 << 20;
@@ -26,6 +26,10 @@ const LARGEST_ANSWER_BYTES: usize = 16 << 20;
 const LONGEST_ANSWER: Duration = Duration::from_secs(60);
 /// The daemon sends something every five seconds.
 const LONGEST_SILENCE: Duration = Duration::from_secs(20);
+/// A crowd on the socket for aborts may push one out before the daemon has read it.
+const ABORT_TRIES: usize = 3;
+/// One that was pushed out notices at once. What takes longer is a daemon that does not answer, by whatever way it is asked.
+const PUSHED_OUT: Duration = Duration::from_secs(1);
 /// Bytes read from the build file at a time.
 const PART_BYTES: usize = 64 << 10;
 
@@ -146,7 +150,8 @@ impl Client {
     /// # Errors
     /// [`ClientError`]; status 409 where the job's state does not allow it.
     pub async fn order(&self, id: &str, order: &str) -> Result<JobView, ClientError> {
-        self.post(&format!("/v1/jobs/{}/{order}", percent_encode(id)), Bytes::new()).await
+        let path = format!("/v1/jobs/{}/{order}", percent_encode(id));
+        if order == "abort" { self.post_abort(&path).await } else { self.post(&path, Bytes::new()).await }
     }
 
     /// Lets a paused or interrupted job go on.
@@ -163,7 +168,22 @@ impl Client {
     /// # Errors
     /// [`ClientError`].
     pub async fn abort_active(&self) -> Result<JobView, ClientError> {
-        self.post("/v1/abort", Bytes::new()).await
+        self.post_abort("/v1/abort").await
+    }
+
+    /// By the socket that is for aborts alone; by the common one where that is not there or too crowded. A second abort does
+    /// no harm.
+    async fn post_abort(&self, path: &str) -> Result<JobView, ClientError> {
+        let aborts = Self::new(socket::abort_path(&self.socket));
+        let began = Instant::now();
+        for _ in 0..ABORT_TRIES {
+            match aborts.post(path, Bytes::new()).await {
+                Err(ClientError::NoDaemon { .. } | ClientError::NotAllowed { .. }) => break,
+                Err(ClientError::Broken(_)) if began.elapsed() < PUSHED_OUT => {}
+                answered => return answered,
+            }
+        }
+        self.post(path, Bytes::new()).await
     }
 
     /// Lifts the plate clear while no job runs.

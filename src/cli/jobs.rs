@@ -8,6 +8,7 @@ use super::client::Client;
 use super::{block_on, duration_text, print, print_json};
 use crate::daemon::api::{JobList, JobView};
 use crate::job::JobState;
+use crate::text::short_name;
 
 /// List the jobs the daemon remembers.
 #[derive(Debug, Args)]
@@ -37,7 +38,7 @@ pub(super) fn run(args: &JobsArgs) -> anyhow::Result<()> {
             0 => "unknown".into(),
             since_ms => format!("{} ago", duration_text(age_s(since_ms))),
         };
-        print(&format!("{:<10} {:<12} {layers:>13} {age:>14}  {}", job.id, job.state.name(), job.name))?;
+        print(&format!("{:<10} {:<12} {layers:>13} {age:>14}  {}", job.id, job.state.name(), short_name(&job.name)))?;
         for line in notes(job) {
             print(&format!("{:<10} {line}", ""))?;
         }

@@ -25,6 +25,8 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use crate::buildfile::PackError;
 use crate::config::{ConfigText, Folder, Machine, find};
+pub use crate::text::tell;
+use crate::text::{is_hidden, plain};
 
 /// Prints implicit geometry just in time: pack a part, check it, start it, watch it.
 #[derive(Debug, Parser)]
@@ -132,10 +134,7 @@ fn dispatch(command: Command) -> anyhow::Result<Ending> {
         Command::Check(args) => check::run(args).map(done),
         Command::Slice(args) => slice::run(args).map(done),
         Command::Simulate(args) => simulate::run(args).map(done),
-        Command::Daemon { config } => {
-            crate::daemon::log_to_stderr();
-            crate::daemon::run(&config).map(done)
-        }
+        Command::Daemon { config } => crate::daemon::run(&config).map(done),
         Command::Start(args) => start::run(args),
         Command::Status(args) => status::run(&args).map(done),
         Command::Watch(args) => watch::run(&args).map(done),
@@ -167,19 +166,6 @@ pub fn report(error: &anyhow::Error) {
     }
 }
 
-/// Text with control characters, which names in files may hold and a terminal would obey, written as in Rust; lines stay.
-fn plain(text: &str) -> String {
-    let mut plain = String::with_capacity(text.len());
-    for character in text.chars() {
-        match character {
-            '\n' => plain.push(character),
-            _ if character.is_control() => plain.extend(character.escape_default()),
-            _ => plain.push(character),
-        }
-    }
-    plain
-}
-
 /// Runs a conversation with the daemon on this thread.
 fn block_on<T>(conversation: impl Future<Output = anyhow::Result<T>>) -> anyhow::Result<T> {
     tokio::runtime::Builder::new_current_thread().enable_all().build()?.block_on(conversation)
@@ -189,10 +175,12 @@ fn block_on<T>(conversation: impl Future<Output = anyhow::Result<T>>) -> anyhow:
 fn print_json(value: &impl serde::Serialize) -> anyhow::Result<()> {
     let mut line = String::new();
     for character in serde_json::to_string(value)?.chars() {
-        match character {
-            // JSON lets these stand as they are; a terminal would obey them.
-            _ if character.is_control() => line.push_str(&format!("\\u{:04x}", u32::from(character))),
-            _ => line.push(character),
+        // JSON lets these stand as they are; a terminal would obey or hide them.
+        if is_hidden(character) {
+            let mut units = [0; 2];
+            character.encode_utf16(&mut units).iter().for_each(|unit| line.push_str(&format!("\\u{unit:04x}")));
+        } else {
+            line.push(character);
         }
     }
     write_line(&line)
@@ -205,7 +193,7 @@ fn print(text: &str) -> anyhow::Result<()> {
 
 /// A text on stderr, [`plain`].
 fn eprint(text: &str) {
-    eprintln!("{}", plain(text));
+    tell(text);
 }
 
 /// A closed pipe is an error, not a panic.

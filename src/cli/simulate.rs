@@ -5,13 +5,13 @@ use std::path::PathBuf;
 
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
-use tokio::signal::unix::{SignalKind, signal};
 
 use crate::config::{FlowControl, Machine};
 use crate::device::sim::{FAULT_HELP, FaultSpec, SimulateOptions, Statistics, run as simulate};
 use crate::link::message::{Capabilities, DeviceKind, Encoding};
+use crate::signals::Signals;
 
-/// A simulated device on a pseudo-terminal of its own, until SIGINT or SIGTERM.
+/// A simulated device on a pseudo-terminal of its own, until SIGINT, SIGTERM, SIGQUIT or SIGHUP.
 ///
 /// It speaks the protocol of a real machine, times and refuses exposures as one, and writes what it exposed.
 #[derive(Debug, Args)]
@@ -20,7 +20,7 @@ pub struct SimulateArgs {
     /// Kind of machine.
     #[arg(value_enum)]
     device: Kind,
-    /// Symlink to the host's end of the pseudo-terminal; made, and removed at the end.
+    /// Symlink to the host's end of the pseudo-terminal; made, and removed at the end. One simulated device at a time.
     #[arg(long, value_name = "PATH")]
     link: PathBuf,
     /// Directory for `acts.jsonl` and a PNG of each exposed layer.
@@ -69,7 +69,7 @@ fn after_help() -> String {
     )
 }
 
-/// Runs the device until SIGINT or SIGTERM.
+/// Runs the device until SIGINT, SIGTERM, SIGQUIT or SIGHUP.
 ///
 /// # Errors
 /// A machine file that cannot be used, a `PATH` or `DIR` that cannot be written, or a kind of device that is not there yet.
@@ -90,10 +90,9 @@ pub fn run(args: SimulateArgs) -> anyhow::Result<()> {
     };
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().context("cannot start")?;
     let statistics = runtime.block_on(async {
-        let mut interrupted = signal(SignalKind::interrupt()).context("cannot wait for SIGINT")?;
-        let mut terminated = signal(SignalKind::terminate()).context("cannot wait for SIGTERM")?;
+        let mut signals = Signals::take_over().context("cannot wait for signals")?;
         let stop = async {
-            tokio::select! { _ = interrupted.recv() => {}, _ = terminated.recv() => {} }
+            signals.end().await;
         };
         let link = options.link.clone();
         let ready = || say(&format!("simulated dlp ready at {}", link.display()));

@@ -6,6 +6,7 @@ use super::client::Client;
 use super::jobs::notes;
 use super::{block_on, duration_text, mib, print, print_json};
 use crate::daemon::api::{JobView, Status};
+use crate::text::short_name;
 
 /// Everything at a glance: line, job, queue, budget.
 #[derive(Debug, Args)]
@@ -43,7 +44,7 @@ pub(super) fn lines(status: &Status) -> Vec<String> {
         None => lines.push("job      none".into()),
     }
     for job in &status.queue {
-        lines.push(format!("queued   {} {}", job.id, job.name));
+        lines.push(format!("queued   {} {}", job.id, short_name(&job.name)));
         lines.extend(notes(job).into_iter().map(|note| format!("         {note}")));
     }
     let budget = status.budget;
@@ -72,7 +73,13 @@ pub(super) fn lines(status: &Status) -> Vec<String> {
 }
 
 fn job_lines(job: &JobView) -> Vec<String> {
-    let mut lines = vec![format!("job      {} {}: {}, recipe {}", job.id, job.name, job.state, job.recipe)];
+    let mut lines = vec![format!(
+        "job      {} {}: {}, recipe {}",
+        job.id,
+        short_name(&job.name),
+        job.state,
+        short_name(&job.recipe)
+    )];
     let eta = job.eta_s.map_or_else(String::new, |eta| format!(", {} to go", duration_text(eta)));
     lines.push(format!("layers   {} of {}{eta}", job.layers_done, job.layers_total));
     if job.late_layers > 0 {

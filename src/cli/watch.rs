@@ -15,6 +15,7 @@ use tokio::time::timeout;
 use super::client::Client;
 use super::{block_on, duration_text, print_json, status};
 use crate::daemon::api::{DeviceView, JobView, ResumeBody, Status};
+use crate::text::{plain, short_name};
 
 /// A daemon that does not answer must not keep the keys from working.
 const ANSWER_LIMIT: Duration = Duration::from_secs(1);
@@ -140,23 +141,26 @@ fn draw(frame: &mut Frame<'_>, view: &View) {
     let rows = [Constraint::Length(3), Constraint::Min(6), Constraint::Length(4), Constraint::Length(2)];
     let [progress, status, device, keys] = Layout::vertical(rows).areas(frame.area());
     frame.render_widget(gauge(view.status.active.as_ref()), progress);
-    let text = status::lines(&view.status).join("\n");
+    let text = plain(&status::lines(&view.status).join("\n"));
     frame.render_widget(
         Paragraph::new(text).wrap(Wrap { trim: false }).block(Block::bordered().title("layerd")),
         status,
     );
-    frame.render_widget(Paragraph::new(device_text(&view.device)).block(Block::bordered().title("device")), device);
+    frame.render_widget(
+        Paragraph::new(plain(&device_text(&view.device))).block(Block::bordered().title("device")),
+        device,
+    );
     let (text, colour) = if view.asks_abort {
         ("abort this print now? y aborts, any other key does not".into(), Color::Red)
     } else {
-        (format!("p pause  r resume  s stop  a abort  q leave\n{}", view.note), Color::Reset)
+        (format!("p pause  r resume  s stop  a abort  q leave\n{}", plain(&view.note)), Color::Reset)
     };
     frame.render_widget(Paragraph::new(text).style(Style::new().fg(colour)), keys);
 }
 
 fn gauge(job: Option<&JobView>) -> Gauge<'_> {
     let (title, done, total, eta) = match job {
-        Some(job) => (format!("{} {}", job.name, job.state), job.layers_done, job.layers_total, job.eta_s),
+        Some(job) => (format!("{} {}", short_name(&job.name), job.state), job.layers_done, job.layers_total, job.eta_s),
         None => ("no job".into(), 0, 0, None),
     };
     let share = if total == 0 { 0.0 } else { (f64::from(done) / f64::from(total)).min(1.0) };

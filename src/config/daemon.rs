@@ -31,13 +31,15 @@ pub struct DaemonConfig {
 
 /// Where the control socket is unless the configuration says otherwise.
 pub const DEFAULT_SOCKET: &str = "/run/layerd/control.sock";
+/// Where jobs and journals lie unless the configuration says otherwise.
+pub const DEFAULT_SPOOL: &str = "/var/lib/layerd";
 
 fn default_socket() -> PathBuf {
     DEFAULT_SOCKET.into()
 }
 
 fn default_spool() -> PathBuf {
-    "/var/lib/layerd".into()
+    DEFAULT_SPOOL.into()
 }
 
 fn default_memory_budget() -> u64 {

@@ -4,12 +4,18 @@ use serde::Serialize;
 use tokio::sync::{broadcast, mpsc, oneshot, watch};
 
 use super::api::{BudgetView, DeviceView, Event, InDoubt, JobView, LineView, LinkView, RaiseView, RemovedView, Status};
+use super::caller::Caller;
 use crate::job::JobState;
+use crate::text::short_name;
 
 /// Orders that wait for the printer. People and scripts send a few a second at most; more means that nobody answers.
 const WAITING_ORDERS: usize = 16;
-/// Aborts have a queue of their own, so that no other order can stand before one.
+/// Aborts have a queue of their own, so that no other order can stand before one. One that finds it full waits, as many as
+/// there are connections: the printer takes aborts first and each takes it microseconds.
 const WAITING_ABORTS: usize = 4;
+/// Jobs that wait for the machine. Each holds a part in the spool; more than two months of daily prints come from a script
+/// that runs wild, and make lists that nobody reads.
+pub const MOST_QUEUED_JOBS: usize = 64;
 /// Events a slow subscriber may be behind before it is told to read everything again.
 const EVENTS_KEPT: usize = 256;
 
@@ -52,6 +58,22 @@ impl Snapshot {
     pub fn active(&self) -> Option<&JobView> {
         let prints = self.jobs.iter().find(|job| job.state.is_active());
         prints.or_else(|| self.jobs.iter().find(|job| job.state == JobState::Interrupted))
+    }
+
+    /// Whether the queue has room for one more job besides `coming` others that are on their way.
+    ///
+    /// # Errors
+    /// 503 where it has none.
+    pub fn check_queue(&self, coming: usize) -> Result<(), CommandError> {
+        let queued = self.jobs.iter().filter(|job| job.state == JobState::Queued).count();
+        if queued + coming < MOST_QUEUED_JOBS {
+            return Ok(());
+        }
+        let text = format!(
+            "the queue is full: {queued} jobs wait, at most {MOST_QUEUED_JOBS} may; let one be printed, or stop one \
+             (layerctl jobs, layerctl stop JOB)"
+        );
+        Err(CommandError::new(503, text))
     }
 
     /// The job of that id.
@@ -99,6 +121,28 @@ pub enum Answer {
 impl From<JobView> for Answer {
     fn from(job: JobView) -> Self {
         Self::Job(Box::new(job))
+    }
+}
+
+/// As the log says it.
+impl std::fmt::Display for Command {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Submit(new) => write!(f, "start {}", short_name(&new.name)),
+            Self::Pause(id) => write!(f, "pause job {}", short_name(id)),
+            Self::Resume { id, in_doubt: None } => write!(f, "resume job {}", short_name(id)),
+            Self::Resume { id, in_doubt: Some(InDoubt::Exposed) } => {
+                write!(f, "resume job {}, the layer in doubt was exposed", short_name(id))
+            }
+            Self::Resume { id, in_doubt: Some(InDoubt::Repeat) } => {
+                write!(f, "resume job {}, expose the layer in doubt again", short_name(id))
+            }
+            Self::Stop(id) => write!(f, "stop job {}", short_name(id)),
+            Self::Abort(Some(id)) => write!(f, "abort job {}", short_name(id)),
+            Self::Abort(None) => f.write_str("abort"),
+            Self::Remove(id) => write!(f, "remove job {}", short_name(id)),
+            Self::Raise => f.write_str("raise the plate"),
+        }
     }
 }
 
@@ -194,18 +238,36 @@ impl Orders {
 }
 
 impl Handle {
-    /// Gives an order and waits for its answer.
+    /// Gives an order and waits for its answer. The log says who gave it.
     ///
     /// # Errors
     /// What the printer says, or 503 where it takes no orders.
-    pub async fn order(&self, command: Command) -> Result<Answer, CommandError> {
-        let queue = if matches!(command, Command::Abort(_)) { &self.aborts } else { &self.orders };
+    pub async fn order(&self, command: Command, caller: Caller) -> Result<Answer, CommandError> {
+        let what = command.to_string();
+        tracing::info!("order by {caller}: {what}");
+        let answer = self.give(command).await;
+        match &answer {
+            Ok(Answer::Job(job)) => {
+                tracing::info!("order by {caller}: {what}: accepted, job {} is {}", job.id, job.state);
+            }
+            Ok(Answer::Raise(_) | Answer::Removed(_)) => tracing::info!("order by {caller}: {what}: accepted"),
+            Err(error) => tracing::info!("order by {caller}: {what}: refused: {error}"),
+        }
+        answer
+    }
+
+    async fn give(&self, command: Command) -> Result<Answer, CommandError> {
+        let ending = || CommandError::new(503, "the daemon is shutting down");
         let (reply, answer) = oneshot::channel();
-        queue.try_send(Order { command, reply }).map_err(|refused| match refused {
-            mpsc::error::TrySendError::Full(_) => CommandError::new(503, "too many orders wait already; try again"),
-            mpsc::error::TrySendError::Closed(_) => CommandError::new(503, "the daemon is shutting down"),
-        })?;
-        answer.await.unwrap_or_else(|_| Err(CommandError::new(503, "the daemon is shutting down")))
+        if matches!(command, Command::Abort(_)) {
+            self.aborts.send(Order { command, reply }).await.map_err(|_| ending())?;
+        } else {
+            self.orders.try_send(Order { command, reply }).map_err(|refused| match refused {
+                mpsc::error::TrySendError::Full(_) => CommandError::new(503, "too many orders wait already; try again"),
+                mpsc::error::TrySendError::Closed(_) => ending(),
+            })?;
+        }
+        answer.await.unwrap_or_else(|_| Err(ending()))
     }
 
     /// What the printer told last.

@@ -414,6 +414,14 @@ impl Job {
         self.view.layer = None;
         self.view.eta_s = None;
         self.view.ended_ms = Some(unix_ms());
+        self.log_end();
+    }
+
+    /// Writes into the log how and why the job ended.
+    pub(super) fn log_end(&self) {
+        let JobView { id, state, layers_done, layers_total, reason, .. } = &self.view;
+        let reason = reason.as_deref().unwrap_or("every layer is exposed");
+        tracing::info!("job {id} ended: {state} after {layers_done} of {layers_total} layers: {reason}");
     }
 }
 

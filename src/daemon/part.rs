@@ -74,13 +74,24 @@ impl PrintMemory {
     }
 
     fn new(file: &BuildFile, plan: &SlicePlan, threads: usize) -> Self {
-        let raw_bytes = plan.depth.stride_bytes(plan.raster.width_px) as u64 * u64::from(plan.raster.height_px);
+        let slicer_bytes = Slicer::memory_bytes(file, plan, threads);
+        Self { threads, slicer_bytes, ..Self::of_pictures(plan.depth, plan.raster.width_px, plan.raster.height_px) }
+    }
+
+    /// Without what the struts take.
+    fn of_pictures(depth: Depth, width_px: u32, height_px: u32) -> Self {
+        let raw_bytes = depth.stride_bytes(width_px) as u64 * u64::from(height_px);
         Self {
-            threads,
-            slicer_bytes: Slicer::memory_bytes(file, plan, threads),
-            buffer_bytes: raw_bytes + 2 * encoding::largest_encoded_bytes(plan.depth, raw_bytes) + LINK_BYTES,
+            threads: 1,
+            slicer_bytes: 0,
+            buffer_bytes: raw_bytes + 2 * encoding::largest_encoded_bytes(depth, raw_bytes) + LINK_BYTES,
             least_queue_bytes: 2 * raw_bytes + (64 << 10),
         }
+    }
+
+    /// What a part of no strut at all would take on a machine of this size.
+    pub(crate) fn least_bytes(depth: Depth, width_px: u32, height_px: u32) -> u64 {
+        Self::of_pictures(depth, width_px, height_px).need_bytes()
     }
 
     /// The least budget that will do.

@@ -366,7 +366,9 @@ impl Printer {
         self.jobs_ended += 1;
         // Of before the job's last moves.
         self.device_state = None;
-        tracing::info!(job = id, state = %self.jobs.get(id).map_or(JobState::Failed, |job| job.view.state), "job ended");
+        if let Some(job) = self.jobs.get(id) {
+            job.log_end();
+        }
         if let Some(order) = again {
             self.jobs.end_later(id, order);
         }

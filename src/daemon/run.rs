@@ -1,77 +1,89 @@
-//! From a configuration file to a running daemon, and back down on SIGTERM.
+//! From a configuration file to a running daemon, and back down on a signal.
 
-use std::io::IsTerminal;
 use std::path::Path;
 use std::sync::Arc;
+use std::thread::JoinHandle;
 
 use anyhow::Context;
-use tokio::signal::unix::{SignalKind, signal};
+use tokio::net::UnixListener;
 use tokio::sync::watch;
-use tracing_subscriber::EnvFilter;
 
 use super::api::{BudgetView, DeviceView, LineView, LinkState, LinkView};
+use super::check::before_start;
 use super::handle::{self, Snapshot};
 use super::jobs::Jobs;
 use super::line::Line;
+use super::log;
 use super::printer::Printer;
 use super::setting::Setting;
-use super::{notify, server};
+use super::{notify, server, socket};
 use crate::job::Spool;
+use crate::signals::Signals;
 use crate::stream::MemoryBudget;
 
-/// The runtime's own threads: one moves the line's bytes while the other serves the API. Layers have threads of their own.
+/// The runtime's own threads: one moves the line's bytes while the other runs the printer. Layers and each of the two control
+/// sockets have threads of their own, so that no number of connections holds up an order on its way to the device.
 const RUNTIME_THREADS: usize = 2;
 
-/// Sends the log to stderr; `RUST_LOG` says how much. Under systemd, whose journal knows the time, without times.
-pub fn log_to_stderr() {
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("info"));
-    let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).with_target(false);
-    if std::env::var_os("JOURNAL_STREAM").is_some() {
-        log.without_time().with_ansi(false).init();
-    } else {
-        log.with_ansi(std::io::stderr().is_terminal()).init();
-    }
-}
-
-/// Runs the daemon until SIGTERM or SIGINT; returns once the machine is safe.
+/// Runs the daemon until SIGTERM, SIGINT, SIGQUIT or SIGHUP; returns once the machine is safe. It logs to stderr.
 ///
 /// # Errors
-/// What keeps it from starting: configuration, spool, socket.
+/// What keeps it from starting: configuration, spool, socket; or the machine could not be made safe.
 pub fn run(config: &Path) -> anyhow::Result<()> {
-    let setting = Setting::load(config)?;
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(RUNTIME_THREADS)
         .enable_all()
         .build()
         .context("cannot start the runtime")?;
-    runtime.block_on(serve(setting))
+    runtime.block_on(async {
+        // Before anything else: from here on no signal ends this process in the middle of something.
+        let signals = Signals::take_over().context("cannot wait for signals")?;
+        // Dropped last: what waits to be written is written before the error that ends the daemon is told.
+        let _log = log::to_stderr().context("cannot start the log")?;
+        serve(load(config)?, signals).await
+    })
 }
 
-async fn serve(setting: Setting) -> anyhow::Result<()> {
-    let mut terminate = signal(SignalKind::terminate())?;
-    let mut interrupt = signal(SignalKind::interrupt())?;
+/// Reads the configuration and looks at what it names.
+fn load(place: &Path) -> anyhow::Result<Setting> {
+    let together = |errors: &[String]| anyhow::anyhow!(errors.join("\nerror: "));
+    let setting = Setting::load(place, Setting::config(place)?).map_err(|errors| {
+        let errors: Vec<_> = errors.iter().map(|error| format!("{error:#}")).collect();
+        together(&errors)
+    })?;
+    let findings = before_start(&setting, place);
+    findings.warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
+    if findings.errors.is_empty() { Ok(setting) } else { Err(together(&findings.errors)) }
+}
+
+async fn serve(setting: Setting, mut signals: Signals) -> anyhow::Result<()> {
     let spool = Spool::open(&setting.config.spool)?;
     let incoming = spool.incoming();
     let jobs = Jobs::load(spool.jobs()?, spool.forgotten()?, setting.machine.confirm_plate);
-    let listener = server::bind(&setting.config.socket).await?;
+    let socket = setting.config.socket.clone();
+    let [control, aborts] = socket::bind(&socket).await?;
     let budget = MemoryBudget::new(setting.config.memory_budget);
     let (handle, desk) = handle::channel(first_snapshot(&setting, &jobs));
     let (shutdown, ending) = watch::channel(false);
     // The API answers until the machine is safe: an abort must get through while a last exposure ends.
     let (hang_up, over) = watch::channel(false);
     let link = setting.machine.link.clone();
-    let socket = setting.config.socket.clone();
-    let server = tokio::spawn(server::serve(listener, handle, incoming, over));
+    let (abort_handle, abort_over) = (handle.clone(), over.clone());
+    let servers = [
+        serve_in_thread("control api", control, |listener| server::serve(listener, handle, incoming, over))?,
+        serve_in_thread("aborts", aborts, |listener| server::serve_aborts(listener, abort_handle, abort_over))?,
+    ];
     let printer = Printer::new(Arc::new(setting), spool, jobs, budget, desk, Line::start(link));
     let mut printer = tokio::spawn(printer.run(ending));
     notify::ready();
     tracing::info!(socket = %socket.display(), "ready");
     let ended = tokio::select! {
-        _ = terminate.recv() => None,
-        _ = interrupt.recv() => None,
+        signal = signals.end() => {
+            tracing::info!("{signal}: ending, the machine is made safe");
+            None
+        }
         ended = &mut printer => Some(ended),
     };
-    tracing::info!("ending: the machine is made safe");
     // Nobody may be left to hear it.
     let _ = shutdown.send(true);
     let printed = match ended {
@@ -79,9 +91,33 @@ async fn serve(setting: Setting) -> anyhow::Result<()> {
         None => printer.await,
     };
     let _ = hang_up.send(true);
-    let _ = server.await;
-    let _ = std::fs::remove_file(&socket);
+    for server in servers {
+        // A panic in it was told when it happened.
+        let _ = server.join();
+    }
+    for path in [&socket::abort_path(&socket), &socket] {
+        let _ = std::fs::remove_file(path);
+    }
     printed.context("the printer's loop ended with a panic; the device's own limits keep it safe")?
+}
+
+/// Serves a socket in a thread and a runtime of its own.
+fn serve_in_thread<F: Future<Output = ()>>(
+    name: &str,
+    listener: UnixListener,
+    serve: impl FnOnce(UnixListener) -> F + Send + 'static,
+) -> anyhow::Result<JoinHandle<()>> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+    let (runtime, listener) = (runtime.context("cannot start a runtime")?, listener.into_std()?);
+    let run = move || {
+        runtime.block_on(async {
+            match UnixListener::from_std(listener) {
+                Ok(listener) => serve(listener).await,
+                Err(error) => tracing::error!(%error, "a control socket cannot be served"),
+            }
+        });
+    };
+    std::thread::Builder::new().name(name.into()).spawn(run).context("cannot start a thread")
 }
 
 fn first_snapshot(setting: &Setting, jobs: &Jobs) -> Snapshot {

@@ -1,90 +1,44 @@
-//! The control API: HTTP and JSON on a Unix socket, events as server-sent events. Whoever may open the socket may print.
+//! The control API: HTTP and JSON on a Unix socket, events as server-sent events; and the socket for aborts beside it. Whoever
+//! may open a socket may print.
 
-use std::os::unix::fs::{FileTypeExt, PermissionsExt};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
 use axum::body::Body;
-use axum::extract::{Path as UrlPath, Request, State};
+use axum::extract::{Extension, Path as UrlPath, Request, State};
 use axum::http::{HeaderMap, Method, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
 use axum::{Json, Router};
-use hyper_util::rt::{TokioIo, TokioTimer};
-use hyper_util::service::TowerToHyperService;
-use tokio::net::{UnixListener, UnixStream};
-use tokio::sync::{OwnedSemaphorePermit, Semaphore, broadcast, mpsc, watch};
-use tokio::task::JoinSet;
+use tokio::net::UnixListener;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, SemaphorePermit, broadcast, mpsc, watch};
 use tokio::time::timeout;
 
 use super::api::{ErrorBody, Event, JobList, ResumeBody};
+use super::caller::Caller;
+use super::connections::{Door, LARGEST_CROWD, LONGEST_HEAD, MOST_CONNECTIONS, ending};
 use super::handle::{Command, CommandError, Handle};
 use super::{ChannelBody, upload};
 
-/// Connections at once; more wait in the socket's backlog. Operators, a web bridge and scripts need a handful.
-const MOST_CONNECTIONS: usize = 64;
-/// Subscribers to events at once; fewer than connections, so that they can never keep an abort out.
+/// Subscribers to events at once; fewer than connections, so that orders have room beside them.
 const MOST_SUBSCRIBERS: usize = 24;
 /// Uploads at once: each holds a file in the spool.
 const MOST_UPLOADS: usize = 2;
 /// All headers together, bytes: a recipe of 16 KiB is 48 KiB percent-encoded.
 const LARGEST_HEAD_BYTES: usize = 64 << 10;
-/// A client that does not finish a request's head, or that keeps a connection without asking anything, is let go.
-const LONGEST_HEAD: Duration = Duration::from_secs(10);
+/// The same where nothing but an abort is asked for; hyper takes no less.
+const LARGEST_ABORT_HEAD_BYTES: usize = 8 << 10;
 /// A small JSON body, bytes.
 const LARGEST_ORDER_BYTES: usize = 4 << 10;
 /// A subscriber hears at least this often, so that both ends notice a broken connection.
 const KEEP_ALIVE: Duration = Duration::from_secs(5);
-/// Requests under way get this long to end once the printer has ended.
-const LAST_WORDS: Duration = Duration::from_secs(1);
-
-/// Why the socket cannot be served.
-#[derive(Debug, thiserror::Error)]
-pub enum BindError {
-    /// Somebody answers there.
-    #[error("another layerd already serves {}: stop it first, or give this one another `socket`", .0.display())]
-    AlreadyRunning(PathBuf),
-    /// Something else is in the way.
-    #[error("{} exists and is not a socket: remove it, or give layerd another `socket`", .0.display())]
-    NotASocket(PathBuf),
-    /// The system refused.
-    #[error("cannot serve the control socket {}: {source} (does the directory exist, and may this user write there?)", path.display())]
-    Io {
-        /// The socket.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
-}
-
-/// Opens the control socket with mode 0660. A socket that nobody serves any more is replaced.
-///
-/// # Errors
-/// [`BindError`] says what is in the way.
-pub async fn bind(path: &Path) -> Result<UnixListener, BindError> {
-    let io = |source| BindError::Io { path: path.into(), source };
-    match std::fs::symlink_metadata(path) {
-        Ok(found) if !found.file_type().is_socket() => return Err(BindError::NotASocket(path.into())),
-        Ok(_) if UnixStream::connect(path).await.is_ok() => return Err(BindError::AlreadyRunning(path.into())),
-        Ok(_) => tracing::info!(socket = %path.display(), "replacing a socket that nobody serves"),
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {}
-        Err(error) => return Err(io(error)),
-    }
-    // Under another name until its mode is right, then renamed over what is there: never open to all, never missing.
-    let mut new = path.as_os_str().to_owned();
-    new.push(format!(".{}", std::process::id()));
-    let new = PathBuf::from(new);
-    let _ = std::fs::remove_file(&new);
-    let listener = UnixListener::bind(&new).map_err(io)?;
-    std::fs::set_permissions(&new, std::fs::Permissions::from_mode(0o660)).map_err(io)?;
-    std::fs::rename(&new, path).map_err(io)?;
-    Ok(listener)
-}
+/// File descriptors of both sockets at most: their connections, and one each that is just being let go.
+pub(super) const MOST_DESCRIPTORS: u64 = (MOST_CONNECTIONS + 2 * (LARGEST_CROWD + 1)) as u64;
 
 /// Serves the API until `shutdown` becomes true (or its sender is dropped). `incoming` takes uploads; it
 /// must lie on the spool's file system, and whoever opens the spool removes what a crash left there.
-pub async fn serve(listener: UnixListener, handle: Handle, incoming: PathBuf, mut shutdown: watch::Receiver<bool>) {
+pub async fn serve(listener: UnixListener, handle: Handle, incoming: PathBuf, shutdown: watch::Receiver<bool>) {
     let shared = Shared {
         handle,
         incoming,
@@ -92,69 +46,17 @@ pub async fn serve(listener: UnixListener, handle: Handle, incoming: PathBuf, mu
         uploads: Semaphore::new(MOST_UPLOADS),
         shutdown: shutdown.clone(),
     };
-    let service = TowerToHyperService::new(router(Arc::new(shared)));
-    let connections = Arc::new(Semaphore::new(MOST_CONNECTIONS));
-    let mut tasks = JoinSet::new();
-    loop {
-        while tasks.try_join_next().is_some() {}
-        let accepted = tokio::select! {
-            () = ending(&mut shutdown) => break,
-            accepted = accept(&listener, &connections) => accepted,
-        };
-        let (stream, permit) = match accepted {
-            Ok(accepted) => accepted,
-            Err(error) => {
-                // Out of file descriptors: wait for connections to end instead of spinning.
-                tracing::warn!(%error, "cannot accept a connection");
-                tokio::time::sleep(Duration::from_millis(100)).await;
-                continue;
-            }
-        };
-        tasks.spawn(converse(stream, service.clone(), shutdown.clone(), permit));
-    }
-    drop(listener);
-    let _ = timeout(LAST_WORDS, async { while tasks.join_next().await.is_some() {} }).await;
+    let shared = Arc::new(shared);
+    let everything = Some(router(Arc::clone(&shared)));
+    let aborts = abort_router(shared.handle.clone(), no_place);
+    Door { listener, everything, aborts, largest_head_bytes: LARGEST_HEAD_BYTES }.serve(shutdown).await;
 }
 
-async fn accept(
-    listener: &UnixListener,
-    connections: &Arc<Semaphore>,
-) -> std::io::Result<(UnixStream, OwnedSemaphorePermit)> {
-    let permit = Arc::clone(connections).acquire_owned().await.map_err(std::io::Error::other)?;
-    let (stream, _) = listener.accept().await?;
-    Ok((stream, permit))
-}
-
-async fn converse(
-    stream: UnixStream,
-    service: TowerToHyperService<Router>,
-    mut shutdown: watch::Receiver<bool>,
-    _permit: OwnedSemaphorePermit,
-) {
-    let connection = hyper::server::conn::http1::Builder::new()
-        .timer(TokioTimer::new())
-        .header_read_timeout(LONGEST_HEAD)
-        // One request a connection: a client that asks on without reading must not hold a place that an abort needs.
-        .keep_alive(false)
-        .max_buf_size(LARGEST_HEAD_BYTES)
-        .serve_connection(TokioIo::new(stream), service);
-    tokio::pin!(connection);
-    let ended = tokio::select! {
-        ended = &mut connection => ended,
-        () = ending(&mut shutdown) => {
-            connection.as_mut().graceful_shutdown();
-            connection.await
-        }
-    };
-    if let Err(error) = ended {
-        tracing::debug!(%error, "a control connection ended early");
-    }
-}
-
-/// Waits for the end of the daemon.
-async fn ending(shutdown: &mut watch::Receiver<bool>) {
-    // An error means that the sender is gone, which is an end as well.
-    let _ = shutdown.wait_for(|ends| *ends).await;
+/// Serves the socket for aborts, as long as [`serve`] does.
+pub async fn serve_aborts(listener: UnixListener, handle: Handle, shutdown: watch::Receiver<bool>) {
+    let aborts = abort_router(handle, only_aborts);
+    let largest_head_bytes = LARGEST_ABORT_HEAD_BYTES;
+    Door { listener, everything: None, aborts, largest_head_bytes }.serve(shutdown).await;
 }
 
 struct Shared {
@@ -165,8 +67,34 @@ struct Shared {
     shutdown: watch::Receiver<bool>,
 }
 
+impl Shared {
+    /// A place for an upload, as long as it and those under way find room in the queue.
+    fn begin_upload(&self) -> Result<SemaphorePermit<'_>, CommandError> {
+        let place = self
+            .uploads
+            .try_acquire()
+            .map_err(|_| CommandError::new(503, format!("{MOST_UPLOADS} uploads are under way already; try again")))?;
+        let others = MOST_UPLOADS - 1 - self.uploads.available_permits();
+        self.handle.snapshot().check_queue(others)?;
+        Ok(place)
+    }
+}
+
 type App = State<Arc<Shared>>;
 type Answer = Result<Response, CommandError>;
+
+/// Nothing but aborts; `otherwise` is the answer to anything else.
+fn abort_router<F>(handle: Handle, otherwise: fn(Body) -> F) -> Router
+where
+    F: Future<Output = CommandError> + Send + 'static,
+{
+    Router::new()
+        .route("/v1/abort", post(abort_active))
+        .route("/v1/jobs/{id}/abort", post(abort_job))
+        .fallback(otherwise)
+        .method_not_allowed_fallback(otherwise)
+        .with_state(handle)
+}
 
 fn router(shared: Arc<Shared>) -> Router {
     Router::new()
@@ -209,24 +137,35 @@ async fn device(State(shared): App) -> Response {
     Json(shared.handle.snapshot().device.clone()).into_response()
 }
 
-async fn submit(State(shared): App, headers: HeaderMap, mut body: Body) -> Answer {
+async fn submit(
+    State(shared): App,
+    Extension(caller): Extension<Caller>,
+    headers: HeaderMap,
+    mut body: Body,
+) -> Answer {
     let jobs_ended = shared.handle.snapshot().jobs_ended;
-    let submission = match shared.uploads.try_acquire() {
-        Ok(_permit) => upload::receive(&shared.incoming, &headers, &mut body, jobs_ended).await,
-        Err(_) => Err(CommandError::new(503, format!("{MOST_UPLOADS} uploads are under way already; try again"))),
+    let received = match shared.begin_upload() {
+        // Held until the job is in the queue, so that several uploads cannot overfill it together.
+        Ok(place) => upload::receive(&shared.incoming, &headers, &mut body, jobs_ended).await.map(|new| (new, place)),
+        Err(refusal) => Err(refusal),
     };
-    let submission = match submission {
-        Ok(submission) => submission,
+    let (submission, _place) = match received {
+        Ok(received) => received,
         Err(refusal) => {
             upload::drain(&mut body).await;
             return Err(refusal);
         }
     };
-    let job = shared.handle.order(Command::Submit(submission)).await?;
+    let job = shared.handle.order(Command::Submit(submission), caller).await?;
     Ok((StatusCode::CREATED, Json(job)).into_response())
 }
 
-async fn order_job(State(shared): App, UrlPath((id, order)): UrlPath<(String, String)>, request: Request) -> Answer {
+async fn order_job(
+    State(shared): App,
+    Extension(caller): Extension<Caller>,
+    UrlPath((id, order)): UrlPath<(String, String)>,
+    request: Request,
+) -> Answer {
     let command = match order.as_str() {
         "pause" => Command::Pause(id),
         "resume" => Command::Resume { id, in_doubt: resume_body(request).await?.in_doubt },
@@ -237,19 +176,42 @@ async fn order_job(State(shared): App, UrlPath((id, order)): UrlPath<(String, St
             return Err(CommandError::new(404, message));
         }
     };
-    Ok(Json(shared.handle.order(command).await?).into_response())
+    Ok(Json(shared.handle.order(command, caller).await?).into_response())
 }
 
-async fn abort(State(shared): App) -> Answer {
-    Ok(Json(shared.handle.order(Command::Abort(None)).await?).into_response())
+async fn abort(State(shared): App, caller: Extension<Caller>) -> Answer {
+    abort_active(State(shared.handle.clone()), caller).await
 }
 
-async fn remove(State(shared): App, UrlPath(id): UrlPath<String>) -> Answer {
-    Ok(Json(shared.handle.order(Command::Remove(id)).await?).into_response())
+async fn abort_active(State(handle): State<Handle>, Extension(caller): Extension<Caller>) -> Answer {
+    Ok(Json(handle.order(Command::Abort(None), caller).await?).into_response())
 }
 
-async fn raise(State(shared): App) -> Answer {
-    Ok(Json(shared.handle.order(Command::Raise).await?).into_response())
+async fn abort_job(
+    State(handle): State<Handle>,
+    Extension(caller): Extension<Caller>,
+    UrlPath(id): UrlPath<String>,
+) -> Answer {
+    Ok(Json(handle.order(Command::Abort(Some(id)), caller).await?).into_response())
+}
+
+async fn no_place(mut body: Body) -> CommandError {
+    upload::drain(&mut body).await;
+    CommandError::new(503, format!("{MOST_CONNECTIONS} connections are open already; only an abort is taken now"))
+}
+
+async fn only_aborts(mut body: Body) -> CommandError {
+    upload::drain(&mut body).await;
+    let message = "this socket takes only POST /v1/abort and POST /v1/jobs/{id}/abort; use the one without `.abort`";
+    CommandError::new(404, message)
+}
+
+async fn remove(State(shared): App, Extension(caller): Extension<Caller>, UrlPath(id): UrlPath<String>) -> Answer {
+    Ok(Json(shared.handle.order(Command::Remove(id), caller).await?).into_response())
+}
+
+async fn raise(State(shared): App, Extension(caller): Extension<Caller>) -> Answer {
+    Ok(Json(shared.handle.order(Command::Raise, caller).await?).into_response())
 }
 
 async fn resume_body(request: Request) -> Result<ResumeBody, CommandError> {

@@ -24,23 +24,37 @@ pub struct Setting {
 }
 
 impl Setting {
-    /// Reads and checks everything the daemon is configured with.
+    /// Reads and checks the daemon's own file.
     ///
     /// # Errors
     /// Names the file, the key, the value and what is allowed.
-    pub fn load(config: &Path) -> anyhow::Result<Self> {
-        let place = config;
-        let config = DaemonConfig::load(place).map_err(|error| match error {
+    pub(super) fn config(place: &Path) -> anyhow::Result<DaemonConfig> {
+        DaemonConfig::load(place).map_err(|error| match error {
             ConfigError::Read { .. } => anyhow::anyhow!("{error}; --config names another configuration"),
             error => error.into(),
-        })?;
+        })
+    }
+
+    /// Reads and checks the files that `config`, read from `place`, names.
+    ///
+    /// # Errors
+    /// All that is wrong; each names the file, the key, the value and what is allowed.
+    pub(super) fn load(place: &Path, config: DaemonConfig) -> Result<Self, Vec<anyhow::Error>> {
         let named = |key: &str| format!("`{key}` in {}", place.display());
-        let machine = Machine::load(&config.machine).with_context(|| named("machine"))?;
-        let recipe = Recipe::load(&config.recipe).with_context(|| named("recipe"))?;
         let read =
             |path: &Path| std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()));
-        let (machine_text, recipe_text) = (read(&config.machine)?, read(&config.recipe)?);
+        let machine = Machine::load(&config.machine)
+            .with_context(|| named("machine"))
+            .and_then(|machine| Ok((machine, read(&config.machine)?)));
+        let recipe = Recipe::load(&config.recipe)
+            .with_context(|| named("recipe"))
+            .and_then(|recipe| Ok((recipe, read(&config.recipe)?)));
         let threads = config.threads.unwrap_or_else(Slicer::default_threads);
-        Ok(Self { config, machine, machine_text, recipe, recipe_text, threads })
+        match (machine, recipe) {
+            (Ok((machine, machine_text)), Ok((recipe, recipe_text))) => {
+                Ok(Self { config, machine, machine_text, recipe, recipe_text, threads })
+            }
+            (machine, recipe) => Err([machine.err(), recipe.err()].into_iter().flatten().collect()),
+        }
     }
 }

@@ -7,6 +7,7 @@ use crate::link::driver::Delivery;
 use crate::link::message::{Capabilities, DeviceKind, DeviceState, ExposureId};
 use crate::link::session::Statistics;
 use crate::stream::MemoryBudget;
+use crate::text::short_name;
 
 /// The memory budget.
 pub(super) fn budget(budget: &MemoryBudget) -> BudgetView {
@@ -88,5 +89,6 @@ fn exposure(id: ExposureId, jobs: &Jobs) -> ExposureView {
 
 /// One line for `systemctl status`.
 pub(super) fn status_line(job: &JobView) -> String {
-    format!("job {} ({}): {}, {} of {} layers", job.id, job.name, job.state, job.layers_done, job.layers_total)
+    let name = short_name(&job.name);
+    format!("job {} ({name}): {}, {} of {} layers", job.id, job.state, job.layers_done, job.layers_total)
 }

@@ -140,16 +140,21 @@ impl Bench {
 
     /// Starts the daemon and waits until it answers.
     pub(crate) fn start_daemon(&mut self) {
-        let child = Command::new(env!("CARGO_BIN_EXE_layerd"))
-            .current_dir(self.dir.path())
-            .args(["--config", "layerd.toml"])
-            .env("RUST_LOG", "info")
-            .stdin(Stdio::null())
-            .stdout(self.log("daemon.log"))
-            .stderr(self.log("daemon.log"))
-            .spawn()
-            .expect("layerd starts");
-        self.daemon = Some(child);
+        self.start_daemon_by(self.daemon_command(&[env!("CARGO_BIN_EXE_layerd")]));
+    }
+
+    /// A command that runs the daemon: `program`, its arguments, then those of the daemon. It logs to `daemon.log`.
+    pub(crate) fn daemon_command(&self, program: &[&str]) -> Command {
+        let mut command = Command::new(program[0]);
+        command.current_dir(self.dir.path()).env("RUST_LOG", "info");
+        command.args(&program[1..]).args(["--config", "layerd.toml"]);
+        command.stdin(Stdio::null()).stdout(self.log("daemon.log")).stderr(self.log("daemon.log"));
+        command
+    }
+
+    /// Starts the daemon by this command and waits until it answers.
+    pub(crate) fn start_daemon_by(&mut self, mut command: Command) {
+        self.daemon = Some(command.spawn().expect("layerd starts"));
         wait_until("the daemon", || self.layerctl(&["status", "--json"]).status.success());
     }
 
@@ -185,11 +190,21 @@ impl Bench {
         self.daemon.take().expect("the daemon runs").wait().expect("waited").code()
     }
 
-    /// `kill -9` of the simulated device.
-    pub(crate) fn kill_device(&mut self) {
+    /// Returns once the simulated device has ended by itself, with its exit code.
+    pub(crate) fn wait_device(&mut self) -> Option<i32> {
+        self.device.take().expect("the device runs").wait().expect("waited").code()
+    }
+
+    /// `kill -9` of the simulated device, which leaves its link behind.
+    pub(crate) fn kill_device_leaving_its_link(&mut self) {
         let mut device = self.device.take().expect("the device runs");
         device.kill().expect("killed");
         device.wait().expect("waited");
+    }
+
+    /// `kill -9` of the simulated device, and its line gone.
+    pub(crate) fn kill_device(&mut self) {
+        self.kill_device_leaving_its_link();
         let _ = fs::remove_file(self.path("device"));
     }
 

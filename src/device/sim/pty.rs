@@ -1,12 +1,57 @@
 //! A pseudo-terminal under a name of its own: the simulated end of a serial line.
 
+use std::fmt::Write as _;
 use std::io;
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd, RawFd};
+use std::os::linux::net::SocketAddrExt;
+use std::os::unix::fs::MetadataExt;
+use std::os::unix::net::{SocketAddr, UnixListener};
 use std::path::{Path, PathBuf};
 
 use rustix::fs::{Mode, OFlags};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
+use sha2::{Digest, Sha256};
+
+use crate::output::directory_of;
+
+/// The name of a line, for one simulated device alone as long as its process lives, also while its line is gone for a while.
+#[derive(Debug)]
+pub(super) struct Claim {
+    /// Bound to a name without a file, which the kernel frees whatever ends the process. Nobody connects.
+    _name: UnixListener,
+}
+
+impl Claim {
+    /// Claims `link`, by whatever path its directory is named.
+    ///
+    /// # Errors
+    /// Another simulated device serves it, or its directory is not there.
+    pub(super) fn new(link: &Path) -> io::Result<Self> {
+        let directory = std::fs::metadata(directory_of(link)).map_err(|error| named(link, &error))?;
+        let file = link.file_name().ok_or_else(|| named(link, &io::Error::other("it names no file")))?;
+        let mut name = format!("layerd-simulate:{:x}:{:x}:", directory.dev(), directory.ino());
+        // Of one length, as such a name has a limit.
+        for byte in Sha256::digest(file.as_encoded_bytes()).iter().take(16) {
+            let _ = write!(name, "{byte:02x}");
+        }
+        let bound = SocketAddr::from_abstract_name(name).and_then(|address| UnixListener::bind_addr(&address));
+        bound.map(|name| Self { _name: name }).map_err(|error| match error.kind() {
+            io::ErrorKind::AddrInUse => io::Error::new(
+                io::ErrorKind::AddrInUse,
+                format!(
+                    "another simulated device serves {} already: end it first, or give this one another --link",
+                    link.display()
+                ),
+            ),
+            _ => named(link, &error),
+        })
+    }
+}
+
+fn named(link: &Path, error: &io::Error) -> io::Error {
+    io::Error::new(error.kind(), format!("cannot put a pseudo-terminal at {}: {error}", link.display()))
+}
 
 /// The device's end of a pseudo-terminal, and the symlink to the host's end; the symlink goes with it.
 #[derive(Debug)]
@@ -24,10 +69,7 @@ impl Pty {
     /// # Errors
     /// Where there is no pseudo-terminal left, or `link` is something else than a symlink or cannot be written.
     pub(super) fn open(link: &Path) -> io::Result<Self> {
-        let named = |error: io::Error| {
-            io::Error::new(error.kind(), format!("cannot put a pseudo-terminal at {}: {error}", link.display()))
-        };
-        Self::open_unnamed(link).map_err(named)
+        Self::open_unnamed(link).map_err(|error| named(link, &error))
     }
 
     fn open_unnamed(link: &Path) -> io::Result<Self> {

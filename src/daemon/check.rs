@@ -1,0 +1,233 @@
+//! `layerd --check`: tries what a start needs, changes nothing, and tells everything it finds. A start looks at the same things
+//! first, and says the same of them.
+
+use std::io::{ErrorKind, Write};
+use std::os::unix::fs::FileTypeExt;
+use std::path::Path;
+
+use rustix::fs::{Access, access};
+
+use super::setting::Setting;
+use super::socket::{self, BindError};
+use super::{PrintMemory, descriptors};
+use crate::config::{DEFAULT_SOCKET, DEFAULT_SPOOL, Machine};
+use crate::disk;
+use crate::link::transport::OpenError;
+use crate::slice::Depth;
+
+/// What the program takes besides its memory budget; `ARCHITECTURE.md` says of what.
+const BESIDE_BUDGET_BYTES: u64 = 24 << 20;
+
+/// What a check found.
+#[derive(Debug, Default)]
+pub struct Findings {
+    /// What keeps the daemon from starting. Each says what and where it is, and what to do.
+    pub errors: Vec<String>,
+    /// What does not, but keeps it from printing now.
+    pub warnings: Vec<String>,
+    /// Machine and recipe, where both could be read.
+    pub summary: Option<String>,
+}
+
+/// Tries what a start with the configuration file `place` needs.
+pub fn check(place: &Path) -> Findings {
+    let mut findings = Findings::default();
+    let config = match Setting::config(place) {
+        Ok(config) => config,
+        Err(error) => {
+            findings.errors.push(format!("{error:#}"));
+            return findings;
+        }
+    };
+    findings.socket(&config.socket, place);
+    findings.spool(&config.spool, place);
+    findings.errors.extend(descriptors::check().err());
+    match Setting::load(place, config) {
+        Ok(setting) => {
+            findings.machine(&setting);
+            findings.summary = Some(format!("machine `{}`, recipe `{}`", setting.machine.name, setting.recipe.name));
+        }
+        Err(errors) => findings.errors.extend(errors.iter().map(|error| format!("{error:#}"))),
+    }
+    findings
+}
+
+/// What a start looks at before it begins, once the configuration is read.
+pub(super) fn before_start(setting: &Setting, place: &Path) -> Findings {
+    let mut findings = Findings::default();
+    // The directories that systemd makes are there by now, or missing.
+    findings.errors.extend(socket::check(&setting.config.socket).err().map(|error| named("socket", place, &error)));
+    findings.errors.extend(spool(&setting.config.spool).err().map(|error| named("spool", place, &error.text())));
+    findings.errors.extend(descriptors::reserve().err());
+    findings.machine(setting);
+    findings
+}
+
+fn named(key: &str, place: &Path, what: &dyn std::fmt::Display) -> String {
+    format!("`{key}` in {}: {what}", place.display())
+}
+
+impl Findings {
+    fn socket(&mut self, path: &Path, place: &Path) {
+        match socket::check(path) {
+            Ok(()) => {}
+            // Whoever checks before the first start, or by another name than the service's, is not to be sent astray.
+            Err(error @ BindError::NoDirectory(_)) if path == Path::new(DEFAULT_SOCKET) => {
+                self.warnings.push(format!("{} (the service makes it when it starts)", named("socket", place, &error)));
+            }
+            Err(error) => self.errors.push(named("socket", place, &error)),
+        }
+    }
+
+    fn spool(&mut self, path: &Path, place: &Path) {
+        match spool(path) {
+            Ok(()) => {
+                if let Ok(free_bytes) = disk::free_bytes(path)
+                    && free_bytes < disk::RESERVE_BYTES
+                {
+                    let text = format!(
+                        "only {free_bytes} bytes are free in {}, and {} are kept in reserve: no job can be taken until there \
+                         is room",
+                        path.display(),
+                        disk::RESERVE_BYTES
+                    );
+                    self.warnings.push(named("spool", place, &text));
+                }
+            }
+            Err(error @ SpoolFault::Missing(_)) if path == Path::new(DEFAULT_SPOOL) => {
+                let text = named("spool", place, &error.text());
+                self.warnings.push(format!("{text} (the service makes it when it starts)"));
+            }
+            Err(error) => self.errors.push(named("spool", place, &error.text())),
+        }
+    }
+
+    fn machine(&mut self, setting: &Setting) {
+        let (config, machine) = (&setting.config, &setting.machine);
+        let place = config.machine.display();
+        if let Some(error) = port(machine) {
+            self.warnings.push(format!("`link.path` in {place}: {error}; the daemon starts and waits for it"));
+        }
+        let need_bytes = PrintMemory::least_bytes(Depth::Bit, machine.width_px, machine.height_px);
+        if need_bytes > config.memory_budget {
+            self.warnings.push(format!(
+                "`memory_budget` of {} bytes is less than the {need_bytes} bytes that one layer of {} x {} pixels takes: every \
+                 job will be refused; raise it",
+                config.memory_budget, machine.width_px, machine.height_px
+            ));
+        }
+        let whole_bytes = config.memory_budget.saturating_add(BESIDE_BUDGET_BYTES);
+        if let Some((limit_bytes, of)) = memory_limit().filter(|(limit_bytes, _)| *limit_bytes < whole_bytes) {
+            self.warnings.push(format!(
+                "`memory_budget` of {} bytes and {BESIDE_BUDGET_BYTES} beside it are more than the {limit_bytes} bytes {of}: \
+                 lower the budget or raise that",
+                config.memory_budget
+            ));
+        }
+    }
+}
+
+/// What is wrong with a spool.
+enum SpoolFault {
+    /// It is not there and cannot be made.
+    Missing(String),
+    /// It cannot be used.
+    Unusable(String),
+}
+
+impl SpoolFault {
+    fn text(self) -> String {
+        match self {
+            Self::Missing(text) | Self::Unusable(text) => text,
+        }
+    }
+}
+
+/// Whether files can be made in a spool and its directories. The lock of a daemon that runs is left alone.
+fn spool(root: &Path) -> Result<(), SpoolFault> {
+    if !root.exists() {
+        return can_be_made(root);
+    }
+    for directory in [root.to_path_buf(), root.join("jobs"), root.join("incoming")] {
+        if !directory.exists() {
+            continue;
+        }
+        let fault = |what: String| {
+            let text = format!(
+                "{what}: give {} and all in it to the user layerd runs as (chown -R), or name another directory",
+                root.display()
+            );
+            SpoolFault::Unusable(text)
+        };
+        if !directory.is_dir() {
+            return Err(fault(format!("{} is not a directory", directory.display())));
+        }
+        match tempfile::NamedTempFile::with_prefix_in(".check-", &directory)
+            .and_then(|mut file| file.write_all(b"layerd"))
+        {
+            Ok(()) => {}
+            Err(error) if matches!(error.kind(), ErrorKind::StorageFull | ErrorKind::QuotaExceeded) => {
+                let text = format!("no file can be written in {} ({error}): make room", directory.display());
+                return Err(SpoolFault::Unusable(text));
+            }
+            Err(error) => {
+                let kind = error.kind();
+                return Err(fault(format!("this user cannot make files in {} ({kind})", directory.display())));
+            }
+        }
+    }
+    let lock = root.join("lock");
+    match access(&lock, Access::WRITE_OK) {
+        Err(error) if error != rustix::io::Errno::NOENT => Err(SpoolFault::Unusable(format!(
+            "this user may not write {} ({}): give it to the user layerd runs as",
+            lock.display(),
+            std::io::Error::from(error).kind()
+        ))),
+        _ => Ok(()),
+    }
+}
+
+fn can_be_made(root: &Path) -> Result<(), SpoolFault> {
+    let Some(above) = root.ancestors().skip(1).find(|above| above.exists() || *above == Path::new("")) else {
+        return Ok(());
+    };
+    let above = if above == Path::new("") { Path::new(".") } else { above };
+    if above.is_dir() && access(above, Access::WRITE_OK | Access::EXEC_OK).is_ok() {
+        return Ok(());
+    }
+    Err(SpoolFault::Missing(format!(
+        "{} does not exist, and this user may not make it in {}: make it, and give it to the user layerd runs as",
+        root.display(),
+        above.display()
+    )))
+}
+
+/// What keeps the port from being opened, without opening it: that alone resets many boards.
+fn port(machine: &Machine) -> Option<OpenError> {
+    let path = &machine.link.path;
+    match std::fs::metadata(path) {
+        Err(error) if error.kind() == ErrorKind::NotFound => Some(OpenError::Missing(path.clone())),
+        Err(error) if error.kind() == ErrorKind::PermissionDenied => Some(OpenError::PermissionDenied(path.clone())),
+        Err(error) => Some(OpenError::Other { path: path.clone(), reason: error.to_string() }),
+        Ok(metadata) if !metadata.file_type().is_char_device() => Some(OpenError::NotATerminal(path.clone())),
+        Ok(_) if access(path, Access::READ_OK | Access::WRITE_OK).is_err() => {
+            Some(OpenError::PermissionDenied(path.clone()))
+        }
+        Ok(_) => None,
+    }
+}
+
+/// The least memory this process is allowed, and by what, as far as that can be read.
+fn memory_limit() -> Option<(u64, &'static str)> {
+    let group = std::fs::read_to_string("/proc/self/cgroup").unwrap_or_default();
+    let group = group.lines().find_map(|line| line.strip_prefix("0::/")).unwrap_or_default();
+    let of_group = std::fs::read_to_string(Path::new("/sys/fs/cgroup").join(group).join("memory.max"));
+    let of_group = of_group.ok().and_then(|text| Some((text.trim().parse().ok()?, "its MemoryMax allows")));
+    // Not there for every service; the limit of its group is.
+    let system = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
+    let of_system = system.lines().find_map(|line| {
+        let kibibytes: u64 = line.strip_prefix("MemTotal:")?.trim().strip_suffix(" kB")?.parse().ok()?;
+        Some((kibibytes << 10, "this host has"))
+    });
+    of_group.into_iter().chain(of_system).min_by_key(|(bytes, _)| *bytes)
+}

@@ -1,0 +1,105 @@
+//! Text from outside, before a person reads it: names of files and jobs, what a device says of itself.
+//!
+//! A terminal obeys control characters, and bidirectional controls and other invisible characters make a text look like
+//! another. All of them are shown as escapes.
+
+use std::io::Write;
+
+/// Longest name as shown, characters: it fits a line of a terminal together with a job's number, state and layers.
+const LONGEST_NAME_SHOWN: usize = 48;
+/// Of a shortened name this many characters of its end are shown: numbers and extensions stand there.
+const END_SHOWN: usize = 16;
+
+/// Whether a terminal obeys the character or does not show it: controls (Unicode `Cc`), format characters (`Cf`), and the
+/// separators of lines and paragraphs (`Zl`, `Zp`).
+pub(crate) fn is_hidden(character: char) -> bool {
+    character.is_control()
+        || matches!(
+            u32::from(character),
+            0xAD | 0x600..=0x605
+                | 0x61C
+                | 0x6DD
+                | 0x70F
+                | 0x890..=0x891
+                | 0x8E2
+                | 0x180E
+                | 0x200B..=0x200F
+                | 0x2028..=0x202E
+                | 0x2060..=0x206F
+                | 0xFEFF
+                | 0xFFF9..=0xFFFB
+                | 0x110BD
+                | 0x110CD
+                | 0x13430..=0x1343F
+                | 0x1BCA0..=0x1BCA3
+                | 0x1D173..=0x1D17A
+                | 0xE0001
+                | 0xE0020..=0xE007F
+        )
+}
+
+/// The text with its hidden characters written as in Rust (`\u{202e}`); line breaks stay.
+pub(crate) fn plain(text: &str) -> String {
+    escaped(text, |character| character != '\n' && is_hidden(character))
+}
+
+/// The same for what must stay one line: line breaks are escaped as well.
+pub(crate) fn plain_line(text: &str) -> String {
+    escaped(text, is_hidden)
+}
+
+/// The name of a job, part or recipe as a list shows it: one line, and shortened in its middle where it is too long.
+pub(crate) fn short_name(name: &str) -> String {
+    let name = plain_line(name);
+    let length = name.chars().count();
+    if length <= LONGEST_NAME_SHOWN {
+        return name;
+    }
+    let begin = LONGEST_NAME_SHOWN - END_SHOWN - 1;
+    let (first, last) = (name.chars().take(begin), name.chars().skip(length - END_SHOWN));
+    first.chain(['…']).chain(last).collect()
+}
+
+fn escaped(text: &str, is_escaped: impl Fn(char) -> bool) -> String {
+    let mut plain = String::with_capacity(text.len());
+    for character in text.chars() {
+        if is_escaped(character) {
+            plain.extend(character.escape_default());
+        } else {
+            plain.push(character);
+        }
+    }
+    plain
+}
+
+/// One line on stderr, with control and hidden characters escaped. Nobody may be left to read it: that is no reason to panic.
+pub fn tell(text: &str) {
+    let _ = writeln!(std::io::stderr(), "{}", plain(text));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_terminal_obeys_or_hides_is_escaped() {
+        assert_eq!(plain("a\u{1b}[31mb\nc"), "a\\u{1b}[31mb\nc");
+        assert_eq!(plain_line("a\nb\tc"), "a\\nb\\tc");
+        for hidden in ['\u{202a}', '\u{202e}', '\u{2066}', '\u{2069}', '\u{200e}', '\u{200f}', '\u{61c}', '\u{feff}'] {
+            let shown = plain(&format!("part{hidden}fdp"));
+            assert_eq!(shown, format!("part\\u{{{:x}}}fdp", u32::from(hidden)));
+        }
+        for visible in ["Würfel 1.layerd", "部品", "Wu\u{308}rfel", "a \"quoted\" \\ name", "قطعة"] {
+            assert_eq!(plain(visible), visible);
+        }
+    }
+
+    #[test]
+    fn a_long_name_is_shortened_in_its_middle() {
+        assert_eq!(short_name("part.layerd"), "part.layerd");
+        let shown = short_name(&format!("{}_0042.layerd", "ü".repeat(200)));
+        assert_eq!(shown.chars().count(), LONGEST_NAME_SHOWN);
+        assert!(shown.starts_with("üüü") && shown.contains('…') && shown.ends_with("_0042.layerd"), "{shown}");
+        assert_eq!(short_name("a\nb"), "a\\nb");
+    }
+}
