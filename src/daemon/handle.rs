@@ -42,6 +42,7 @@ impl Snapshot {
             misfit: self.device.misfit.clone().filter(|_| self.device.connected),
             active: self.active().cloned(),
             queue: self.jobs.iter().filter(queued).cloned().collect(),
+            last: self.last().cloned(),
             budget: self.budget,
             line: self.line.clone(),
         }
@@ -51,6 +52,12 @@ impl Snapshot {
     pub fn active(&self) -> Option<&JobView> {
         let prints = self.jobs.iter().find(|job| job.state.is_active());
         prints.or_else(|| self.jobs.iter().find(|job| job.state == JobState::Interrupted))
+    }
+
+    /// The job that ended last; of those whose end nobody knows the newest, where there is no other.
+    fn last(&self) -> Option<&JobView> {
+        // Of equals the last one is taken.
+        self.jobs.iter().filter(|job| job.state.is_final()).max_by_key(|job| job.ended_ms)
     }
 
     /// The job of that id.

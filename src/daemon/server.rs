@@ -35,7 +35,7 @@ const LONGEST_HEAD: Duration = Duration::from_secs(10);
 /// A small JSON body, bytes.
 const LARGEST_ORDER_BYTES: usize = 4 << 10;
 /// A subscriber hears at least this often, so that both ends notice a broken connection.
-const KEEP_ALIVE: Duration = Duration::from_secs(5);
+const KEEP_ALIVE: Duration = Duration::from_secs(1);
 /// Requests under way get this long to end once the printer has ended.
 const LAST_WORDS: Duration = Duration::from_secs(1);
 

@@ -88,5 +88,5 @@ fn exposure(id: ExposureId, jobs: &Jobs) -> ExposureView {
 
 /// One line for `systemctl status`.
 pub(super) fn status_line(job: &JobView) -> String {
-    format!("job {} ({}): {}, {} of {} layers", job.id, job.name, job.state, job.layers_done, job.layers_total)
+    format!("job {} ({}): {}, {} of {} layers done", job.id, job.name, job.state, job.layers_done, job.layers_total)
 }
