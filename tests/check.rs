@@ -289,3 +289,41 @@ fn a_real_lattice_is_the_same_on_any_number_of_threads_and_from_any_layer() {
     let lit = pixels.pixels().filter(|pixel| pixel.0[0] > 0).count();
     assert!(lit > 100_000, "{lit} pixels are lit");
 }
+
+#[test]
+fn a_turn_is_proposed_only_where_the_part_then_fits() {
+    // The machine takes 38.4 × 21.6 × 100 mm.
+    let cases = [
+        ([20.0, 30.0, 10.0], Some("0,0,90")),
+        ([30.0, 60.0, 10.0], Some("90,0,0")),
+        ([60.0, 20.0, 10.0], Some("0,90,0")),
+        ([20.0, 60.0, 30.0], Some("90,0,90")),
+        ([60.0, 30.0, 20.0], Some("90,90,0")),
+        ([120.0, 30.0, 30.0], None),
+    ];
+    let dir = tempfile::tempdir().expect("a directory");
+    for (size, turn) in cases {
+        let [x, y, z] = size.map(|edge: f64| edge - 1.0);
+        let text = format!("3 0.5\n0 0 0 {x} 0 0\n0 0 0 0 {y} 0\n0 0 0 0 0 {z}\n");
+        fs::write(dir.path().join("axes.txt"), text).expect("written");
+        let pack = |rotate: &str| {
+            let output = layerctl(
+                dir.path(),
+                &["pack", "axes.txt", "--blend", "union", "--rotate", rotate, "-o", "axes.layerd"],
+            );
+            assert!(output.status.success(), "{}", stderr(&output));
+            layerctl(dir.path(), &["check", "axes.layerd", "-m", "sim-dlp"])
+        };
+        let refused = pack("0,0,0");
+        let told = stderr(&refused);
+        assert_eq!(refused.status.code(), Some(1), "{told}");
+        match turn {
+            Some(turn) => {
+                assert!(told.contains(&format!("pack it with `--rotate {turn}`")), "{size:?}: {told}");
+                let turned = pack(turn);
+                assert!(turned.status.success(), "{size:?} turned by {turn}: {}", stderr(&turned));
+            }
+            None => assert!(told.contains("--scale") && !told.contains("--rotate"), "{size:?}: {told}"),
+        }
+    }
+}

@@ -15,6 +15,14 @@ fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
+/// A build file.
+fn part_in(directory: &Path) -> String {
+    let part = directory.join("part.layerd").to_str().unwrap().to_owned();
+    let output = layerctl(&["generate", "bcc", "--struts", "20", "-o", &part], Path::new("/nonexistent"));
+    assert!(output.status.success(), "{}", stderr(&output));
+    part
+}
+
 #[test]
 fn wrong_usage_is_exit_code_2() {
     let wrong: [&[&str]; 11] = [
@@ -40,9 +48,7 @@ fn wrong_usage_is_exit_code_2() {
 #[test]
 fn without_a_daemon_every_command_tells_the_remedy() {
     let directory = tempfile::tempdir().unwrap();
-    let part = directory.path().join("part.layerd");
-    std::fs::write(&part, "bytes").unwrap();
-    let part = part.to_str().unwrap();
+    let part = &part_in(directory.path());
     let commands: [&[&str]; 9] = [
         &["status"],
         &["status", "--json"],
@@ -60,8 +66,77 @@ fn without_a_daemon_every_command_tells_the_remedy() {
         assert_eq!(output.status.code(), Some(1), "{arguments:?}: {told}");
         assert!(told.starts_with("error: "), "{told}");
         assert!(told.contains("systemctl start layerd") && told.contains("none.sock"), "{told}");
+        assert_eq!(told.contains("at the mains"), arguments == ["abort"], "what to do by hand: {told}");
         assert!(output.stdout.is_empty(), "{arguments:?}");
     }
+}
+
+#[test]
+fn a_socket_path_that_is_too_long_is_told_as_that() {
+    let output = layerctl(&["status"], Path::new(&format!("/{}/control.sock", "x".repeat(120))));
+    let told = stderr(&output);
+    assert_eq!(output.status.code(), Some(1), "{told}");
+    assert!(told.contains("has 134 bytes, but the system allows 107") && told.contains("LAYERD_SOCKET"), "{told}");
+    assert!(!told.contains("SUN_LEN"), "{told}");
+}
+
+#[test]
+fn what_is_no_build_file_is_told_before_the_daemon_is_asked() {
+    let directory = tempfile::tempdir().unwrap();
+    let part = part_in(directory.path());
+    let bytes = std::fs::read(&part).unwrap();
+    let write = |name: &str, bytes: &[u8]| {
+        let path = directory.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        path.to_str().unwrap().to_owned()
+    };
+    let cases = [
+        (write("text.layerd", b"the bytes of something else"), "not a build file"),
+        (write("empty.layerd", b""), "too few"),
+        (write("cut.layerd", &bytes[..bytes.len() - 1]), "cut short"),
+        (directory.path().to_str().unwrap().to_owned(), "not a regular file"),
+    ];
+    for (file, words) in cases {
+        let output = layerctl(&["start", &file], &directory.path().join("none.sock"));
+        let told = stderr(&output);
+        assert_eq!(output.status.code(), Some(1), "{told}");
+        assert!(told.contains(&file) && told.contains(words) && !told.contains("none.sock"), "{told}");
+    }
+}
+
+#[test]
+fn a_negative_number_is_a_value_wherever_one_may_stand() {
+    let commands: [(&[&str], &str); 12] = [
+        (&["pack", "x.txt", "-o", "x", "--scale", "-5"], "--scale -5"),
+        (&["pack", "x.txt", "-o", "x", "--rotate", "-5,0,0"], "x.txt"),
+        (&["pack", "x.txt", "-o", "x", "--rotate", "-5"], "'-5' for '--rotate"),
+        (&["pack", "x.txt", "-o", "x", "--memory", "-5"], "'-5' for '--memory"),
+        (&["generate", "bcc", "--struts", "-5", "-o", "x"], "'-5' for '--struts"),
+        (&["generate", "bcc", "--struts", "5", "--box", "-5,1,1", "-o", "/nonexistent/x"], "-5"),
+        (&["slice", "x", "-m", "sim-dlp", "-o", "x", "--threads", "-5"], "'-5' for '--threads"),
+        (&["slice", "x", "-m", "sim-dlp", "-o", "x", "--layers", "-5..2"], "'-5..2' for '--layers"),
+        (&["check", "x", "-m", "sim-dlp", "--budget", "-5"], "'-5' for '--budget"),
+        (&["simulate", "dlp", "--link", "x", "--baud", "-5"], "'-5' for '--baud"),
+        (&["simulate", "dlp", "--link", "x", "--window", "-5"], "'-5' for '--window"),
+        (&["resume", "-5"], "none.sock"),
+    ];
+    for (arguments, words) in commands {
+        let output = layerctl(arguments, Path::new("/nonexistent/none.sock"));
+        let told = stderr(&output);
+        assert!(!output.status.success() && told.contains(words) && !told.contains("-- -5"), "{arguments:?}: {told}");
+    }
+}
+
+#[test]
+fn what_is_no_zip_is_told_to_be_no_3mf() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("part.3mf");
+    std::fs::write(&file, "solid a\nfacet normal 0 0 1\n").unwrap();
+    let out = directory.path().join("out.layerd");
+    let output = layerctl(&["pack", file.to_str().unwrap(), "-o", out.to_str().unwrap()], Path::new("/nonexistent"));
+    let told = stderr(&output);
+    assert_eq!(output.status.code(), Some(1), "{told}");
+    assert!(told.contains("part.3mf: it is no 3MF file") && !told.contains("EOCD"), "{told}");
 }
 
 #[test]
@@ -70,7 +145,8 @@ fn what_is_wrong_on_this_side_is_told_before_anything_is_sent() {
     let bad = directory.path().join("bad.toml");
     std::fs::write(&bad, "name = \"x\"\nexposure = 3\n").unwrap();
     let socket = directory.path().join("none.sock");
-    let cases: [(&[&str], &str); 4] = [
+    let cases: [(&[&str], &str); 5] = [
+        (&["start", "part.layerd"], "part.layerd"),
         (&["start", "part.layerd", "--recipe", "nonesuch"], "nonesuch"),
         (&["start", "part.layerd", "--recipe", bad.to_str().unwrap()], "exposure"),
         (&["watch"], "terminal"),

@@ -19,6 +19,9 @@ use layerd::daemon::socket::{self, BindError};
 use layerd::job::JobState;
 use tokio::sync::watch;
 
+/// Magic and version of a build file. What follows nobody reads here.
+const BEGINNING: &[u8] = b"\x89LYD\r\n\x1a\n\x01\0\0\0";
+
 /// A daemon without a machine: it takes jobs, keeps their files and obeys orders at once.
 struct Daemon {
     directory: tempfile::TempDir,
@@ -67,7 +70,7 @@ impl Daemon {
     }
 
     async fn submit(&self, name: &str) -> JobView {
-        let part = self.file("part.layerd", b"some bytes");
+        let part = self.file("part.layerd", &[BEGINNING, b"some bytes"].concat());
         self.client().submit(&NewJob { part, name: name.into(), recipe: None }, |_, _| {}).await.unwrap()
     }
 }
@@ -171,7 +174,8 @@ async fn a_job_is_submitted_and_obeys_every_order() {
     let daemon = Daemon::start().await;
     let client = daemon.client();
     // Larger than any buffer on the way, not a multiple of the part size.
-    let bytes: Vec<u8> = (0..3_000_017_u32).map(|index| (index % 251) as u8).collect();
+    let mut bytes: Vec<u8> = (0..3_000_017_u32).map(|index| (index % 251) as u8).collect();
+    bytes[..BEGINNING.len()].copy_from_slice(BEGINNING);
     let part = daemon.file("part.layerd", &bytes);
     let recipe = "name = \"größer\"\n# 100 %\n".to_owned();
     let new = NewJob { part, name: "Würfel 1.layerd".into(), recipe: Some(("fein".into(), recipe.clone())) };
@@ -288,13 +292,47 @@ async fn bad_requests_get_a_status_and_a_sentence() {
 #[tokio::test(flavor = "multi_thread")]
 async fn an_upload_that_breaks_off_leaves_nothing() {
     let daemon = Daemon::start().await;
-    let request = b"POST /v1/jobs HTTP/1.1\r\nhost: x\r\nx-layerd-name: a\r\ncontent-length: 100000\r\n\r\nfirst bytes";
+    let request = b"POST /v1/jobs HTTP/1.1\r\nhost: x\r\nx-layerd-name: a\r\ncontent-length: 100000\r\n\r\n";
     let mut stream = std::os::unix::net::UnixStream::connect(daemon.socket()).unwrap();
-    stream.write_all(request).unwrap();
+    stream.write_all(&[request, BEGINNING, b"first bytes"].concat()).unwrap();
     wait_until(|| daemon.incoming_files() == 1).await;
     drop(stream);
     wait_until(|| daemon.incoming_files() == 0).await;
     assert!(daemon.client().jobs().await.unwrap().is_empty());
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_is_no_build_file_is_refused_at_its_first_bytes() {
+    let daemon = Daemon::start().await;
+    let head = "POST /v1/jobs HTTP/1.1\r\nhost: x\r\nx-layerd-name: photo\r\ncontent-length: 1000000\r\n\r\n";
+    let cases: [(&[u8], &str); 3] = [
+        (b"\x89PNG\r\n\x1a\n", "photo: it is not a build file"),
+        (b"\x89PN", "photo: it is not a build file"),
+        (b"\x89LYD\r\n\x1a\n\x07\0\0\0", "photo: it is a build file of version 7"),
+    ];
+    for (beginning, words) in cases {
+        // A megabyte is announced, a few bytes are sent, and the answer is there.
+        let answer = raw_async(daemon.socket(), [head.as_bytes(), beginning].concat()).await;
+        assert!(answer.starts_with("HTTP/1.1 422 ") && answer.contains(words), "{answer}");
+    }
+    assert_eq!(daemon.incoming_files(), 0);
+}
+
+#[test]
+fn the_job_that_ended_last_is_told() {
+    let mut snapshot = empty_snapshot();
+    assert_eq!(snapshot.status().last, None);
+    for (id, state, ended_ms) in [
+        ("1", JobState::Failed, None),
+        ("2", JobState::Completed, Some(5)),
+        ("3", JobState::Stopped, Some(9)),
+        ("4", JobState::Aborted, Some(7)),
+        ("5", JobState::Interrupted, Some(11)),
+        ("6", JobState::Queued, None),
+    ] {
+        snapshot.jobs.push(JobView { state, ended_ms, ..queued(id, "part", None) });
+    }
+    assert_eq!(snapshot.status().last.map(|job| job.id), Some("3".into()));
 }
 
 async fn wait_until(condition: impl Fn() -> bool) {

@@ -22,6 +22,28 @@ pub(super) const QUANTA_UM: std::ops::RangeInclusive<f64> = 1e-3..=1e3;
 /// Magic, version, header length, header CRC.
 pub(super) const PRELUDE_BYTES: usize = 20;
 
+/// Bytes that [`check_beginning`] looks at: magic and version.
+pub const BEGINNING_BYTES: usize = 12;
+
+/// Checks that a file which begins with these bytes may be a build file this code reads. Of fewer than [`BEGINNING_BYTES`] as many
+/// are checked as there are.
+///
+/// # Errors
+/// A text that says what it is instead.
+pub fn check_beginning(bytes: &[u8]) -> Result<(), String> {
+    let magic = &bytes[..bytes.len().min(MAGIC.len())];
+    if !MAGIC.starts_with(magic) {
+        return Err("it is not a build file (.layerd); make one with `layerctl pack`".into());
+    }
+    if let Some(&[a, b, c, d]) = bytes.get(MAGIC.len()..BEGINNING_BYTES) {
+        let version = u32::from_le_bytes([a, b, c, d]);
+        if version != VERSION {
+            return Err(format!("it is a build file of version {version}; this layerd reads version {VERSION}"));
+        }
+    }
+    Ok(())
+}
+
 /// Largest header: ten times what one with the longest source name takes.
 pub(super) const HEADER_LIMIT_BYTES: u32 = 4096;
 

@@ -23,6 +23,7 @@ mod sort_key;
 mod writer;
 
 pub use chunk::CHUNK_STRUTS;
+pub use format::{BEGINNING_BYTES, check_beginning};
 pub use generate::{GenerateOptions, Height, Kind, generate};
 pub use index::ChunkEntry;
 pub use model::{Blend, Bounds, Cap, Caps, Header, Placement, Strut};

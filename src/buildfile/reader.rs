@@ -6,7 +6,7 @@ use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
 use super::chunk::{self, CHUNK_STRUTS, UNPACKED_LIMIT_BYTES};
-use super::format::{self, Footer, HEADER_LIMIT_BYTES, MAGIC, PRELUDE_BYTES, VERSION};
+use super::format::{self, Footer, HEADER_LIMIT_BYTES, PRELUDE_BYTES, check_beginning};
 use super::index::ChunkEntry;
 use super::model::{Bounds, Header, Strut};
 use super::profile::{self, ProfileBuilder};
@@ -53,6 +53,19 @@ pub enum BuildFileError {
         /// What is wrong.
         problem: String,
     },
+}
+
+impl BuildFileError {
+    /// What is damaged and how, without the file's name and without a remedy; `None` where the file is not damaged.
+    pub fn damage(&self) -> Option<String> {
+        match self {
+            Self::Read { .. } | Self::Foreign { .. } => None,
+            Self::Frame { part, problem, .. } => Some(format!("{part}: {problem}")),
+            Self::Chunk { chunk, chunk_count, problem, .. } => {
+                Some(format!("chunk {chunk} of {chunk_count}: {problem}"))
+            }
+        }
+    }
 }
 
 /// An open build file. Reading is thread-safe: every read states its place.
@@ -249,16 +262,9 @@ impl Opening<'_> {
             return Err(foreign(format!("{} bytes are too few for a build file (.layerd)", self.file_bytes)));
         }
         let prelude = self.read(0, PRELUDE_BYTES)?;
-        if prelude[..8] != MAGIC {
-            return Err(foreign("it is not a build file (.layerd); make one with `layerctl pack`".into()));
-        }
+        check_beginning(&prelude).map_err(foreign)?;
         let word = |at: usize| u32::from_le_bytes([prelude[at], prelude[at + 1], prelude[at + 2], prelude[at + 3]]);
-        let (version, length, crc) = (word(8), word(12), word(16));
-        if version != VERSION {
-            return Err(foreign(format!(
-                "it is a build file of version {version}; this layerd reads version {VERSION}"
-            )));
-        }
+        let (length, crc) = (word(12), word(16));
         self.header_end = PRELUDE_BYTES as u64 + u64::from(length);
         let wrong = |problem| self.frame("header", problem);
         if length > HEADER_LIMIT_BYTES || u64::from(length) > self.file_bytes - PRELUDE_BYTES as u64 {

@@ -1,6 +1,9 @@
 //! Talks to the daemon: HTTP over its Unix socket, one connection a request.
 
+mod events;
+
 use std::path::{Path, PathBuf};
+use std::pin::Pin;
 use std::time::Duration;
 
 use http_body_util::{BodyExt, Either, Full};
@@ -11,21 +14,23 @@ use hyper_util::rt::TokioIo;
 use serde::de::DeserializeOwned;
 use tokio::io::AsyncReadExt;
 use tokio::net::UnixStream;
-use tokio::time::{Instant, timeout};
+use tokio::time::{Instant, sleep, timeout};
 
+pub use self::events::Events;
+use super::patience::{Listener, TELL_AFTER, Wait};
 use crate::config::DEFAULT_SOCKET;
 use crate::daemon::api::{
-    ErrorBody, Event, JobList, JobView, NAME_HEADER, RECIPE_HEADER, RECIPE_NAME_HEADER, RaiseView, RemovedView,
-    ResumeBody, Status,
+    ErrorBody, JobList, JobView, NAME_HEADER, RECIPE_HEADER, RECIPE_NAME_HEADER, RaiseView, RemovedView, ResumeBody,
+    Status,
 };
 use crate::daemon::{ChannelBody, percent_encode, socket};
 
 /// No answer of the API but events is larger; a wrong socket must not fill memory.
 const LARGEST_ANSWER_BYTES: usize = 16 << 20;
-/// The daemon answers from memory, and orders at once; checking a submitted job takes longest.
-const LONGEST_ANSWER: Duration = Duration::from_secs(60);
-/// The daemon sends something every five seconds.
-const LONGEST_SILENCE: Duration = Duration::from_secs(20);
+/// The daemon reads a submitted part once from its disk: ten gigabytes from a slow one take some minutes.
+const LONGEST_CHECK: Duration = Duration::from_secs(900);
+/// A socket whose backlog is full is tried again this often: it becomes free as soon as the daemon accepts.
+const CONNECT_INTERVAL: Duration = Duration::from_millis(20);
 /// A crowd on the socket for aborts may push one out before the daemon has read it.
 const ABORT_TRIES: usize = 3;
 /// One that was pushed out notices at once. What takes longer is a daemon that does not answer, by whatever way it is asked.
@@ -55,6 +60,30 @@ pub enum ClientError {
         /// What the system said.
         source: std::io::Error,
     },
+    /// The socket's path cannot be used.
+    #[error(
+        "the path of the control socket, {}, has {} bytes, but the system allows {LONGEST_SOCKET_PATH}: set LAYERD_SOCKET (and \
+         `socket` in layerd.toml) to a shorter path",
+        socket.display(), socket.as_os_str().len()
+    )]
+    SocketPath {
+        /// The socket.
+        socket: PathBuf,
+    },
+    /// Somebody listens and does not answer.
+    #[error(
+        "layerd at {} did not answer within {waited_s} s: it is stopped or hangs.{consequence} `journalctl -u layerd` may tell \
+         why; `systemctl restart layerd` starts it anew, and a print under way can then be resumed",
+        socket.display()
+    )]
+    Silent {
+        /// The socket.
+        socket: PathBuf,
+        /// How long it was waited for.
+        waited_s: u64,
+        /// What this means for what was asked, with a space in front; may be empty.
+        consequence: &'static str,
+    },
     /// The daemon says no; the text is its own.
     #[error("{message}")]
     Refused {
@@ -76,6 +105,9 @@ pub enum ClientError {
     },
 }
 
+/// Bytes in a Unix socket's path, without the zero behind them.
+const LONGEST_SOCKET_PATH: usize = size_of::<libc::sockaddr_un>() - size_of::<libc::sa_family_t>() - 1;
+
 /// A new job, as an operator gives it.
 #[derive(Clone, Debug)]
 pub struct NewJob {
@@ -91,20 +123,27 @@ pub struct NewJob {
 #[derive(Clone, Debug)]
 pub struct Client {
     socket: PathBuf,
+    listener: Listener,
 }
 
 type RequestBody = Either<Full<Bytes>, ChannelBody>;
 
 impl Client {
-    /// The daemon at `$LAYERD_SOCKET`, else at [`DEFAULT_SOCKET`].
+    /// The daemon at `$LAYERD_SOCKET`, else at [`DEFAULT_SOCKET`]. What a long wait is for is said on stderr.
     pub fn from_environment() -> Self {
         let socket = std::env::var_os("LAYERD_SOCKET").filter(|path| !path.is_empty());
-        Self::new(socket.map_or_else(|| DEFAULT_SOCKET.into(), PathBuf::from))
+        Self::new(socket.map_or_else(|| DEFAULT_SOCKET.into(), PathBuf::from)).telling(super::eprint)
     }
 
-    /// The daemon at `socket`.
+    /// The daemon at `socket`. Waits are silent.
     pub fn new(socket: impl Into<PathBuf>) -> Self {
-        Self { socket: socket.into() }
+        Self { socket: socket.into(), listener: Listener::new(|_| {}) }
+    }
+
+    /// The same daemon; `hear` is told what is being waited for where that takes longer than two seconds.
+    #[must_use]
+    pub fn telling(self, hear: impl Fn(&str) + Send + Sync + 'static) -> Self {
+        Self { listener: Listener::new(hear), ..self }
     }
 
     /// The socket.
@@ -142,7 +181,7 @@ impl Client {
     /// [`ClientError`].
     pub async fn get<T: DeserializeOwned>(&self, path: &str) -> Result<T, ClientError> {
         let request = request(Method::GET, path).body(Either::Left(Full::default()));
-        read(self.send(request.map_err(broken)?).await?).await
+        self.ask(Wait::Query, request.map_err(broken)?).await
     }
 
     /// Gives a job an order: `pause`, `stop` or `abort`.
@@ -151,7 +190,7 @@ impl Client {
     /// [`ClientError`]; status 409 where the job's state does not allow it.
     pub async fn order(&self, id: &str, order: &str) -> Result<JobView, ClientError> {
         let path = format!("/v1/jobs/{}/{order}", percent_encode(id));
-        if order == "abort" { self.post_abort(&path).await } else { self.post(&path, Bytes::new()).await }
+        if order == "abort" { self.post_abort(&path).await } else { self.post(Wait::Order, &path, Bytes::new()).await }
     }
 
     /// Lets a paused or interrupted job go on.
@@ -160,7 +199,7 @@ impl Client {
     /// [`ClientError`]; status 409 where a layer is in doubt and `body` does not resolve it.
     pub async fn resume(&self, id: &str, body: ResumeBody) -> Result<JobView, ClientError> {
         let bytes = serde_json::to_vec(&body).map_err(broken)?;
-        self.post(&format!("/v1/jobs/{}/resume", percent_encode(id)), bytes.into()).await
+        self.post(Wait::Order, &format!("/v1/jobs/{}/resume", percent_encode(id)), bytes.into()).await
     }
 
     /// Light off now, whichever job is active.
@@ -174,16 +213,16 @@ impl Client {
     /// By the socket that is for aborts alone; by the common one where that is not there or too crowded. A second abort does
     /// no harm.
     async fn post_abort(&self, path: &str) -> Result<JobView, ClientError> {
-        let aborts = Self::new(socket::abort_path(&self.socket));
+        let aborts = Self { socket: socket::abort_path(&self.socket), listener: self.listener.clone() };
         let began = Instant::now();
         for _ in 0..ABORT_TRIES {
-            match aborts.post(path, Bytes::new()).await {
+            match aborts.post(Wait::Abort, path, Bytes::new()).await {
                 Err(ClientError::NoDaemon { .. } | ClientError::NotAllowed { .. }) => break,
                 Err(ClientError::Broken(_)) if began.elapsed() < PUSHED_OUT => {}
                 answered => return answered,
             }
         }
-        self.post(path, Bytes::new()).await
+        self.post(Wait::Abort, path, Bytes::new()).await
     }
 
     /// Lifts the plate clear while no job runs.
@@ -191,7 +230,7 @@ impl Client {
     /// # Errors
     /// [`ClientError`]; status 409 where a job has the machine, or the plate cannot be moved.
     pub async fn raise(&self) -> Result<RaiseView, ClientError> {
-        self.post("/v1/raise", Bytes::new()).await
+        self.post(Wait::Order, "/v1/raise", Bytes::new()).await
     }
 
     /// Deletes a finished job.
@@ -201,13 +240,18 @@ impl Client {
     pub async fn remove(&self, id: &str) -> Result<RemovedView, ClientError> {
         let request = request(Method::DELETE, &format!("/v1/jobs/{}", percent_encode(id)));
         let request = request.body(Either::Left(Full::default())).map_err(broken)?;
-        read(self.send(request).await?).await
+        self.ask(Wait::Order, request).await
     }
 
-    async fn post<T: DeserializeOwned>(&self, path: &str, body: Bytes) -> Result<T, ClientError> {
+    async fn post<T: DeserializeOwned>(&self, wait: Wait, path: &str, body: Bytes) -> Result<T, ClientError> {
         let request = request(Method::POST, path).header(header::CONTENT_TYPE, "application/json");
         let request = request.body(Either::Left(Full::new(body))).map_err(broken)?;
-        read(self.send(request).await?).await
+        self.ask(wait, request).await
+    }
+
+    async fn ask<T: DeserializeOwned>(&self, wait: Wait, request: Request<RequestBody>) -> Result<T, ClientError> {
+        let conversation = async { read(self.exchange(request).await?).await };
+        self.listener.patiently(wait, &self.socket, conversation).await
     }
 
     /// Sends a build file as a new job; `progress` hears bytes sent and bytes in all.
@@ -241,7 +285,8 @@ impl Client {
                 if count == 0 {
                     return Err(unreadable(std::io::Error::other("the file became shorter while it was sent")));
                 }
-                if parts.send(part.into()).await.is_err() {
+                let taken = async { Ok(parts.send(part.into()).await.is_ok()) };
+                if !self.listener.patiently(Wait::Upload, &self.socket, taken).await? {
                     break; // The daemon has answered early; its answer says why.
                 }
                 sent += count as u64;
@@ -254,11 +299,42 @@ impl Client {
         tokio::pin!(upload, exchange);
         tokio::select! {
             // The daemon may refuse before everything is sent.
-            answer = &mut exchange => return read(answer?).await,
+            answer = &mut exchange => return self.answer(answer?).await,
             uploaded = &mut upload => uploaded?,
         }
-        let answer = timeout(LONGEST_ANSWER, exchange).await.map_err(|_| no_answer())?;
-        read(answer?).await
+        self.answer(self.checked(exchange).await?).await
+    }
+
+    /// Waits for the end of the daemon's checks of a part that was sent. That it is alive shows in its status.
+    async fn checked(
+        &self,
+        mut exchange: Pin<&mut impl Future<Output = Result<Answer, ClientError>>>,
+    ) -> Result<Answer, ClientError> {
+        let (until, limit_min) = (Instant::now() + LONGEST_CHECK, LONGEST_CHECK.as_secs() / 60);
+        let mut told = false;
+        while Instant::now() < until {
+            if let Ok(answer) = timeout(TELL_AFTER, &mut exchange).await {
+                return answer;
+            }
+            tokio::select! {
+                answer = &mut exchange => return answer,
+                status = self.status() => match status {
+                    // Too busy for a question is alive.
+                    Ok(_) | Err(ClientError::Refused { .. }) => {}
+                    Err(error) => return Err(error),
+                },
+            }
+            if !std::mem::replace(&mut told, true) {
+                self.listener.tell(&format!("layerd has the part and checks it; waiting up to {limit_min} min"));
+            }
+        }
+        Err(ClientError::Broken(format!(
+            "the part was not checked within {limit_min} min; `layerctl jobs` tells later whether the job was taken"
+        )))
+    }
+
+    async fn answer(&self, answer: Answer) -> Result<JobView, ClientError> {
+        self.listener.patiently(Wait::Upload, &self.socket, read(answer)).await
     }
 
     /// News from now on; the first is [`Event::Status`].
@@ -267,23 +343,38 @@ impl Client {
     /// [`ClientError`].
     pub async fn events(&self) -> Result<Events, ClientError> {
         let request = request(Method::GET, "/v1/events").body(Either::Left(Full::default())).map_err(broken)?;
-        let (response, connection) = self.exchange(request).await?;
-        let response = accepted(response).await?;
-        Ok(Events { body: response.into_body(), text: Vec::new(), _connection: connection })
+        let conversation = async {
+            let (response, connection) = self.exchange(request).await?;
+            Ok((accepted(response).await?, connection))
+        };
+        let (response, connection) = self.listener.patiently(Wait::Query, &self.socket, conversation).await?;
+        Ok(Events::new(response.into_body(), self.listener.clone(), connection))
     }
 
-    async fn send(&self, request: Request<RequestBody>) -> Result<Answer, ClientError> {
-        timeout(LONGEST_ANSWER, self.exchange(request)).await.map_err(|_| no_answer())?
+    async fn connect(&self) -> Result<UnixStream, ClientError> {
+        let socket = self.socket.clone();
+        loop {
+            let source = match UnixStream::connect(&self.socket).await {
+                Ok(stream) => return Ok(stream),
+                Err(source) => source,
+            };
+            return Err(match source.kind() {
+                // The backlog is full: it listens, and is waited for as for an answer.
+                std::io::ErrorKind::WouldBlock => {
+                    sleep(CONNECT_INTERVAL).await;
+                    continue;
+                }
+                std::io::ErrorKind::PermissionDenied => ClientError::NotAllowed { socket, source },
+                std::io::ErrorKind::InvalidInput if socket.as_os_str().len() > LONGEST_SOCKET_PATH => {
+                    ClientError::SocketPath { socket }
+                }
+                _ => ClientError::NoDaemon { socket, source },
+            });
+        }
     }
 
     async fn exchange(&self, request: Request<RequestBody>) -> Result<Answer, ClientError> {
-        let stream = UnixStream::connect(&self.socket).await.map_err(|source| {
-            let socket = self.socket.clone();
-            match source.kind() {
-                std::io::ErrorKind::PermissionDenied => ClientError::NotAllowed { socket, source },
-                _ => ClientError::NoDaemon { socket, source },
-            }
-        })?;
+        let stream = self.connect().await?;
         let (mut sender, connection) = http1::handshake(TokioIo::new(stream)).await.map_err(broken)?;
         let connection = Connection(tokio::spawn(async move {
             // What goes wrong here shows in the answer as well.
@@ -314,15 +405,9 @@ fn broken(error: impl std::fmt::Display) -> ClientError {
     ClientError::Broken(error.to_string())
 }
 
-fn no_answer() -> ClientError {
-    let waited_s = LONGEST_ANSWER.as_secs();
-    ClientError::Broken(format!("no answer within {waited_s} s; journalctl -u layerd may tell why"))
-}
-
 async fn bytes(response: Response<Incoming>) -> Result<Bytes, ClientError> {
     let limited = http_body_util::Limited::new(response.into_body(), LARGEST_ANSWER_BYTES);
-    let collected = timeout(LONGEST_ANSWER, limited.collect()).await.map_err(broken)?;
-    Ok(collected.map_err(broken)?.to_bytes())
+    Ok(limited.collect().await.map_err(broken)?.to_bytes())
 }
 
 /// The response, if it is one of success; else the error it tells.
@@ -344,49 +429,4 @@ async fn read<T: DeserializeOwned>((response, _connection): Answer) -> Result<T,
     serde_json::from_slice(&bytes).map_err(|error| {
         ClientError::Broken(format!("its answer is not understood ({error}); are layerd and layerctl of one version?"))
     })
-}
-
-/// News from the daemon.
-#[derive(Debug)]
-pub struct Events {
-    body: Incoming,
-    text: Vec<u8>,
-    _connection: Connection,
-}
-
-impl Events {
-    /// The next event; `None` when the daemon ends the stream. Cancel-safe: what was read is kept.
-    ///
-    /// # Errors
-    /// [`ClientError::Broken`] where the daemon is gone or silent.
-    pub async fn next(&mut self) -> Result<Option<Event>, ClientError> {
-        loop {
-            while let Some(end) = self.text.windows(2).position(|pair| pair == b"\n\n") {
-                let block: Vec<u8> = self.text.drain(..end + 2).collect();
-                if let Some(event) = parse_block(&block)? {
-                    return Ok(Some(event));
-                }
-            }
-            if self.text.len() > LARGEST_ANSWER_BYTES {
-                return Err(ClientError::Broken("an event has no end".into()));
-            }
-            let frame = timeout(LONGEST_SILENCE, self.body.frame())
-                .await
-                .map_err(|_| ClientError::Broken(format!("silent for {} s", LONGEST_SILENCE.as_secs())))?;
-            let Some(frame) = frame else { return Ok(None) };
-            if let Ok(data) = frame.map_err(broken)?.into_data() {
-                self.text.extend_from_slice(&data);
-            }
-        }
-    }
-}
-
-/// One block of a server-sent event stream; `None` for comments and for events of a newer daemon.
-fn parse_block(block: &[u8]) -> Result<Option<Event>, ClientError> {
-    let text = std::str::from_utf8(block).map_err(broken)?;
-    let data: Vec<&str> = text.lines().filter_map(|line| line.strip_prefix("data:")).map(str::trim_start).collect();
-    if data.is_empty() {
-        return Ok(None);
-    }
-    Ok(serde_json::from_str(&data.join("\n")).ok())
 }

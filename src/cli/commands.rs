@@ -1,9 +1,10 @@
 //! `layerctl pause | resume | stop | abort [JOB]`.
 
-use anyhow::bail;
+use anyhow::{anyhow, bail};
 use clap::{Args, ValueEnum};
 
-use super::client::Client;
+use super::client::{Client, ClientError};
+use super::patience::BY_HAND;
 use super::{block_on, print, print_json};
 use crate::daemon::api::{InDoubt, JobView, ResumeBody};
 use crate::job::JobState;
@@ -12,9 +13,12 @@ use crate::job::JobState;
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
-  layerctl pause            the job that is printing
-  layerctl stop 7           job 7, after the layer under way
-  layerctl abort            now: the light goes off first, then the plate lifts")]
+  layerctl pause            the job that holds the machine
+  layerctl stop 7           job 7, after the layer under way; a queued one at once
+  layerctl abort            now: the light goes off first, then the plate lifts
+
+An order is accepted, not yet carried out, when the command returns: `layerctl status` shows how far it is. A daemon that does
+not answer is waited for, up to 30 s, for an abort 60 s; after 2 s the command says so.")]
 pub(super) struct JobArgs {
     /// The job's id; without it the job that holds the machine.
     job: Option<String>,
@@ -27,13 +31,14 @@ pub(super) struct JobArgs {
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
-  layerctl resume                          the paused job, or the only interrupted one
+  layerctl resume                          the job that is paused or pausing, or the only interrupted one
+  layerctl resume 8                        the plate is clear: queued job 8, which waits for this word, begins
   layerctl resume 7 --in-doubt exposed     the layer in doubt was exposed: go on with the next
   layerctl resume 7 --in-doubt repeat      it was not: expose it again
 
-A layer is in doubt when its exposure was commanded but neither the journal nor the device can tell whether it ran.")]
+Layers are numbered from 0, as their files are. A layer is in doubt when its exposure was commanded but neither the journal nor the device can tell whether it ran.")]
 pub(super) struct ResumeArgs {
-    /// The job's id; without it the paused job, or the only interrupted one.
+    /// The job's id; without it the job that is paused or pausing, or the only interrupted one.
     job: Option<String>,
     /// What happened to the layer in doubt.
     #[arg(long, value_name = "WHAT")]
@@ -56,16 +61,26 @@ pub(super) fn order(args: JobArgs, order: &str) -> anyhow::Result<()> {
     let client = Client::from_environment();
     let job = block_on(async {
         Ok(match (args.job, order) {
-            (Some(id), _) => client.order(&id, order).await?,
             // No look-up first: an abort takes one exchange.
-            (None, "abort") => client.abort_active().await?,
+            (Some(id), "abort") => client.order(&id, order).await.map_err(not_aborted)?,
+            (None, "abort") => client.abort_active().await.map_err(not_aborted)?,
+            (Some(id), _) => client.order(&id, order).await?,
             (None, _) => match client.status().await?.active {
                 Some(job) => client.order(&job.id, order).await?,
                 None => bail!("no job holds the machine; `layerctl jobs` lists them"),
             },
         })
     })?;
-    tell(&job, args.json)
+    tell(order, &job, args.json)
+}
+
+/// Why an abort was not taken; where nobody took it, with what to do by hand.
+pub(super) fn not_aborted(error: ClientError) -> anyhow::Error {
+    match error {
+        // The daemon knows of no such job, or of none to abort.
+        ClientError::Refused { status: 404 | 409, .. } => error.into(),
+        _ => anyhow!("{error}. {BY_HAND}"),
+    }
 }
 
 /// `resume`.
@@ -84,18 +99,25 @@ pub(super) fn resume(args: ResumeArgs) -> anyhow::Result<()> {
         };
         Ok(client.resume(&id, body).await?)
     })?;
-    tell(&job, args.json)
+    tell("resume", &job, args.json)
 }
 
-/// The paused job, else the only interrupted one.
+/// The job that is paused or pausing, else the only interrupted one. A word that the plate is clear needs the job's id.
 fn resumable(jobs: &[JobView]) -> anyhow::Result<&JobView> {
-    if let Some(paused) = jobs.iter().find(|job| job.state == JobState::Paused) {
+    if let Some(paused) = jobs.iter().find(|job| matches!(job.state, JobState::Paused | JobState::Pausing)) {
         return Ok(paused);
     }
     let interrupted: Vec<_> = jobs.iter().filter(|job| job.state == JobState::Interrupted).collect();
     match interrupted[..] {
         [job] => Ok(job),
-        [] => bail!("no job is paused or interrupted; `layerctl jobs` lists them and says what each one waits for"),
+        [] => match jobs.iter().find(|job| job.state.is_active() || job.state == JobState::Queued) {
+            Some(job) => {
+                let JobView { id, state, .. } = job;
+                let waits = job.reason.as_ref().map_or_else(String::new, |reason| format!(": it {reason}"));
+                bail!("no job is paused or interrupted; job {id} is {state}{waits}")
+            }
+            None => bail!("no job is paused or interrupted; `layerctl jobs` lists them"),
+        },
         _ => {
             let ids: Vec<_> = interrupted.iter().map(|job| job.id.as_str()).collect();
             bail!("several jobs are interrupted: say which of {}", ids.join(", "))
@@ -103,10 +125,71 @@ fn resumable(jobs: &[JobView]) -> anyhow::Result<&JobView> {
     }
 }
 
-fn tell(job: &JobView, json: bool) -> anyhow::Result<()> {
+fn tell(order: &str, job: &JobView, json: bool) -> anyhow::Result<()> {
     if json {
         return print_json(job);
     }
-    print(&format!("job {} is {}", job.id, job.state))?;
+    print(&answer(order, job))?;
     job.warning.as_ref().map_or(Ok(()), |warning| print(&format!("warning: {warning}")))
+}
+
+/// What became of an order that was accepted: `pause`, `resume`, `stop` or `abort`.
+pub(super) fn answer(order: &str, job: &JobView) -> String {
+    let JobView { id, state, .. } = job;
+    match (order, state) {
+        ("pause", JobState::Pausing) => {
+            format!("job {id} pauses after the layer under way; the plate then lifts clear")
+        }
+        ("resume", JobState::Queued) if job.started_ms.is_none() => {
+            format!("job {id} begins: the plate is confirmed to be clear")
+        }
+        ("resume", JobState::Queued | JobState::Checking | JobState::Printing) => format!("job {id} goes on"),
+        ("stop", JobState::Stopping) => format!("job {id} stops after the layer under way; the plate then lifts clear"),
+        ("abort", JobState::Aborting) => {
+            format!(
+                "job {id} is being aborted: the light goes off first, then the plate lifts; `layerctl status` shows the end"
+            )
+        }
+        _ => format!("job {id} is {state}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn job(id: &str, state: JobState) -> JobView {
+        let text = format!(
+            r#"{{"id": "{id}", "name": "a", "state": "{state}", "recipe": "r", "layers_done": 812, "layers_total": 3000,
+            "layer": null, "eta_s": null, "late_layers": 0, "late_ms_total": 0, "submitted_ms": 1, "started_ms": null,
+            "ended_ms": null, "reason": null, "in_doubt": null}}"#
+        );
+        serde_json::from_str(&text).unwrap()
+    }
+
+    #[test]
+    fn without_a_number_resume_means_the_job_that_can_go_on() {
+        let pick = |states: &[JobState]| {
+            let jobs: Vec<_> = states.iter().zip(1..).map(|(state, id)| job(&format!("{id}"), *state)).collect();
+            resumable(&jobs).map(|job| job.id.clone()).map_err(|error| error.to_string())
+        };
+        use JobState::{Completed, Interrupted, Paused, Pausing, Printing, Queued};
+        assert_eq!(pick(&[Completed, Pausing, Queued]), Ok("2".into()));
+        assert_eq!(pick(&[Completed, Queued, Paused]), Ok("3".into()));
+        assert_eq!(pick(&[Interrupted, Queued]), Ok("1".into()));
+        assert!(pick(&[Interrupted, Interrupted]).unwrap_err().contains("1, 2"));
+        assert!(pick(&[Completed, Printing]).unwrap_err().contains("job 2 is printing"));
+        assert!(pick(&[Completed]).unwrap_err().contains("layerctl jobs"));
+    }
+
+    #[test]
+    fn an_answer_says_what_happens_next() {
+        let mut queued = job("3", JobState::Queued);
+        assert!(answer("resume", &queued).contains("begins"));
+        queued.started_ms = Some(1);
+        assert!(answer("resume", &queued).contains("goes on"));
+        assert!(answer("pause", &job("3", JobState::Pausing)).contains("after the layer under way"));
+        assert!(answer("abort", &job("3", JobState::Aborting)).contains("light goes off first"));
+        assert_eq!(answer("stop", &job("3", JobState::Stopped)), "job 3 is stopped");
+    }
 }

@@ -163,7 +163,7 @@ async fn print(
     let events = client.events().await?;
     let new = NewJob { part: part.into(), name: "demo.layerd".into(), recipe: None };
     let job = client.submit(&new, |_, _| {}).await?;
-    let (job, _) = wait(&client, job, events).await?;
+    let (job, _) = wait(&client, job, events, &super::progress_bar(super::start::BAR)).await?;
     Ok((job, client.status().await?))
 }
 
@@ -196,7 +196,7 @@ async fn interrupted() {
 
 fn summarise(directory: &Path, job: &JobView, status: &Status, took: Duration) -> anyhow::Result<()> {
     let line = &status.line;
-    super::print(&format!("layers   {} in {}", job.layers_done, duration_text(took.as_secs())))?;
+    super::print(&format!("layers   {} done in {}", job.layers_done, duration_text(took.as_secs())))?;
     super::print(&format!("late     {} layers, {} ms in all", job.late_layers, job.late_ms_total))?;
     let sent = format!("{:.2} MB sent", line.sent_bytes as f64 / 1e6);
     let again = line.retransmitted_frames;

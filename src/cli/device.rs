@@ -28,12 +28,12 @@ pub(super) fn run(args: &DeviceArgs) -> anyhow::Result<()> {
     };
     print_info(info)?;
     if !device.connected {
-        print("connected  no; the rest is what it said last")?;
+        print("connected  no; what follows is what it said last, and may have changed since")?;
     }
     if let Some(misfit) = &device.misfit {
         print(&format!("MISFIT     {misfit}"))?;
     }
-    device.state.as_ref().map_or(Ok(()), print_state)
+    device.state.as_ref().map_or(Ok(()), |state| print_state(state, device.connected))
 }
 
 fn print_info(info: &DeviceInfo) -> anyhow::Result<()> {
@@ -48,8 +48,9 @@ fn print_info(info: &DeviceInfo) -> anyhow::Result<()> {
     print(&format!("limits     exposure {} ms, plate {} um", info.max_exposure_ms, info.max_position_um))
 }
 
-fn print_state(state: &DeviceStateView) -> anyhow::Result<()> {
-    print(&format!("light      {}", if state.light_on { "ON" } else { "off" }))?;
+fn print_state(state: &DeviceStateView, is_connected: bool) -> anyhow::Result<()> {
+    let when = if is_connected { "" } else { ", when last heard of" };
+    print(&format!("light      {}{when}", if state.light_on { "ON" } else { "off" }))?;
     let plate = state.position_um.map_or_else(|| "not homed".into(), |position| format!("{position} um"));
     print(&format!("plate      {plate}{}", if state.moving { ", moving" } else { "" }))?;
     if let Some(last) = &state.last_exposed {

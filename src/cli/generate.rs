@@ -23,16 +23,16 @@ pub struct GenerateArgs {
     #[arg(long, value_name = "N")]
     struts: u64,
     /// Edges of the box that the nodes fill, millimetres.
-    #[arg(long = "box", value_name = "X,Y,Z", value_parser = numbers::<3>, default_value = "20,20,10")]
+    #[arg(long = "box", value_name = "X,Y,Z", value_parser = numbers::<3>, default_value = "20,20,10", allow_hyphen_values = true)]
     box_mm: [f64; 3],
     /// Edges of the box along x and y, millimetres; its height follows from --active.
-    #[arg(long, value_name = "X,Y", value_parser = numbers::<2>, requires = "active", conflicts_with = "box_mm")]
+    #[arg(long, value_name = "X,Y", value_parser = numbers::<2>, requires = "active", conflicts_with = "box_mm", allow_hyphen_values = true)]
     footprint: Option<[f64; 2]>,
     /// Struts within reach of the plane where most are: the box gets the height that leaves this many, within 5 %.
     #[arg(long, value_name = "A", requires = "footprint")]
     active: Option<u64>,
     /// Strut radius, millimetres; of `random` the mean [default: a tenth of a cell's least edge].
-    #[arg(long, value_name = "R", allow_negative_numbers = true)]
+    #[arg(long, value_name = "R")]
     radius: Option<f64>,
     /// Seed of all that is left to chance.
     #[arg(long, value_name = "S", default_value_t = 0)]

@@ -1,5 +1,8 @@
 //! `layerctl`: what an operator types. Exit codes: 0 done, 1 failed, 2 wrong usage; `start --wait`: 3 aborted or stopped,
-//! 4 interrupted and resumable.
+//! 4 interrupted and resumable; 130 `start` was ended by Ctrl-C.
+//!
+//! Layers have one numbering, for files, protocol and people: "layer 812" is the one of `layer_000812.png`, the first is layer 0.
+//! Progress is a count, "812 of 3000 layers done": layers 0 to 811, so that layer 812 is next.
 
 pub mod check;
 pub mod client;
@@ -10,6 +13,7 @@ pub mod generate;
 pub mod info;
 mod jobs;
 pub mod pack;
+mod patience;
 mod raise;
 mod remove;
 pub mod simulate;
@@ -20,11 +24,12 @@ mod watch;
 
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use crate::buildfile::PackError;
 use crate::config::{ConfigText, Folder, Machine, find};
+use crate::daemon::api::JobView;
 pub use crate::text::tell;
 use crate::text::{is_hidden, plain};
 
@@ -43,8 +48,13 @@ From a part to a print:
   layerctl start lattice.layerd --recipe default --wait
   layerctl watch
 
-The daemon is asked through its control socket, $LAYERD_SOCKET or /run/layerd/control.sock.
-Exit codes: 0 done, 1 failed, 2 wrong usage; start --wait: 3 aborted or stopped, 4 interrupted (resumable).";
+The daemon is asked through its control socket, $LAYERD_SOCKET or /run/layerd/control.sock. Where it does not answer, commands say
+so after 2 s; questions are given up after 5 s, orders after 30 s, an abort after 60 s.
+
+\"Layer 812\" is always the layer of the file layer_000812.png: the first is layer 0. \"812 of 3000 layers done\" is a count:
+layers 0 to 811 are done, and layer 812 is next.
+
+Exit codes: 0 done, 1 failed, 2 wrong usage; start --wait: 3 aborted or stopped, 4 interrupted (resumable), 130 ended by Ctrl-C.";
 
 #[derive(Debug, Subcommand)]
 enum Command {
@@ -100,6 +110,8 @@ enum Ending {
     Failed,
     Aborted,
     Interrupted,
+    /// By Ctrl-C, before what was waited for had come.
+    Signal,
 }
 
 impl From<Ending> for ExitCode {
@@ -109,13 +121,16 @@ impl From<Ending> for ExitCode {
             Ending::Failed => Self::from(1),
             Ending::Aborted => Self::from(3),
             Ending::Interrupted => Self::from(4),
+            // As shells count: 128 and the signal's number.
+            Ending::Signal => Self::from(130),
         }
     }
 }
 
 /// Parses the command line and carries it out; errors go to stderr with their causes.
 pub fn run() -> ExitCode {
-    match dispatch(Arguments::parse().command) {
+    let arguments = Arguments::from_arg_matches(&command().get_matches()).unwrap_or_else(|error| error.exit());
+    match dispatch(arguments.command) {
         Ok(ending) => ending.into(),
         Err(error) => {
             report(&error);
@@ -124,6 +139,16 @@ pub fn run() -> ExitCode {
             ExitCode::from(if is_usage { 2 } else { 1 })
         }
     }
+}
+
+/// The command line. `-5` is a value wherever one may stand: what is wrong with it is said by whatever takes it, not by a tip on
+/// the use of `--`.
+fn command() -> clap::Command {
+    let values = |argument: clap::Arg| match argument.get_action().takes_values() {
+        true => argument.allow_negative_numbers(true),
+        false => argument,
+    };
+    Arguments::command().mut_subcommands(|command| command.mut_args(values))
 }
 
 fn dispatch(command: Command) -> anyhow::Result<Ending> {
@@ -227,6 +252,11 @@ fn mib(bytes: u64) -> f64 {
     bytes as f64 / f64::from(1 << 20)
 }
 
+/// `812 of 3000 layers done`: layers 0 to 811.
+fn layers_text(job: &JobView) -> String {
+    format!("{} of {} layers done", job.layers_done, job.layers_total)
+}
+
 /// `1 h 05 min`, `4 min 10 s`, `12 s`.
 fn duration_text(seconds: u64) -> String {
     match (seconds / 3600, seconds / 60 % 60, seconds % 60) {
@@ -238,13 +268,11 @@ fn duration_text(seconds: u64) -> String {
 
 #[cfg(test)]
 mod tests {
-    use clap::CommandFactory;
-
     use super::*;
 
     #[test]
     fn the_command_line_is_consistent() {
-        Arguments::command().debug_assert();
+        command().debug_assert();
     }
 
     #[test]

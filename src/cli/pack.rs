@@ -40,19 +40,19 @@ pub struct PackArgs {
     #[arg(long, value_enum, default_value = "convolution")]
     blend: BlendArg,
     /// Kernel support R of the convolution [default: 1.5 times the largest radius].
-    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    #[arg(long, value_name = "MM")]
     support: Option<f64>,
     /// Turn about x, then y, then z, degrees.
     #[arg(long, value_name = "X,Y,Z", value_parser = numbers::<3>, default_value = "0,0,0", allow_hyphen_values = true)]
     rotate: [f64; 3],
     /// Scale lengths and radii by this factor.
-    #[arg(long, value_name = "F", default_value_t = 1.0, allow_negative_numbers = true)]
+    #[arg(long, value_name = "F", default_value_t = 1.0)]
     scale: f64,
     /// Middle of the part on the plate, millimetres from its corner [default: the plate's middle].
     #[arg(long, value_name = "X,Y", value_parser = numbers::<2>, allow_hyphen_values = true)]
     at: Option<[f64; 2]>,
     /// Length of one quantum, micrometres, 0.001 to 1000: coordinates and radii are rounded to whole ones.
-    #[arg(long, value_name = "UM", default_value_t = 1.0, allow_negative_numbers = true)]
+    #[arg(long, value_name = "UM", default_value_t = 1.0)]
     quantum: f64,
     /// Memory for the out-of-core sort.
     #[arg(long, value_name = "SIZE", value_parser = memory, default_value = "256MiB")]

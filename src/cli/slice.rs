@@ -35,10 +35,10 @@ pub struct SliceArgs {
     #[arg(long, short, value_name = "NAME|PATH", default_value = "default")]
     pub recipe: String,
     /// Layer height, 1 to 1000 micrometres, instead of the recipe's
-    #[arg(long, value_name = "UM", allow_negative_numbers = true, value_parser = parse_layer_height)]
+    #[arg(long, value_name = "UM", value_parser = parse_layer_height)]
     pub layer_height: Option<f64>,
-    /// Layers A to before B, e.g. 100..200, ..10 or 2990..; default all
-    #[arg(long, value_name = "A..B", value_parser = parse_layers)]
+    /// Layers A to before B, from 0, e.g. 100..200, ..10 or 2990..; default all
+    #[arg(long, value_name = "A..B", value_parser = parse_layers, allow_hyphen_values = true)]
     pub layers: Option<LayerRange>,
     /// 8-bit grey edges, whatever the recipe says
     #[arg(long)]

@@ -6,16 +6,21 @@ use std::time::Duration;
 use anyhow::Context;
 use clap::Args;
 use indicatif::ProgressBar;
+use tokio::signal::unix::{SignalKind, signal};
+use tokio::time::{Instant, timeout};
 
 use super::client::{Client, ClientError, Events, NewJob};
-use super::{Ending, block_on, duration_text, print, print_json, progress_bar};
+use super::{Ending, block_on, duration_text, layers_text, print, print_json, progress_bar};
+use crate::buildfile::BuildFile;
 use crate::config::{ConfigText, Folder, Recipe, find};
-use crate::daemon::api::{Event, JobView};
+use crate::daemon::api::{Event, JobView, LinkState, LinkView};
 use crate::job::JobState;
 
 /// How long a daemon that went away is waited for: systemd starts it again within seconds.
 const RECONNECT: Duration = Duration::from_secs(10);
-const BAR: &str = "{msg:10} [{wide_bar}] {pos}/{len} {prefix}";
+/// How often progress is told where no bar can be drawn.
+const LINE_INTERVAL: Duration = Duration::from_secs(60);
+pub(super) const BAR: &str = "{msg:10} [{wide_bar}] {pos} of {len} {prefix}";
 
 /// Give a build file to the daemon as a new job.
 #[derive(Debug, Args)]
@@ -24,7 +29,11 @@ Examples:
   layerctl start part.layerd                       prints the job's id and returns
   layerctl start part.layerd --recipe fine --wait  shows progress until the print has ended
 
-Exit codes with --wait: 0 completed, 1 failed, 3 aborted or stopped, 4 interrupted."))]
+On stderr it says what the job waits for: other jobs, a word that the plate is clear, a device. With --wait progress is shown on
+stderr, too: a bar on a terminal, elsewhere a line a minute and one whenever the job's state changes. Ctrl-C ends the command and
+not the print.
+
+Exit codes with --wait: 0 completed, 1 failed, 3 aborted or stopped, 4 interrupted or the daemon is gone, 130 ended by Ctrl-C."))]
 pub(super) struct StartArgs {
     /// The build file, as `layerctl pack` writes it.
     file: PathBuf,
@@ -42,32 +51,98 @@ pub(super) struct StartArgs {
 pub(super) fn run(args: StartArgs) -> anyhow::Result<Ending> {
     let recipe = args.recipe.as_deref().map(read_recipe).transpose()?;
     let name = args.file.file_name().context("the build file has no name")?.to_string_lossy().into_owned();
+    // What is no build file, or was cut short, is told before gigabytes of it are sent.
+    BuildFile::open(&args.file)?;
     let new = NewJob { part: args.file, name, recipe };
+    let bar = progress_bar(BAR);
+    let client = Client::from_environment().telling({
+        let bar = bar.clone();
+        move |text| bar.suspend(|| super::eprint(text))
+    });
     block_on(async {
-        let client = Client::from_environment();
-        // Listening before submitting: no event of the job is missed.
-        let events = if args.wait { Some(client.events().await?) } else { None };
-        let bar = progress_bar(BAR);
-        bar.set_message("sending");
-        let job = client
-            .submit(&new, |sent, total| {
-                bar.set_length(total);
-                bar.set_position(sent);
-            })
-            .await?;
-        bar.finish_and_clear();
-        let Some(events) = events else {
-            return tell(&job, args.json).map(|()| Ending::Done);
+        let mut interrupt = signal(SignalKind::interrupt()).context("cannot wait for SIGINT")?;
+        let submitted = tokio::select! {
+            submitted = submit(&client, &new, args.wait, &bar) => submitted?,
+            _ = interrupt.recv() => {
+                bar.finish_and_clear();
+                super::eprint("ended by Ctrl-C while the part was being sent; `layerctl jobs` tells whether the daemon took it");
+                return Ok(Ending::Signal);
+            }
         };
-        if !args.json {
-            print(&job.id)?;
+        let (job, events) = submitted;
+        if !(args.json && args.wait) {
+            tell(&job, args.json)?;
         }
-        let (job, ending) = wait(&client, job, events).await?;
+        let Some(events) = events else {
+            tell_waits(&client, &job).await;
+            return Ok(Ending::Done);
+        };
+        let waited = tokio::select! {
+            waited = async {
+                tell_device(&client, &job).await;
+                wait(&client, job.clone(), events, &bar).await
+            } => waited?,
+            _ = interrupt.recv() => {
+                bar.finish_and_clear();
+                let id = &job.id;
+                super::eprint(&format!(
+                    "job {id} goes on without this command. Follow it with `layerctl watch`; end it with `layerctl stop {id}` or, \
+                     at once, `layerctl abort {id}`"
+                ));
+                return Ok(Ending::Signal);
+            }
+        };
+        let (job, ending) = waited;
         if args.json {
             print_json(&job)?;
         }
         Ok(ending)
     })
+}
+
+/// Sends the part; gives the job, and its events where it is to be waited for.
+async fn submit(
+    client: &Client,
+    new: &NewJob,
+    wait: bool,
+    bar: &ProgressBar,
+) -> anyhow::Result<(JobView, Option<Events>)> {
+    // Listening before submitting: no event of the job is missed.
+    let events = if wait { Some(client.events().await?) } else { None };
+    bar.set_message("sending");
+    let progress = |sent, total| {
+        bar.set_length(total);
+        bar.set_position(sent);
+    };
+    let job = client.submit(new, progress).await?;
+    bar.finish_and_clear();
+    Ok((job, events))
+}
+
+/// What keeps a new job from beginning, on stderr: stdout holds the job's id alone.
+async fn tell_waits(client: &Client, job: &JobView) {
+    if let Some(reason) = &job.reason {
+        super::eprint(&format!("job {} {reason}", job.id));
+    }
+    tell_device(client, job).await;
+}
+
+/// Says so where no device answers. One that does not fit is a reason to refuse the job.
+async fn tell_device(client: &Client, job: &JobView) {
+    match client.status().await.map(|status| status.link) {
+        Ok(LinkView { state: LinkState::Connected, .. }) => {}
+        Ok(LinkView { path, reason, .. }) => {
+            let reason = reason.map_or_else(String::new, |reason| format!(" ({reason})"));
+            super::eprint(&format!(
+                "no device answers on {path}{reason}: switch it on; job {} waits a minute for it once its turn comes, then fails",
+                job.id
+            ));
+        }
+        // The job is the daemon's already, and its id was printed.
+        Err(error) => {
+            super::eprint(&format!("job {} was taken, but whether a device is there is not known: {error}", job.id));
+        }
+    }
 }
 
 fn tell(job: &JobView, json: bool) -> anyhow::Result<()> {
@@ -81,12 +156,19 @@ fn read_recipe(recipe: &str) -> anyhow::Result<(String, String)> {
     Ok((checked.name, text))
 }
 
-/// Follows a job until nothing happens to it any more; tells how it ended on stderr.
-pub(super) async fn wait(client: &Client, mut job: JobView, mut events: Events) -> anyhow::Result<(JobView, Ending)> {
-    let bar = progress_bar(BAR);
+/// Follows a job until nothing happens to it any more; tells how it ended on stderr. Where `bar` cannot be seen, a line now and
+/// then takes its place.
+pub(super) async fn wait(
+    client: &Client,
+    mut job: JobView,
+    mut events: Events,
+    bar: &ProgressBar,
+) -> anyhow::Result<(JobView, Ending)> {
+    bar.reset();
     let mut told = None;
+    let mut lines = Lines::default();
     loop {
-        show(&bar, &job);
+        show(bar, &job);
         if job.state == JobState::Queued && job.reason != told {
             told.clone_from(&job.reason);
             bar.suspend(|| told.iter().for_each(|reason| super::eprint(&format!("job {} {reason}", job.id))));
@@ -96,7 +178,11 @@ pub(super) async fn wait(client: &Client, mut job: JobView, mut events: Events) 
             summarise(&job);
             return Ok((job, ending));
         }
-        match events.next().await {
+        if bar.is_hidden() && lines.is_due(&job, Instant::now()) {
+            super::eprint(&line(&job));
+        }
+        let Ok(news) = timeout(LINE_INTERVAL, events.next()).await else { continue };
+        match news {
             Ok(Some(Event::Job(changed))) if changed.id == job.id => job = *changed,
             Ok(Some(Event::Status(_) | Event::Lagged { .. })) => job = client.job(&job.id).await?,
             Ok(Some(Event::Layer(exposed))) if exposed.job == job.id => {
@@ -105,9 +191,14 @@ pub(super) async fn wait(client: &Client, mut job: JobView, mut events: Events) 
             Ok(Some(Event::Notice { text })) => bar.suspend(|| super::eprint(&text)),
             Ok(Some(_)) => {}
             Ok(None) | Err(_) => {
+                bar.suspend(|| super::eprint("the daemon has gone; waiting up to 10 s for it to come back"));
                 let Some(again) = reconnect(client).await? else {
                     bar.finish_and_clear();
-                    eprintln!("the daemon is gone; once it runs again: layerctl resume {}", job.id);
+                    super::eprint(&format!(
+                        "the daemon does not come back. Once it runs again, `layerctl status` tells how job {0} stands; an \
+                         interrupted job goes on with `layerctl resume {0}`",
+                        job.id
+                    ));
                     return Ok((job, Ending::Interrupted));
                 };
                 events = again;
@@ -116,13 +207,36 @@ pub(super) async fn wait(client: &Client, mut job: JobView, mut events: Events) 
     }
 }
 
+/// When a line of progress is due.
+#[derive(Debug, Default)]
+struct Lines {
+    last: Option<(JobState, Instant)>,
+}
+
+impl Lines {
+    /// Whether one is due now: the job's state changed, or the last one is [`LINE_INTERVAL`] old.
+    fn is_due(&mut self, job: &JobView, now: Instant) -> bool {
+        let is_due = self.last.is_none_or(|(state, at)| state != job.state || now >= at + LINE_INTERVAL);
+        if is_due {
+            self.last = Some((job.state, now));
+        }
+        is_due
+    }
+}
+
+fn line(job: &JobView) -> String {
+    let eta = job.eta_s.map_or_else(String::new, |eta| format!(", {} to go", duration_text(eta)));
+    let reason = job.reason.as_ref().map_or_else(String::new, |reason| format!("; {reason}"));
+    format!("job {} {}: {}{eta}{reason}", job.id, job.state, layers_text(job))
+}
+
 /// Waits for a daemon that went away; `None` if it does not come back.
 async fn reconnect(client: &Client) -> anyhow::Result<Option<Events>> {
-    let began = tokio::time::Instant::now();
+    let began = Instant::now();
     while began.elapsed() < RECONNECT {
         match client.events().await {
             Ok(events) => return Ok(Some(events)),
-            Err(ClientError::NoDaemon { .. } | ClientError::Broken(_)) => {}
+            Err(ClientError::NoDaemon { .. } | ClientError::Broken(_) | ClientError::Silent { .. }) => {}
             Err(error) => return Err(error.into()),
         }
         tokio::time::sleep(Duration::from_millis(200)).await;
@@ -144,17 +258,36 @@ fn show(bar: &ProgressBar, job: &JobView) {
     bar.set_length(u64::from(job.layers_total));
     bar.set_position(u64::from(job.layers_done));
     bar.set_message(job.state.name());
-    bar.set_prefix(job.eta_s.map(duration_text).unwrap_or_default());
+    let eta = job.eta_s.map_or_else(String::new, |eta| format!(", {} to go", duration_text(eta)));
+    bar.set_prefix(format!("layers done{eta}"));
 }
 
 fn summarise(job: &JobView) {
     let reason = job.reason.as_ref().map_or_else(String::new, |reason| format!(": {reason}"));
-    let JobView { id, state, layers_done, layers_total, .. } = job;
-    super::eprint(&format!("job {id} {state} after {layers_done} of {layers_total} layers{reason}"));
+    super::eprint(&format!("job {} {}, {}{reason}", job.id, job.state, layers_text(job)));
     if job.late_layers > 0 {
         eprintln!("{} layers were late, {} ms in all", job.late_layers, job.late_ms_total);
     }
     if job.state == JobState::Interrupted {
         eprintln!("it can go on: layerctl resume {}", job.id);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_is_due_once_a_minute_and_when_the_state_changes() {
+        let text = r#"{"id": "8", "name": "a", "state": "printing", "recipe": "r", "layers_done": 812, "layers_total": 3000,
+            "layer": 812, "eta_s": 95, "late_layers": 0, "late_ms_total": 0, "submitted_ms": 1, "started_ms": 2,
+            "ended_ms": null, "reason": "layer 812 is late", "in_doubt": null}"#;
+        let mut job: JobView = serde_json::from_str(text).unwrap();
+        assert_eq!(line(&job), "job 8 printing: 812 of 3000 layers done, 1 min 35 s to go; layer 812 is late");
+        let (mut lines, began) = (Lines::default(), Instant::now());
+        let due: Vec<bool> = [0, 1, 59, 60, 61, 120].map(|s| lines.is_due(&job, began + Duration::from_secs(s))).into();
+        assert_eq!(due, [true, false, false, true, false, true]);
+        job.state = JobState::Pausing;
+        assert!(lines.is_due(&job, began + Duration::from_secs(121)));
     }
 }

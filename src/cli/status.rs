@@ -3,17 +3,19 @@
 use clap::Args;
 
 use super::client::Client;
-use super::jobs::notes;
-use super::{block_on, duration_text, mib, print, print_json};
+use super::jobs::{age_text, notes, time_text};
+use super::{block_on, duration_text, layers_text, mib, print, print_json};
 use crate::daemon::api::{JobView, Status};
 use crate::text::short_name;
 
-/// Everything at a glance: line, job, queue, budget.
+/// Everything at a glance: line, job, queue, the job that ended last, budget.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
   layerctl status
-  layerctl status --json | jq .active.layers_done")]
+  layerctl status --json | jq .active.layers_done
+
+\"812 of 3000 layers done\" means layers 0 to 811; a layer that is named has the number of its file, from 0.")]
 pub(super) struct StatusArgs {
     /// Print one JSON object.
     #[arg(long)]
@@ -47,6 +49,7 @@ pub(super) fn lines(status: &Status) -> Vec<String> {
         lines.push(format!("queued   {} {}", job.id, short_name(&job.name)));
         lines.extend(notes(job).into_iter().map(|note| format!("         {note}")));
     }
+    lines.extend(status.last.iter().flat_map(last_lines));
     let budget = status.budget;
     lines.push(format!(
         "budget   {:.1} of {:.1} MiB used, {:.1} at most",
@@ -81,10 +84,24 @@ fn job_lines(job: &JobView) -> Vec<String> {
         short_name(&job.recipe)
     )];
     let eta = job.eta_s.map_or_else(String::new, |eta| format!(", {} to go", duration_text(eta)));
-    lines.push(format!("layers   {} of {}{eta}", job.layers_done, job.layers_total));
+    lines.push(format!("         {}{eta}", layers_text(job)));
     if job.late_layers > 0 {
         lines.push(format!("late     {} layers, {} ms in all", job.late_layers, job.late_ms_total));
     }
     lines.extend(notes(job).into_iter().map(|note| format!("         {note}")));
+    lines
+}
+
+/// The job that ended last: how and when.
+fn last_lines(job: &JobView) -> Vec<String> {
+    let when = job.ended_ms.map_or_else(
+        || "at an unknown time".into(),
+        |ended_ms| format!("{} ago ({})", age_text(ended_ms), time_text(ended_ms)),
+    );
+    let mut lines = vec![
+        format!("last     {} {}: {} {when}", job.id, short_name(&job.name), job.state),
+        format!("         {}", layers_text(job)),
+    ];
+    lines.extend(job.reason.iter().map(|reason| format!("         {reason}")));
     lines
 }

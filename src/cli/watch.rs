@@ -1,33 +1,40 @@
-//! `layerctl watch`: the print in a terminal.
+//! `layerctl watch`: the print in a terminal. `screen` draws it.
+
+mod screen;
 
 use std::io::IsTerminal;
 use std::time::Duration;
 
 use anyhow::bail;
 use clap::Args;
-use ratatui::Frame;
 use ratatui::crossterm::event::{self, Event as Input, KeyCode, KeyEventKind, KeyModifiers};
-use ratatui::layout::{Constraint, Layout};
-use ratatui::style::{Color, Style};
-use ratatui::widgets::{Block, Gauge, Paragraph, Wrap};
-use tokio::time::timeout;
+use tokio::sync::mpsc;
+use tokio::time::{Instant, timeout};
 
-use super::client::Client;
-use super::{block_on, duration_text, print_json, status};
+use super::client::{Client, ClientError};
+use super::commands::{answer, not_aborted};
+use super::{block_on, print_json};
 use crate::daemon::api::{DeviceView, JobView, ResumeBody, Status};
-use crate::text::{plain, short_name};
 
-/// A daemon that does not answer must not keep the keys from working.
+/// What is not read within this time is asked for anew.
 const ANSWER_LIMIT: Duration = Duration::from_secs(1);
 /// How often the daemon is asked; people read no faster.
 const ASK_INTERVAL: Duration = Duration::from_millis(500);
 /// How often keys are looked for.
 const KEY_INTERVAL: Duration = Duration::from_millis(50);
+/// Readings and answers that may wait for the screen; it takes them 20 times a second.
+const WAITING_NEWS: usize = 16;
+/// What is older is not shown as if it were so now: three questions in a row had no answer.
+const LARGEST_AGE: Duration = Duration::from_secs(2);
 
 /// Follow the print in the terminal.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Keys: p pause, r resume, s stop after this layer, a abort (asks first), q leave; the print goes on without you.
+Keys: p pause, r resume, s stop after this layer, a abort, q leave; the print goes on without you. s and a ask first, and so does
+r where a job waits for a word that the plate is clear.
+
+The first line tells light and plate; it is the last to go where there is little room. While the daemon does not answer, everything
+is grey and the first line says how old it is.
 
 Examples:
   layerctl watch
@@ -46,12 +53,14 @@ pub(super) fn run(args: &WatchArgs) -> anyhow::Result<()> {
     if !std::io::stdout().is_terminal() || !std::io::stdin().is_terminal() {
         bail!("watch needs a terminal; without one use `layerctl status` or `layerctl watch --json`");
     }
-    // Asked once before the screen is taken: an error stays readable.
-    let view = block_on(View::read(&client, String::new()))?;
-    let mut terminal = ratatui::try_init()?;
-    let ended = block_on(follow(&client, &mut terminal, view));
-    ratatui::restore();
-    ended
+    block_on(async {
+        // Asked once before the screen is taken: an error stays readable.
+        let view = View::new(read(&client).await?);
+        let mut terminal = ratatui::try_init()?;
+        let ended = follow(&client, &mut terminal, view).await;
+        ratatui::restore();
+        ended
+    })
 }
 
 async fn print_events(client: Client) -> anyhow::Result<()> {
@@ -62,174 +71,276 @@ async fn print_events(client: Client) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// What is on the screen.
-struct View {
+/// What the daemon said at one moment.
+#[derive(Debug)]
+struct Reading {
     status: Status,
     device: DeviceView,
+    at: Instant,
+}
+
+async fn read(client: &Client) -> Result<Reading, ClientError> {
+    let (status, device) = (client.status().await?, client.get("/v1/device").await?);
+    Ok(Reading { status, device, at: Instant::now() })
+}
+
+/// What is on the screen.
+struct View {
+    reading: Reading,
+    /// Why there is no newer reading.
+    silence: Option<String>,
     note: String,
-    asks_abort: bool,
+    question: Option<Question>,
+}
+
+/// What must be answered with `y` before it is done.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum Question {
+    Abort,
+    Stop { id: String },
+    PlateClear { id: String, name: String },
+}
+
+impl Question {
+    fn text(&self) -> String {
+        match self {
+            Self::Abort => "Abort this print now? y aborts, any other key does not".into(),
+            Self::Stop { id } => format!("End job {id} after this layer, for good? y ends it, any other key does not"),
+            // The name is at the end: it may be long, and the end is cut off first.
+            Self::PlateClear { id, name } => format!(
+                "Have you looked, and is the plate clear of the last part? y says so and begins job {id}; any other key does not \
+                 ({name})"
+            ),
+        }
+    }
+
+    /// What is noted where the answer is not `y`.
+    fn declined(&self) -> &'static str {
+        match self {
+            Self::Abort => "not aborted",
+            Self::Stop { .. } => "not stopped",
+            Self::PlateClear { .. } => "not begun",
+        }
+    }
+}
+
+/// What comes to the screen from the daemon.
+enum News {
+    Reading(Box<Reading>),
+    /// Why none could be had.
+    Silence(String),
+    Note(String),
 }
 
 impl View {
-    async fn read(client: &Client, note: String) -> anyhow::Result<Self> {
-        let (status, device) = (client.status().await?, client.get("/v1/device").await?);
-        Ok(Self { status, device, note, asks_abort: false })
+    fn new(reading: Reading) -> Self {
+        Self { reading, silence: None, note: String::new(), question: None }
+    }
+
+    fn hear(&mut self, news: News) {
+        match news {
+            News::Reading(reading) => (self.reading, self.silence) = (*reading, None),
+            News::Silence(why) => self.silence = Some(why),
+            News::Note(note) => self.note = note,
+        }
+    }
+
+    /// How old the reading is, where that is too old to be shown as the present.
+    fn age(&self, now: Instant) -> Option<Duration> {
+        Some(now.duration_since(self.reading.at)).filter(|age| *age > LARGEST_AGE)
+    }
+
+    /// One key; gives the order to carry out.
+    fn press(&mut self, key: KeyCode) -> Option<Order> {
+        if let Some(question) = self.question.take() {
+            if !matches!(key, KeyCode::Char('y' | 'Y')) {
+                self.note = question.declined().into();
+                return None;
+            }
+            return Some(match question {
+                Question::Abort => Order { id: None, order: "abort" },
+                Question::Stop { id } => Order { id: Some(id), order: "stop" },
+                Question::PlateClear { id, .. } => Order { id: Some(id), order: "resume" },
+            });
+        }
+        let active = self.reading.status.active.as_ref().map(|job| job.id.clone());
+        let mut ask = |question| {
+            self.note.clear();
+            self.question = Some(question);
+            None
+        };
+        match (key, active) {
+            (KeyCode::Char('a'), Some(_)) => ask(Question::Abort),
+            (KeyCode::Char('s'), Some(id)) => ask(Question::Stop { id }),
+            (KeyCode::Char('p'), Some(id)) => Some(Order { id: Some(id), order: "pause" }),
+            (KeyCode::Char('r'), Some(id)) => Some(Order { id: Some(id), order: "resume" }),
+            (KeyCode::Char('r'), None) if !self.reading.status.queue.is_empty() => {
+                let JobView { id, name, .. } = &self.reading.status.queue[0];
+                ask(Question::PlateClear { id: id.clone(), name: name.clone() })
+            }
+            (KeyCode::Char('a' | 's' | 'p' | 'r'), None) => {
+                self.note = "no job holds the machine".into();
+                None
+            }
+            _ => None,
+        }
+    }
+}
+
+/// An order to a job; without an id to the one that holds the machine.
+#[derive(Debug, PartialEq, Eq)]
+struct Order {
+    id: Option<String>,
+    order: &'static str,
+}
+
+impl Order {
+    /// Gives it and says what became of it.
+    async fn give(self, client: &Client) -> String {
+        let given = match (self.id, self.order) {
+            (None, _) => client.abort_active().await,
+            (Some(id), "resume") => client.resume(&id, ResumeBody::default()).await,
+            (Some(id), order) => client.order(&id, order).await,
+        };
+        match given {
+            Ok(job) => answer(self.order, &job),
+            Err(error) if self.order == "abort" => not_aborted(error).to_string(),
+            Err(error) => error.to_string(),
+        }
+    }
+}
+
+/// Asks the daemon again and again; ends with the screen.
+async fn ask(client: Client, news: mpsc::Sender<News>) {
+    loop {
+        let heard = match timeout(ANSWER_LIMIT, read(&client)).await {
+            Ok(Ok(reading)) => News::Reading(Box::new(reading)),
+            Ok(Err(error)) => News::Silence(error.to_string()),
+            Err(_) => News::Silence("the daemon does not answer".into()),
+        };
+        if news.send(heard).await.is_err() {
+            return;
+        }
+        tokio::time::sleep(ASK_INTERVAL).await;
     }
 }
 
 async fn follow(client: &Client, terminal: &mut ratatui::DefaultTerminal, mut view: View) -> anyhow::Result<()> {
-    let mut asked = tokio::time::Instant::now();
+    let (sender, mut news) = mpsc::channel(WAITING_NEWS);
+    let notes = sender.clone();
+    // Nothing may be written over the screen; a full queue has something newer to say.
+    let client = client.clone().telling(move |text| drop(notes.try_send(News::Note(text.into()))));
+    // Questions and orders run beside the screen: a daemon that does not answer must not keep the keys from working.
+    tokio::spawn(ask(client.clone().telling(|_| {}), sender.clone()));
     loop {
-        terminal.draw(|frame| draw(frame, &view))?;
+        while let Ok(heard) = news.try_recv() {
+            view.hear(heard);
+        }
+        terminal.draw(|frame| screen::draw(frame, &view, Instant::now()))?;
         tokio::time::sleep(KEY_INTERVAL).await;
         while event::poll(Duration::ZERO)? {
-            if let Input::Key(key) = event::read()?
-                && key.kind == KeyEventKind::Press
-            {
-                let interrupt = key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL);
-                if interrupt || (key.code == KeyCode::Char('q') && !view.asks_abort) {
-                    return Ok(());
-                }
-                press(client, &mut view, key.code).await;
+            let Input::Key(key) = event::read()? else { continue };
+            if key.kind != KeyEventKind::Press {
+                continue;
+            }
+            let interrupt = key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL);
+            if interrupt || (key.code == KeyCode::Char('q') && view.question.is_none()) {
+                return Ok(());
+            }
+            if let Some(order) = view.press(key.code) {
+                view.note = format!("{} ordered", order.order);
+                let (client, sender) = (client.clone(), sender.clone());
+                tokio::spawn(async move {
+                    // Without a receiver the screen has ended.
+                    let _ = sender.send(News::Note(order.give(&client).await)).await;
+                });
             }
         }
-        if asked.elapsed() >= ASK_INTERVAL {
-            asked = tokio::time::Instant::now();
-            match timeout(ANSWER_LIMIT, View::read(client, view.note.clone())).await {
-                Ok(Ok(read)) => view = View { asks_abort: view.asks_abort, ..read },
-                Ok(Err(error)) => view.note = format!("{error:#}"),
-                Err(_) => view.note = "the daemon does not answer; what is shown is old".into(),
-            }
-        }
     }
-}
-
-/// One key: orders go to the job that holds the machine.
-async fn press(client: &Client, view: &mut View, key: KeyCode) {
-    let active = view.status.active.as_ref().map(|job| job.id.clone());
-    if std::mem::take(&mut view.asks_abort) {
-        view.note = match key {
-            KeyCode::Char('y') => told(client.abort_active().await),
-            _ => "not aborted".into(),
-        };
-        return;
-    }
-    let Some(id) = active else {
-        view.note = "no job holds the machine".into();
-        return;
-    };
-    view.note = match key {
-        KeyCode::Char('p') => told(client.order(&id, "pause").await),
-        KeyCode::Char('s') => told(client.order(&id, "stop").await),
-        KeyCode::Char('r') => told(client.resume(&id, ResumeBody::default()).await),
-        KeyCode::Char('a') => {
-            view.asks_abort = true;
-            String::new()
-        }
-        _ => return,
-    };
-}
-
-fn told(answer: Result<JobView, super::client::ClientError>) -> String {
-    match answer {
-        Ok(job) => format!("job {} is {}", job.id, job.state),
-        Err(error) => error.to_string(),
-    }
-}
-
-fn draw(frame: &mut Frame<'_>, view: &View) {
-    let rows = [Constraint::Length(3), Constraint::Min(6), Constraint::Length(4), Constraint::Length(2)];
-    let [progress, status, device, keys] = Layout::vertical(rows).areas(frame.area());
-    frame.render_widget(gauge(view.status.active.as_ref()), progress);
-    let text = plain(&status::lines(&view.status).join("\n"));
-    frame.render_widget(
-        Paragraph::new(text).wrap(Wrap { trim: false }).block(Block::bordered().title("layerd")),
-        status,
-    );
-    frame.render_widget(
-        Paragraph::new(plain(&device_text(&view.device))).block(Block::bordered().title("device")),
-        device,
-    );
-    let (text, colour) = if view.asks_abort {
-        ("abort this print now? y aborts, any other key does not".into(), Color::Red)
-    } else {
-        (format!("p pause  r resume  s stop  a abort  q leave\n{}", plain(&view.note)), Color::Reset)
-    };
-    frame.render_widget(Paragraph::new(text).style(Style::new().fg(colour)), keys);
-}
-
-fn gauge(job: Option<&JobView>) -> Gauge<'_> {
-    let (title, done, total, eta) = match job {
-        Some(job) => (format!("{} {}", short_name(&job.name), job.state), job.layers_done, job.layers_total, job.eta_s),
-        None => ("no job".into(), 0, 0, None),
-    };
-    let share = if total == 0 { 0.0 } else { (f64::from(done) / f64::from(total)).min(1.0) };
-    let eta = eta.map_or_else(String::new, |eta| format!(", {} to go", duration_text(eta)));
-    Gauge::default()
-        .block(Block::bordered().title(title))
-        .gauge_style(Style::new().fg(Color::Cyan))
-        .ratio(share)
-        .label(format!("{done} of {total} layers{eta}"))
-}
-
-fn device_text(device: &DeviceView) -> String {
-    let Some(state) = &device.state else { return "not connected yet".into() };
-    let light = if state.light_on { "LIGHT ON" } else { "light off" };
-    let plate = state.position_um.map_or_else(|| "not homed".into(), |um| format!("{:.3} mm", f64::from(um) / 1000.0));
-    let moving = if state.moving { ", moving" } else { "" };
-    let fault = state.fault.as_ref().map_or_else(String::new, |fault| format!("FAULT: {fault}"));
-    format!("{light}   plate {plate}{moving}\n{fault}")
 }
 
 #[cfg(test)]
 mod tests {
-    use ratatui::Terminal;
-    use ratatui::backend::TestBackend;
-
     use super::*;
 
-    const STATUS: &str = r#"{"version": "0.1.0", "machine": "bench", "queue": [],
+    pub(super) const STATUS: &str = r#"{"version": "0.1.0", "machine": "bench",
         "link": {"state": "connected", "path": "/dev/layerd", "device": "sim", "reason": null},
         "active": {"id": "7", "name": "part.layerd", "state": "printing", "recipe": "fine", "layers_done": 3,
             "layers_total": 12, "layer": 3, "eta_s": 95, "late_layers": 2, "late_ms_total": 40, "submitted_ms": 1,
             "started_ms": 2, "ended_ms": null, "reason": null, "in_doubt": null},
+        "queue": [{"id": "8", "name": "next.layerd", "state": "queued", "recipe": "fine", "layers_done": 0,
+            "layers_total": 5, "layer": null, "eta_s": null, "late_layers": 0, "late_ms_total": 0, "submitted_ms": 1,
+            "started_ms": null, "ended_ms": null, "reason": "waits for the end of job 7", "in_doubt": null}],
         "budget": {"limit_bytes": 67108864, "used_bytes": 1048576, "peak_bytes": 2097152},
         "line": {"sent_bytes": 10, "received_bytes": 1, "sent_frames": 4, "retransmitted_frames": 1, "bad_frames": 0,
             "reconnects": 0, "round_trip_ms": null, "busy_share": 0.99}}"#;
 
-    fn screen(view: &View) -> String {
-        let mut terminal = Terminal::new(TestBackend::new(90, 24)).unwrap();
-        terminal.draw(|frame| draw(frame, view)).unwrap();
-        terminal.backend().to_string()
+    pub(super) fn view() -> View {
+        let device = r#"{"connected": true, "info": null, "state": {"light_on": true, "position_um": 1250, "moving": false,
+            "last_exposed": null, "cut_short": null, "fault": null}}"#;
+        View::new(Reading {
+            status: serde_json::from_str(STATUS).unwrap(),
+            device: serde_json::from_str(device).unwrap(),
+            at: Instant::now(),
+        })
+    }
+
+    fn ordered(id: Option<&str>, order: &'static str) -> Option<Order> {
+        Some(Order { id: id.map(Into::into), order })
     }
 
     #[test]
-    fn the_screen_shows_the_print_and_asks_before_an_abort() {
-        let status = serde_json::from_str(STATUS).unwrap();
-        let mut view = View { status, device: DeviceView::default(), note: "a note".into(), asks_abort: false };
-        let shown = screen(&view);
-        for words in
-            ["part.layerd printing", "3 of 12 layers, 1 min 35 s to go", "2 layers, 40 ms", "a note", "a abort"]
+    fn stop_and_abort_ask_first() {
+        for (key, order, declined) in
+            [('a', ordered(None, "abort"), "not aborted"), ('s', ordered(Some("7"), "stop"), "not stopped")]
         {
-            assert!(shown.contains(words), "`{words}` is not in:\n{shown}");
+            let mut view = view();
+            assert_eq!(view.press(KeyCode::Char(key)), None);
+            // The very key again is no answer: it may be held down.
+            assert_eq!(view.press(KeyCode::Char(key)), None);
+            assert_eq!((view.question.as_ref(), view.note.as_str()), (None, declined));
+            view.press(KeyCode::Char(key));
+            assert_eq!(view.press(KeyCode::Char('y')), order);
         }
-        view.asks_abort = true;
-        assert!(screen(&view).contains("abort this print now?"));
-        view.status.active = None;
-        assert!(screen(&view).contains("no job"));
+        assert_eq!(view().press(KeyCode::Char('p')), ordered(Some("7"), "pause"));
+    }
+
+    #[test]
+    fn r_resumes_the_job_at_the_machine_or_asks_whether_the_plate_is_clear() {
+        let mut view = view();
+        assert_eq!(view.press(KeyCode::Char('r')), ordered(Some("7"), "resume"));
+        view.reading.status.active = None;
+        assert_eq!(view.press(KeyCode::Char('r')), None);
+        let question = view.question.as_ref().unwrap().text();
+        assert!(
+            question.contains("is the plate clear")
+                && question.ends_with("begins job 8; any other key does not (next.layerd)"),
+            "{question}"
+        );
+        assert_eq!(view.press(KeyCode::Char('r')), None);
+        assert_eq!(view.note, "not begun");
+        view.press(KeyCode::Char('r'));
+        assert_eq!(view.press(KeyCode::Char('y')), ordered(Some("8"), "resume"));
+        view.reading.status.queue.clear();
+        assert_eq!((view.press(KeyCode::Char('r')), view.note.as_str()), (None, "no job holds the machine"));
     }
 
     #[tokio::test]
-    async fn any_other_key_than_y_does_not_abort() {
-        let status = serde_json::from_str(STATUS).unwrap();
-        let mut view = View { status, device: DeviceView::default(), note: String::new(), asks_abort: false };
+    async fn an_abort_that_nobody_takes_says_what_to_do_by_hand() {
         let client = Client::new("/nonexistent/control.sock");
-        press(&client, &mut view, KeyCode::Char('a')).await;
-        assert!(view.asks_abort, "nothing was sent yet: the client has no daemon to refuse it");
-        press(&client, &mut view, KeyCode::Char('n')).await;
-        assert_eq!((view.asks_abort, view.note.as_str()), (false, "not aborted"));
-        press(&client, &mut view, KeyCode::Char('a')).await;
-        press(&client, &mut view, KeyCode::Char('y')).await;
-        assert!(view.note.contains("/nonexistent/control.sock"), "the order was sent: {}", view.note);
+        let told = Order { id: None, order: "abort" }.give(&client).await;
+        assert!(told.contains("/nonexistent/control.sock") && told.contains("at the mains"), "{told}");
+    }
+
+    #[test]
+    fn a_reading_is_the_present_only_while_it_is_young() {
+        let mut view = view();
+        let read_at = view.reading.at;
+        assert_eq!(view.age(read_at + Duration::from_millis(1900)), None);
+        assert_eq!(view.age(read_at + Duration::from_secs(14)), Some(Duration::from_secs(14)));
+        view.hear(News::Silence("no layerd answers".into()));
+        assert!(view.silence.is_some());
+        view.hear(News::Reading(Box::new(self::view().reading)));
+        assert!(view.silence.is_none());
     }
 }

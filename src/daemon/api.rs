@@ -34,6 +34,9 @@ pub struct Status {
     pub active: Option<JobView>,
     /// Jobs behind it, the next one first.
     pub queue: Vec<JobView>,
+    /// The job that ended last.
+    #[serde(default)]
+    pub last: Option<JobView>,
     /// The memory budget.
     pub budget: BudgetView,
     /// What the line carried since the daemon started.
@@ -62,7 +65,7 @@ pub struct JobView {
     pub layers_done: u32,
     /// Layers of the whole part; 0 until the job was checked.
     pub layers_total: u32,
-    /// The layer under way, from 0.
+    /// The layer under way or next, from 0, as in its file's name.
     pub layer: Option<u32>,
     /// Expected time to the end, seconds.
     pub eta_s: Option<u64>,

@@ -49,6 +49,7 @@ impl Snapshot {
             misfit: self.device.misfit.clone().filter(|_| self.device.connected),
             active: self.active().cloned(),
             queue: self.jobs.iter().filter(queued).cloned().collect(),
+            last: self.last().cloned(),
             budget: self.budget,
             line: self.line.clone(),
         }
@@ -74,6 +75,12 @@ impl Snapshot {
              (layerctl jobs, layerctl stop JOB)"
         );
         Err(CommandError::new(503, text))
+    }
+
+    /// The job that ended last; of those whose end nobody knows the newest, where there is no other.
+    fn last(&self) -> Option<&JobView> {
+        // Of equals the last one is taken.
+        self.jobs.iter().filter(|job| job.state.is_final()).max_by_key(|job| job.ended_ms)
     }
 
     /// The job of that id.

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::clock::unix_ms;
 use super::jobs::TakeUp;
-use super::part::Part;
+use super::part::{Part, Unprintable, spool_text};
 use crate::config::{Machine, Recipe};
 use crate::job::{JobDirectory, JobState, Journal, Record, StartPoint};
 
@@ -62,7 +62,11 @@ impl Opened {
         let open = || -> Result<_, String> {
             let recipe = Recipe::load(&job.recipe()).map_err(|error| error.to_string())?;
             let machine = Machine::load(&job.machine()).map_err(|error| error.to_string())?;
-            let part = Part::open(&job.part(), &machine, &recipe, threads, limit_bytes).map_err(|e| e.to_string())?;
+            let part =
+                Part::open(&job.part(), &machine, &recipe, threads, limit_bytes).map_err(|error| match error {
+                    Unprintable::File(error) => spool_text(&error),
+                    _ => error.to_string(),
+                })?;
             if part.layer_count() != history.layer_count {
                 let (found, accepted) = (part.layer_count(), history.layer_count);
                 return Err(format!(

@@ -120,7 +120,11 @@ impl Printer {
                 let until_us = self.clock.now_us() + LONGEST_WRITE_US;
                 return self.unwritten.push(Unwritten { job, order, reply, until_us });
             }
-            Ok(Step::Done(id)) => self.view(id, None),
+            Ok(Step::Done(id)) => {
+                // Before the answer: one who asks again at once must not see how it was before.
+                self.publish_job(id);
+                self.view(id, None)
+            }
             Err(error) => Err(error),
         };
         // Whoever asked may have gone.
@@ -398,13 +402,28 @@ fn allowed(state: JobState, command: EngineCommand) -> bool {
 }
 
 fn wrong_state(id: u32, state: JobState, command: EngineCommand) -> CommandError {
+    use EngineCommand::{Pause, Resume, Stop};
+    use JobState::{Aborting, Interrupted, Paused, Queued, Stopping};
     let verb = match command {
-        EngineCommand::Pause => "paused",
-        EngineCommand::Resume => "resumed",
-        EngineCommand::Stop => "stopped",
-        EngineCommand::Abort => "aborted",
+        Pause => "pause",
+        Resume => "resume",
+        Stop => "stop",
+        EngineCommand::Abort => "abort",
     };
-    CommandError::new(409, format!("job {id} is {state} and cannot be {verb}"))
+    let text = match (state, command) {
+        (state, Resume) if state.is_final() => format!("job {id} is over ({state}); start the part again instead"),
+        (state, _) if state.is_final() => format!("job {id} is over ({state}): there is nothing to {verb}"),
+        (Paused, Pause) => format!("job {id} is paused already; `layerctl resume {id}` lets it go on"),
+        (Queued, Pause) => {
+            format!("job {id} has not begun: there is nothing to pause. `layerctl stop {id}` takes it out of the queue")
+        }
+        (Queued, Resume) => format!("job {id} begins by itself when its turn comes; it waits for no word"),
+        (Interrupted, Pause) => format!("job {id} is interrupted and prints nothing; `resume`, `stop` or `abort` it"),
+        (Aborting, Stop) => format!("job {id} is being aborted already, which ends it sooner"),
+        (Stopping | Aborting, _) => format!("job {id} is on its way to its end ({state}); it can only be aborted"),
+        _ => format!("job {id} is {state}: there is nothing to {verb}"),
+    };
+    CommandError::new(409, text)
 }
 
 /// Why a job is not resumed, with its number.

@@ -3,11 +3,11 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use crate::buildfile::BuildFile;
+use crate::buildfile::{BuildFile, BuildFileError};
 use crate::config::{Machine, Recipe};
 use crate::device::encoding::{self, Choice};
 use crate::link::message::Encoding;
-use crate::slice::{Bitmap, Depth, SlicePlan, Slicer};
+use crate::slice::{Bitmap, Depth, SliceError, SlicePlan, Slicer};
 use crate::stream::{Ahead, MemoryBudget, Produced};
 
 /// What the line holds at most: queues of the session both ways, the serial buffers, one layer's bookkeeping.
@@ -32,7 +32,10 @@ pub(super) struct EncodedLayer {
 /// Why a part cannot be printed here. Each text says what to do.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum Unprintable {
-    /// The file is not a build file, is corrupt, or does not fit the machine.
+    /// The file cannot be read, is not a build file, or is damaged.
+    #[error(transparent)]
+    File(#[from] BuildFileError),
+    /// The part does not fit the machine.
     #[error("{0}")]
     Part(String),
     /// It would need more memory than there may be.
@@ -122,7 +125,7 @@ impl Part {
         most_threads: usize,
         limit_bytes: u64,
     ) -> Result<Self, Unprintable> {
-        let file = BuildFile::open(path).map_err(|error| Unprintable::Part(error.to_string()))?;
+        let file = BuildFile::open(path)?;
         let depth = if recipe.antialias { Depth::Grey } else { Depth::Bit };
         let plan = SlicePlan::new(file.header(), machine.raster(), depth, recipe.layer_height_um)
             .map_err(|error| Unprintable::Part(error.to_string()))?;
@@ -152,18 +155,18 @@ impl Part {
         encoding: Choice,
         budget: &MemoryBudget,
     ) -> Result<Ahead<EncodedLayer>, String> {
-        let file = BuildFile::open(&self.path).map_err(|error| error.to_string())?;
+        let file = BuildFile::open(&self.path).map_err(|error| spool_text(&error))?;
         let buffers = budget
             .charge("the picture and the line's buffers", self.buffer_bytes)
             .map_err(|error| error.to_string())?;
         let mut slicer =
-            Slicer::new(file, self.plan.clone(), self.threads, first, budget).map_err(|error| error.to_string())?;
+            Slicer::new(file, self.plan.clone(), self.threads, first, budget).map_err(|error| slice_text(&error))?;
         let raster = &self.plan.raster;
         let mut bitmap = Bitmap::new(raster.width_px, raster.height_px, self.plan.depth);
         let mut encoded = Vec::new();
         let produce = move || -> Produced<EncodedLayer> {
             let _held = &buffers;
-            let Some(layer) = slicer.next_layer(&mut bitmap).map_err(|error| error.to_string())? else {
+            let Some(layer) = slicer.next_layer(&mut bitmap).map_err(|error| slice_text(&error))? else {
                 return Ok(None);
             };
             let encoding =
@@ -175,4 +178,24 @@ impl Part {
         };
         Ahead::start(budget, self.queue_bytes, produce).map_err(|error| error.to_string())
     }
+}
+
+/// Why a part in the spool cannot be used. Its original is another file, so packing or copying that again mends nothing here.
+pub(super) fn spool_text(error: &BuildFileError) -> String {
+    error.damage().map_or_else(|| error.to_string(), |damage| damaged(&damage))
+}
+
+fn slice_text(error: &SliceError) -> String {
+    match error {
+        SliceError::Damaged(damage) => damaged(damage),
+        SliceError::Source(source) => source.downcast_ref().map_or_else(|| error.to_string(), spool_text),
+        _ => error.to_string(),
+    }
+}
+
+fn damaged(damage: &str) -> String {
+    format!(
+        "the spool's copy of the part is damaged ({damage}). End this job, start the part again from its original file, and check \
+         the spool's disk"
+    )
 }

@@ -32,7 +32,7 @@ const LARGEST_ABORT_HEAD_BYTES: usize = 8 << 10;
 /// A small JSON body, bytes.
 const LARGEST_ORDER_BYTES: usize = 4 << 10;
 /// A subscriber hears at least this often, so that both ends notice a broken connection.
-const KEEP_ALIVE: Duration = Duration::from_secs(5);
+const KEEP_ALIVE: Duration = Duration::from_secs(1);
 /// File descriptors of both sockets at most: their connections, and one each that is just being let go.
 pub(super) const MOST_DESCRIPTORS: u64 = (MOST_CONNECTIONS + 2 * (LARGEST_CROWD + 1)) as u64;
 

@@ -12,6 +12,7 @@ use tokio::time::timeout;
 use super::api::{LARGEST_RECIPE_BYTES, LONGEST_NAME_BYTES, NAME_HEADER, RECIPE_HEADER, RECIPE_NAME_HEADER};
 use super::handle::{CommandError, Submission};
 use super::percent;
+use crate::buildfile::{BEGINNING_BYTES, check_beginning};
 use crate::disk;
 
 /// A sender that is silent for longer has gone away without closing; its half file is removed.
@@ -41,12 +42,12 @@ pub(super) async fn receive(
     let name = name.replace(char::is_control, " ");
     let recipe_text = text(headers, RECIPE_HEADER, LARGEST_RECIPE_BYTES)?;
     let recipe_name = text(headers, RECIPE_NAME_HEADER, LONGEST_NAME_BYTES)?;
-    let space = free_bytes(incoming)?.saturating_sub(disk::RESERVE_BYTES);
+    let space = Space::of(incoming)?;
     let announced = headers.get(header::CONTENT_LENGTH).and_then(|length| length.to_str().ok()?.parse::<u64>().ok());
-    if announced.is_some_and(|length| length > space) {
-        return Err(no_space(incoming, announced, space));
+    if announced.is_some_and(|length| length > space.for_parts()) {
+        return Err(space.too_little(incoming, announced));
     }
-    let part = store(incoming, body, space).await?;
+    let part = store(incoming, &name, body, space).await?;
     Ok(Submission { part, name, recipe_text, recipe_name, jobs_ended })
 }
 
@@ -57,7 +58,7 @@ pub(super) async fn drain(body: &mut Body) {
     let _ = timeout(LONGEST_DRAIN, rest).await;
 }
 
-async fn store(incoming: &Path, body: &mut Body, space: u64) -> Result<tempfile::TempPath, CommandError> {
+async fn store(incoming: &Path, name: &str, body: &mut Body, space: Space) -> Result<tempfile::TempPath, CommandError> {
     let failed = |error: std::io::Error| {
         let status = if error.kind() == std::io::ErrorKind::StorageFull { 507 } else { 500 };
         CommandError::new(status, format!("cannot write the build file into {}: {error}", incoming.display()))
@@ -70,6 +71,7 @@ async fn store(incoming: &Path, body: &mut Body, space: u64) -> Result<tempfile:
         .into_parts();
     let mut file = tokio::fs::File::from_std(file);
     let mut received: u64 = 0;
+    let mut beginning = Vec::with_capacity(BEGINNING_BYTES);
     loop {
         let frame = timeout(LONGEST_SILENCE, body.frame()).await.map_err(|_| {
             CommandError::new(408, format!("no data for {} s: upload given up", LONGEST_SILENCE.as_secs()))
@@ -78,8 +80,13 @@ async fn store(incoming: &Path, body: &mut Body, space: u64) -> Result<tempfile:
         let frame = frame.map_err(|error| CommandError::new(400, format!("the upload broke off: {error}")))?;
         let Ok(bytes) = frame.into_data() else { continue };
         received += bytes.len() as u64;
-        if received > space {
-            return Err(no_space(incoming, None, space));
+        if received > space.for_parts() {
+            return Err(space.too_little(incoming, None));
+        }
+        if beginning.len() < BEGINNING_BYTES {
+            // What is no build file is refused before gigabytes of it have come.
+            beginning.extend_from_slice(&bytes[..bytes.len().min(BEGINNING_BYTES - beginning.len())]);
+            check_beginning(&beginning).map_err(|problem| CommandError::new(422, format!("{name}: {problem}")))?;
         }
         file.write_all(&bytes).await.map_err(failed)?;
     }
@@ -91,21 +98,33 @@ async fn store(incoming: &Path, body: &mut Body, space: u64) -> Result<tempfile:
     Ok(part)
 }
 
-fn no_space(incoming: &Path, announced: Option<u64>, space: u64) -> CommandError {
-    let need = announced.map_or_else(|| "more".into(), |bytes| format!("{bytes} bytes"));
-    let place = incoming.display();
-    CommandError::new(
-        507,
-        format!(
-            "the build file needs {need}, but only {space} bytes are free for it in {place}: remove old jobs or files"
-        ),
-    )
+/// Room on the spool's disk.
+#[derive(Clone, Copy)]
+struct Space {
+    free_bytes: u64,
 }
 
-fn free_bytes(directory: &Path) -> Result<u64, CommandError> {
-    disk::free_bytes(directory).map_err(|error| {
-        CommandError::new(500, format!("cannot tell the free space of {}: {error}", directory.display()))
-    })
+impl Space {
+    fn of(directory: &Path) -> Result<Self, CommandError> {
+        let free_bytes = disk::free_bytes(directory).map_err(|error| {
+            CommandError::new(500, format!("cannot tell the free space of {}: {error}", directory.display()))
+        })?;
+        Ok(Self { free_bytes })
+    }
+
+    fn for_parts(self) -> u64 {
+        self.free_bytes.saturating_sub(disk::RESERVE_BYTES)
+    }
+
+    fn too_little(self, incoming: &Path, announced: Option<u64>) -> CommandError {
+        let need = announced.map_or_else(|| "more than that".into(), |bytes| format!("{bytes} bytes"));
+        let (place, free_bytes, reserve) = (incoming.display(), self.free_bytes, disk::RESERVE_BYTES);
+        let text = format!(
+            "the disk of {place} has {free_bytes} bytes free; {reserve} of them are kept for journals, and the build file needs \
+             {need}: `layerctl remove JOB` deletes finished jobs; or delete other files there, or move the spool"
+        );
+        CommandError::new(507, text)
+    }
 }
 
 /// One percent-encoded header as text of at most `limit` bytes.

@@ -90,5 +90,5 @@ fn exposure(id: ExposureId, jobs: &Jobs) -> ExposureView {
 /// One line for `systemctl status`.
 pub(super) fn status_line(job: &JobView) -> String {
     let name = short_name(&job.name);
-    format!("job {} ({name}): {}, {} of {} layers", job.id, job.state, job.layers_done, job.layers_total)
+    format!("job {} ({name}): {}, {} of {} layers done", job.id, job.state, job.layers_done, job.layers_total)
 }

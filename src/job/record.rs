@@ -409,7 +409,8 @@ impl History {
         if layer == self.next_layer && layer <= self.layer_count {
             return Ok(());
         }
-        Err(format!("layer {layer} where layer {} of {} is next", self.next_layer, self.layer_count))
+        let (next, count) = (self.next_layer, self.layer_count);
+        Err(format!("layer {layer}, where layer {next} is next in a job of {count} layers"))
     }
 
     fn expect_commanded(&self, layer: u32) -> Result<(), String> {

@@ -57,8 +57,9 @@ pub enum SpoolError {
     InUse(PathBuf),
     /// Not enough room.
     #[error(
-        "{} has {free_bytes} bytes free, {need_bytes} are needed: `layerctl remove JOB` deletes finished jobs; or delete other \
-         files there, or move the spool", path.display()
+        "the disk of {} has {free_bytes} bytes free; {need_bytes} are needed, of which {} are kept for journals: `layerctl remove \
+         JOB` deletes finished jobs; or delete other files there, or move the spool",
+        path.display(), disk::RESERVE_BYTES
     )]
     NoSpace {
         /// The spool.

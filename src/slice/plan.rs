@@ -149,11 +149,24 @@ fn area_um(raster: &Raster) -> [f64; 2] {
     [f64::from(raster.width_px) * raster.pixel_um[0], f64::from(raster.height_px) * raster.pixel_um[1]]
 }
 
+/// The quarter turns, as `--rotate` takes them, after which a part of that size fits the volume.
+fn turn_that_fits(size: [f64; 3], volume: [f64; 3]) -> Option<&'static str> {
+    // Which of the part's axes lies along x, y and z after each.
+    let turns = [
+        ("0,0,90", [1, 0, 2]),
+        ("90,0,0", [0, 2, 1]),
+        ("0,90,0", [2, 1, 0]),
+        ("90,0,90", [2, 0, 1]),
+        ("90,90,0", [1, 2, 0]),
+    ];
+    let fits = |axes: [usize; 3]| (0..3).all(|axis| size[axes[axis]] <= volume[axis] + TOLERANCE_UM);
+    turns.into_iter().find_map(|(turn, axes)| fits(axes).then_some(turn))
+}
+
 fn check_volume(raster: &Raster, low_um: [f64; 3], high_um: [f64; 3], corner_um: [f64; 2]) -> Result<(), PlanError> {
     let [area_x, area_y] = area_um(raster);
     let volume = [area_x, area_y, raster.build_height_um];
     let size = [0, 1, 2].map(|axis| high_um[axis] - low_um[axis]);
-    let fits = |x: f64, y: f64| x <= area_x + TOLERANCE_UM && y <= area_y + TOLERANCE_UM;
     let outside = |text: String| Err(PlanError::OutsideVolume(text));
     for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
         let excess = size[axis] - volume[axis];
@@ -161,15 +174,13 @@ fn check_volume(raster: &Raster, low_um: [f64; 3], high_um: [f64; 3], corner_um:
         if excess <= TOLERANCE_UM {
             continue;
         }
-        let remedy = if axis < 2 && fits(size[1], size[0]) {
-            "it fits turned: pack it with `--rotate 0,0,90`".to_owned()
+        let remedy = if let Some(turn) = turn_that_fits(size, volume) {
+            format!("it fits turned: pack it with `--rotate {turn}`")
         } else {
             let scale = (0..3).map(|k| volume[k] / size[k]).fold(1.0, f64::min);
             match (scale * 1000.0).floor() / 1000.0 {
                 0.0 => "it is more than a thousand times too large: was its unit of length meant?".to_owned(),
-                scale => {
-                    format!("pack it at most {scale:.3} times as large as now (`--scale`), or turned (`--rotate`)")
-                }
+                scale => format!("pack it at most {scale:.3} times as large as now (`--scale`)"),
             }
         };
         return outside(format!(

@@ -14,9 +14,12 @@ pub enum SliceError {
     /// Memory the budget does not have.
     #[error(transparent)]
     Budget(#[from] BudgetExceeded),
-    /// The struts could not be read, or contradict what the file says of them.
+    /// The struts could not be read.
     #[error("{0:#}")]
     Source(anyhow::Error),
+    /// The struts contradict header or index; the text says how.
+    #[error("{0}; the file is damaged: pack the part again")]
+    Damaged(String),
     /// A strut as thick as the kernel's support has no finite weight.
     #[error(
         "the thickest strut has radius {radius_um} µm, but the kernel's support of {support_um} µm allows less than \

@@ -143,8 +143,8 @@ impl Sweep {
 
     fn join(&mut self, strut: &Strut) -> Result<(), SliceError> {
         if self.active.alive() == self.most_active {
-            return Err(SliceError::Source(anyhow::anyhow!(
-                "more struts lie at one layer than the {} the build file's index promised; the file is damaged: pack the part again",
+            return Err(SliceError::Damaged(format!(
+                "more struts lie at one layer than the {} that the build file's index promised",
                 self.most_active
             )));
         }
@@ -188,8 +188,8 @@ impl Sweep {
         let in_range = |radius: u32| (radii[0].max(1)..=radii[1].min(LARGEST_RADIUS)).contains(&radius);
         if !in_order || !in_range(strut.radius_a) || !in_range(strut.radius_b) {
             let what = if in_order { "a radius outside the header's range" } else { "a strut out of order" };
-            return Err(SliceError::Source(anyhow::anyhow!(
-                "chunk {} of the build file has {what}; the file is damaged: pack the part again",
+            return Err(SliceError::Damaged(format!(
+                "chunk {} of the build file has {what}",
                 self.slots[self.slot].chunk
             )));
         }

@@ -213,8 +213,8 @@ impl Engine {
             self.device.last_exposed.filter(|id| id.job == self.plan.key && id.layer >= self.next_layer)
         {
             let text = format!(
-                "the device says it exposed layer {} of this job, of which the journal knows nothing beyond layer {}: the \
-                 journal is not complete, the job cannot go on",
+                "the device says it exposed layer {} of this job, but by the journal layer {} is next: the journal is not complete, \
+                 the job cannot go on",
                 id.layer, self.next_layer
             );
             return self.wind_down_at_rest(JobState::Failed, text, now_us);

@@ -8,6 +8,7 @@ use std::path::Path;
 use std::rc::Rc;
 
 use zip::ZipArchive;
+use zip::result::ZipError;
 
 use super::part_name;
 use super::space::Space;
@@ -91,8 +92,14 @@ impl<'a> Package<'a> {
         let wrong = |problem: String| PackError::input(path.display().to_string(), problem);
         let file = File::open(path).map_err(read_error)?;
         let file_bytes = file.metadata().map_err(read_error)?.len();
-        let archive = ZipArchive::new(BufReader::new(file))
-            .map_err(|error| wrong(format!("it is not a 3MF package: {error}")))?;
+        let archive = ZipArchive::new(BufReader::new(file)).map_err(|error| {
+            wrong(match error {
+                ZipError::InvalidArchive(_) => {
+                    "it is no 3MF file: a 3MF file is a zip archive, and this is none, or one that was cut short".into()
+                }
+                error => format!("it is not a 3MF package: {error}"),
+            })
+        })?;
         let names = Rc::new(Names::read(&archive).map_err(wrong)?);
         let limit_bytes = FREE_BYTES.max(RATIO_LIMIT.saturating_mul(file_bytes));
         let mut package = Self {

@@ -1,0 +1,129 @@
+//! How long `layerctl` waits for the daemon's answer, and what it says meanwhile.
+
+use std::fmt;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::time::timeout;
+
+use super::client::ClientError;
+
+/// A daemon that runs answers within milliseconds. After this long the operator is told what is being waited for.
+pub(super) const TELL_AFTER: Duration = Duration::from_secs(2);
+
+/// What to do about light and movement where the daemon cannot be told to end them.
+pub(super) const BY_HAND: &str =
+    "If there is light or the plate moves, switch the printer off at the mains or pull its plug";
+
+/// What is being waited for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Wait {
+    /// An answer from memory.
+    Query,
+    /// An order: it is worth more patience, as it is carried out as soon as the daemon goes on.
+    Order,
+    /// An abort. The longest: until it is answered nobody knows that the machine is dark.
+    Abort,
+    /// Room for the next bytes of a build file. A busy disk may take seconds.
+    Upload,
+}
+
+impl Wait {
+    /// How long in all. Longer than [`TELL_AFTER`].
+    fn limit(self) -> Duration {
+        Duration::from_secs(match self {
+            Self::Query => 5,
+            Self::Order | Self::Upload => 30,
+            Self::Abort => 60,
+        })
+    }
+
+    /// What is said after [`TELL_AFTER`].
+    fn told(self, socket: &Path) -> String {
+        let (socket, told_s, more_s) = (socket.display(), TELL_AFTER.as_secs(), (self.limit() - TELL_AFTER).as_secs());
+        let what = match self {
+            Self::Query => format!("waiting {more_s} s more"),
+            Self::Order => format!("waiting up to {more_s} s more for it to take the order"),
+            Self::Upload => format!("waiting up to {more_s} s more for it to take the build file"),
+            Self::Abort => format!(
+                "waiting up to {more_s} s more for it to take the abort. {BY_HAND}; do not wait for this command"
+            ),
+        };
+        format!("layerd at {socket} has not answered for {told_s} s: {what}")
+    }
+
+    /// What is said at the end, besides that there was no answer.
+    fn consequence(self) -> &'static str {
+        match self {
+            Self::Query => "",
+            Self::Order | Self::Abort => {
+                " The order may still be carried out if it goes on: look at `layerctl status` then."
+            }
+            Self::Upload => " `layerctl jobs` tells later whether it took the job.",
+        }
+    }
+}
+
+/// Hears what is to be said while a wait lasts.
+#[derive(Clone)]
+pub(super) struct Listener(Arc<dyn Fn(&str) + Send + Sync>);
+
+impl Listener {
+    /// Calls `hear` with each sentence.
+    pub(super) fn new(hear: impl Fn(&str) + Send + Sync + 'static) -> Self {
+        Self(Arc::new(hear))
+    }
+
+    /// Says a sentence.
+    pub(super) fn tell(&self, text: &str) {
+        (self.0)(text);
+    }
+
+    /// Waits for `work`, says so after [`TELL_AFTER`], and gives up at the limit of `wait`.
+    ///
+    /// # Errors
+    /// [`ClientError::Silent`], and those of `work`.
+    pub(super) async fn patiently<T>(
+        &self,
+        wait: Wait,
+        socket: &Path,
+        work: impl Future<Output = Result<T, ClientError>>,
+    ) -> Result<T, ClientError> {
+        tokio::pin!(work);
+        if let Ok(done) = timeout(TELL_AFTER, &mut work).await {
+            return done;
+        }
+        self.tell(&wait.told(socket));
+        let silent = |_| ClientError::Silent {
+            socket: socket.into(),
+            waited_s: wait.limit().as_secs(),
+            consequence: wait.consequence(),
+        };
+        timeout(wait.limit() - TELL_AFTER, work).await.map_err(silent)?
+    }
+}
+
+impl fmt::Debug for Listener {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Listener")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_wait_says_what_for_and_how_long() {
+        for (wait, words) in [
+            (Wait::Query, "waiting 3 s more"),
+            (Wait::Order, "28 s more for it to take the order"),
+            (Wait::Upload, "the build file"),
+            (Wait::Abort, "switch the printer off at the mains"),
+        ] {
+            let told = wait.told(Path::new("/run/x.sock"));
+            assert!(told.contains(words) && told.contains("/run/x.sock has not answered for 2 s"), "{told}");
+        }
+    }
+}

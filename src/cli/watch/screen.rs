@@ -1,0 +1,204 @@
+//! What `layerctl watch` draws. Where there is little room the light is what stays longest.
+
+use std::time::Duration;
+
+use ratatui::Frame;
+use ratatui::layout::{Constraint, Layout};
+use ratatui::style::{Color, Modifier, Style};
+use ratatui::text::Line;
+use ratatui::widgets::{Gauge, Paragraph, Wrap};
+use tokio::time::Instant;
+
+use super::View;
+use crate::cli::{duration_text, layers_text, status};
+use crate::daemon::api::{DeviceView, JobView};
+use crate::text::plain;
+
+/// Fits 40 columns.
+const KEYS: &str = "p pause r resume s stop a abort q leave";
+/// Rows that a note may take: what the daemon says at greatest length, at 80 columns.
+const MOST_NOTE_ROWS: u16 = 4;
+
+/// Draws the view as it is at `now`. Rows are given away in this order: light, question or keys, what is wrong, the bar, the note,
+/// everything else.
+pub(super) fn draw(frame: &mut Frame<'_>, view: &View, now: Instant) {
+    let age = view.age(now);
+    let width = frame.area().width;
+    let (prompt, colour) = match &view.question {
+        Some(question) => (question.text(), Color::Red),
+        None => (KEYS.into(), Color::Reset),
+    };
+    let prompt = Paragraph::new(plain(&prompt)).style(Style::new().fg(colour)).wrap(Wrap { trim: false });
+    let warning = age.map(|age| warning(view, age)).or_else(|| fault(&view.reading.device)).unwrap_or_default();
+    let warning = Paragraph::new(plain(&warning)).style(Style::new().fg(Color::Red)).wrap(Wrap { trim: false });
+    let note = Paragraph::new(plain(&view.note)).wrap(Wrap { trim: false });
+
+    let mut left = frame.area().height;
+    let mut take = |wanted: usize| {
+        let rows = u16::try_from(wanted).unwrap_or(u16::MAX).min(left);
+        left -= rows;
+        rows
+    };
+    let light_rows = take(1);
+    let prompt_rows = take(prompt.line_count(width));
+    let warning_rows = take(rows_of(&warning, width));
+    let bar_rows = take(1);
+    let note_rows = take(rows_of(&note, width).min(MOST_NOTE_ROWS.into()));
+    let rest_rows = take(usize::MAX);
+    let [light_area, warning_area, bar_area, rest_area, note_area, prompt_area] = Layout::vertical(
+        [light_rows, warning_rows, bar_rows, rest_rows, note_rows, prompt_rows].map(Constraint::Length),
+    )
+    .areas(frame.area());
+
+    frame.render_widget(light(&view.reading.device, age), light_area);
+    frame.render_widget(warning, warning_area);
+    let mut status = view.reading.status.clone();
+    if let Some(job) = &mut status.active {
+        // Nobody knows how far a print is that nobody hears of.
+        job.eta_s = job.eta_s.filter(|_| age.is_none());
+    }
+    frame.render_widget(bar(status.active.as_ref(), age), bar_area);
+    let rest = plain(&status::lines(&status).join("\n"));
+    frame.render_widget(Paragraph::new(rest).style(dimmed(Style::new(), age)).wrap(Wrap { trim: false }), rest_area);
+    frame.render_widget(note, note_area);
+    frame.render_widget(prompt, prompt_area);
+}
+
+fn rows_of(text: &Paragraph<'_>, width: u16) -> usize {
+    if text.line_width() == 0 { 0 } else { text.line_count(width) }
+}
+
+/// What is not of the present is grey.
+fn dimmed(style: Style, age: Option<Duration>) -> Style {
+    if age.is_some() { Style::new().fg(Color::DarkGray) } else { style }
+}
+
+/// Light and plate, short enough for 40 columns.
+fn light(device: &DeviceView, age: Option<Duration>) -> Line<'static> {
+    let Some(state) = &device.state else { return Line::raw("light unknown: no device has answered yet") };
+    let is_present = age.is_none() && device.connected;
+    let plate = state.position_um.map_or_else(|| "not homed".into(), |um| format!("{:.3} mm", f64::from(um) / 1000.0));
+    let moving = if state.moving { ", moving" } else { "" };
+    if is_present {
+        let (light, style) = if state.light_on {
+            ("LIGHT ON", Style::new().fg(Color::Yellow).add_modifier(Modifier::BOLD))
+        } else {
+            ("light off", Style::new())
+        };
+        return Line::styled(format!("{light}   plate {plate}{moving}"), style);
+    }
+    let light = if state.light_on { "ON" } else { "off" };
+    let when = age.map_or_else(|| "when last heard of".into(), |age| format!("{} ago", duration_text(age.as_secs())));
+    Line::styled(format!("light ? ({light} {when}), plate {plate}"), Style::new().fg(Color::DarkGray))
+}
+
+fn warning(view: &View, age: Duration) -> String {
+    let why = view.silence.as_deref().unwrap_or("the daemon does not answer");
+    format!("NOT LIVE: what is shown is {} old; {why}", duration_text(age.as_secs()))
+}
+
+fn fault(device: &DeviceView) -> Option<String> {
+    let fault = device.state.as_ref()?.fault.as_ref()?;
+    Some(format!("FAULT: {fault}"))
+}
+
+fn bar(job: Option<&JobView>, age: Option<Duration>) -> Gauge<'_> {
+    let (label, done, total) = match job {
+        Some(job) => {
+            let eta = job.eta_s.map_or_else(String::new, |eta| format!(", {} to go", duration_text(eta)));
+            (format!("{}{eta}", layers_text(job)), job.layers_done, job.layers_total)
+        }
+        None => ("no job".into(), 0, 0),
+    };
+    let share = if total == 0 { 0.0 } else { (f64::from(done) / f64::from(total)).min(1.0) };
+    Gauge::default().gauge_style(dimmed(Style::new().fg(Color::Cyan), age)).ratio(share).label(label)
+}
+
+#[cfg(test)]
+mod tests {
+    use ratatui::Terminal;
+    use ratatui::backend::TestBackend;
+    use ratatui::buffer::Buffer;
+
+    use super::super::Question;
+    use super::super::tests::view;
+    use super::*;
+
+    fn screen(view: &View, width: u16, height: u16, now: Instant) -> (String, Buffer) {
+        let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
+        terminal.draw(|frame| draw(frame, view, now)).unwrap();
+        (terminal.backend().to_string(), terminal.backend().buffer().clone())
+    }
+
+    /// Words may be on two rows.
+    fn assert_shown(shown: &str, words: &[&str]) {
+        let rows: Vec<&str> = shown.lines().map(|row| row.trim_matches('"').trim()).collect();
+        let text = rows.join(" ");
+        for words in words {
+            assert!(text.contains(words), "`{words}` is not in:\n{shown}");
+        }
+    }
+
+    #[test]
+    fn the_screen_shows_the_print() {
+        let mut view = view();
+        view.note = "a note".into();
+        let shown = screen(&view, 90, 24, view.reading.at).0;
+        let words = [
+            "LIGHT ON   plate 1.250 mm",
+            "7 part.layerd: printing",
+            "3 of 12 layers done, 1 min 35 s to go",
+            "2 layers, 40 ms",
+            "a note",
+            "a abort",
+        ];
+        assert_shown(&shown, &words);
+        view.reading.status.active = None;
+        assert_shown(&screen(&view, 90, 24, view.reading.at).0, &["no job"]);
+    }
+
+    #[test]
+    fn the_light_is_the_last_to_go_and_a_question_the_last_but_one() {
+        let mut view = view();
+        for (height, words) in [
+            (1, &["LIGHT ON"][..]),
+            (2, &["LIGHT ON", KEYS]),
+            (5, &["LIGHT ON", KEYS, "3 of 12 layers done"]),
+            (12, &["LIGHT ON", KEYS, "3 of 12 layers done", "part.layerd: printing"]),
+        ] {
+            assert_shown(&screen(&view, 40, height, view.reading.at).0, words);
+        }
+        for (question, words) in [
+            (Question::Abort, ["Abort this print now?", "any other key does not"]),
+            (Question::Stop { id: "7".into() }, ["End job 7", "any other key does not"]),
+            (
+                Question::PlateClear { id: "8".into(), name: "next.layerd".into() },
+                ["is the plate clear", "begins job 8; any other key does not"],
+            ),
+        ] {
+            view.question = Some(question);
+            let shown = screen(&view, 40, 5, view.reading.at).0;
+            assert_shown(&shown, &["LIGHT ON"]);
+            assert_shown(&shown, &words);
+        }
+    }
+
+    #[test]
+    fn without_the_daemon_nothing_looks_live() {
+        let mut view = view();
+        view.silence = Some("no layerd answers at /run/x".into());
+        let later = view.reading.at + Duration::from_secs(14);
+        for (width, height) in [(80, 24), (40, 12), (40, 5)] {
+            let (shown, buffer) = screen(&view, width, height, later);
+            assert_shown(&shown, &["light ? (ON 14 s ago)", "NOT LIVE", "14 s old"]);
+            assert!(!shown.contains("LIGHT ON") && !shown.contains("to go"), "{shown}");
+            for cell in &buffer.content {
+                assert!(![Color::Cyan, Color::Yellow].contains(&cell.fg), "{cell:?} looks live in:\n{shown}");
+            }
+        }
+        // A device that does not answer is no more alive than a daemon.
+        let mut view = self::view();
+        view.reading.device.connected = false;
+        assert_shown(&screen(&view, 80, 24, view.reading.at).0, &["light ? (ON when last heard of)"]);
+    }
+}

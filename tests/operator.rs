@@ -1,0 +1,212 @@
+//! What an operator reads and types at a daemon that prints, is busy, hangs, or has ended a job: real processes throughout.
+
+mod support;
+
+use std::io::{BufRead, BufReader};
+use std::process::{Child, Stdio};
+use std::time::{Duration, Instant};
+
+use support::{Bench, Setup, signal, wait_until};
+
+/// 24 layers; with the exposures of [`slowly`] there is time to look.
+const PART: [&str; 8] = ["generate", "bcc", "--struts", "60", "--box", "6,6,2", "-o", "part.layerd"];
+
+/// Layers of a second each.
+fn slowly() -> Setup {
+    Setup { exposure_ms: 1000, time_scale: 1, ..Setup::default() }
+}
+
+fn spawn(bench: &Bench, arguments: &[&str]) -> Child {
+    let mut command = bench.layerctl_command(arguments);
+    command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("layerctl starts")
+}
+
+/// Exit code and standard error of a command that ends.
+fn ended(child: Child) -> (Option<i32>, String) {
+    let output = child.wait_with_output().expect("layerctl ends");
+    (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+}
+
+/// Reads standard error to the first line with these words.
+fn read_until(child: &mut Child, words: &str) -> String {
+    let mut stderr = BufReader::new(child.stderr.as_mut().expect("piped"));
+    let mut text = String::new();
+    while !text.contains(words) {
+        let count = stderr.read_line(&mut text).expect("readable");
+        assert!(count > 0, "`{words}` is not in {text}");
+    }
+    text
+}
+
+#[test]
+fn a_daemon_that_hangs_is_told_after_two_seconds_and_an_abort_waits_for_it() {
+    let bench = Bench::start(slowly());
+    bench.ok(&PART);
+    let id = bench.start_job("part.layerd");
+    bench.wait_for(id, &["printing"]);
+    signal(bench.daemon_pid(), "STOP");
+    let began = Instant::now();
+    let mut abort = spawn(&bench, &["abort"]);
+    let commands: [&[&str]; 8] = [
+        &["status"],
+        &["jobs", "--json"],
+        &["device"],
+        &["watch", "--json"],
+        &["pause"],
+        &["resume"],
+        &["start", "part.layerd", "--wait"],
+        &["stop"],
+    ];
+    let children: Vec<_> = commands.iter().map(|arguments| spawn(&bench, arguments)).collect();
+    let told = read_until(&mut abort, "\n");
+    let waited = began.elapsed();
+    assert!(
+        told.contains("has not answered for 2 s") && told.contains("switch the printer off at the mains"),
+        "{told}"
+    );
+    assert!(waited >= Duration::from_secs(2), "{waited:?}");
+    for (arguments, child) in commands.iter().zip(children) {
+        let (code, told) = ended(child);
+        assert_eq!(code, Some(1), "{arguments:?}: {told}");
+        let mut lines = told.lines();
+        let (first, last) = (lines.next().unwrap_or_default(), lines.next().unwrap_or_default());
+        assert!(first.contains("has not answered for 2 s: waiting 3 s more"), "{arguments:?}: {told}");
+        assert!(last.contains("did not answer within 5 s") && last.contains("journalctl"), "{arguments:?}: {told}");
+    }
+    signal(bench.daemon_pid(), "CONT");
+    let (code, told) = ended(abort);
+    assert_eq!(code, Some(0), "{told}");
+    bench.wait_for(id, &["aborted"]);
+}
+
+#[test]
+fn news_that_stop_coming_are_told() {
+    let bench = Bench::start(slowly());
+    bench.ok(&PART);
+    let mut start = spawn(&bench, &["start", "part.layerd", "--wait"]);
+    read_until(&mut start, "printing");
+    signal(bench.daemon_pid(), "STOP");
+    read_until(&mut start, "silent for 2 s");
+    signal(bench.daemon_pid(), "CONT");
+    read_until(&mut start, "layerd goes on");
+    bench.ok(&["abort"]);
+    let (code, told) = ended(start);
+    assert!(code == Some(3) && told.contains("layers done"), "{told}");
+}
+
+#[test]
+fn start_says_what_a_job_waits_for() {
+    let mut bench = Bench::prepare(slowly());
+    bench.start_daemon();
+    bench.ok(&PART);
+    let output = bench.layerctl(&["start", "part.layerd"]);
+    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success() && output.stdout == b"1\n", "the id alone stands on stdout: {output:?}");
+    assert!(told.contains("no device answers on ") && told.contains("job 1 waits a minute"), "{told}");
+    bench.start_device();
+    bench.wait_for(1, &["printing"]);
+    let output = bench.layerctl(&["start", "part.layerd"]);
+    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.stdout == b"2\n" && told == "job 2 waits for the end of job 1\n", "{told}");
+}
+
+#[test]
+fn ctrl_c_ends_the_command_and_not_the_print() {
+    let bench = Bench::start(slowly());
+    bench.ok(&PART);
+    let mut start = spawn(&bench, &["start", "part.layerd", "--wait"]);
+    let told = read_until(&mut start, "layers done");
+    assert!(told.contains("job 1 ") && told.contains(" of 24 layers done"), "no terminal, so lines: {told}");
+    bench.wait_for(1, &["printing"]);
+    signal(start.id(), "INT");
+    let (code, told) = ended(start);
+    assert_eq!(code, Some(130), "{told}");
+    assert!(told.contains("job 1 goes on without this command") && told.contains("layerctl abort 1"), "{told}");
+    assert_eq!(bench.job(1)["state"], "printing");
+}
+
+#[test]
+fn layers_have_one_numbering_and_the_job_that_ended_last_is_shown() {
+    let bench = Bench::start(Setup { exposure_ms: 3000, time_scale: 10, ..Setup::default() });
+    bench.ok(&PART);
+    let status = bench.ok(&["status"]);
+    assert!(!status.contains("last "), "nothing has ended: {status}");
+    let id = bench.start_job("part.layerd");
+    wait_until("some layers", || bench.job(id)["layers_done"].as_u64() >= Some(2));
+    assert!(bench.ok(&["pause"]).contains("after the layer under way"));
+    // Pausing takes as long as the layer under way.
+    assert_eq!(bench.ok(&["resume"]), "job 1 goes on\n");
+    bench.ok(&["pause"]);
+    bench.wait_for(id, &["paused"]);
+    let exposed = bench.exposed_layers();
+    let done = exposed.len();
+    assert_eq!(exposed.last(), Some(&(done as u64 - 1)), "layers count from 0");
+    assert_eq!(bench.job(id)["layer"], done, "the next layer's number is the count of those done");
+    let count = format!("{done} of 24 layers done");
+    assert!(bench.ok(&["status"]).contains(&count), "{}", bench.ok(&["status"]));
+    assert!(bench.ok(&["jobs"]).contains(&format!("{done}/24")), "{}", bench.ok(&["jobs"]));
+    assert!(bench.ok(&["device"]).contains(&format!("exposed    layer {} of job 1", done - 1)));
+    bench.ok(&["stop"]);
+    bench.wait_for(id, &["stopped"]);
+    let status = bench.ok(&["status"]);
+    for words in ["last     1 part.layerd: stopped", " s ago (20", " UTC)", &count, "stopped by the operator"] {
+        assert!(status.contains(words), "`{words}` is not in {status}");
+    }
+    assert_eq!(bench.json(&["status"])["last"]["id"], "1");
+}
+
+#[test]
+fn what_cannot_be_done_is_said_in_a_sentence_that_helps() {
+    let bench = Bench::start(Setup { exposure_ms: 3000, time_scale: 10, confirm_plate: true, ..Setup::default() });
+    bench.ok(&PART);
+    let refused = |arguments: &[&str], words: &[&str]| {
+        let output = bench.layerctl(arguments);
+        let told = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(1), "{arguments:?}: {told}");
+        for words in words {
+            assert!(told.contains(words), "{arguments:?}: `{words}` is not in {told}");
+        }
+        assert!(!told.contains("cannot be"), "{arguments:?}: {told}");
+    };
+    refused(&["resume"], &["no job is paused or interrupted"]);
+    let first = bench.start_job("part.layerd");
+    let output = bench.layerctl(&["start", "part.layerd"]);
+    assert!(output.status.success(), "{output:?}");
+    bench.wait_for(first, &["printing"]);
+    refused(&["resume", "1"], &["job 1 is printing: there is nothing to resume"]);
+    refused(&["resume"], &["no job is paused or interrupted; job 1 is printing"]);
+    refused(&["pause", "2"], &["job 2 has not begun", "layerctl stop 2"]);
+    bench.ok(&["pause"]);
+    bench.wait_for(first, &["paused"]);
+    refused(&["pause"], &["job 1 is paused already", "layerctl resume 1"]);
+    bench.ok(&["abort"]);
+    bench.wait_for(first, &["aborted"]);
+    refused(&["abort", "1"], &["job 1 is over (aborted): there is nothing to abort"]);
+    refused(&["resume", "1"], &["job 1 is over (aborted); start the part again"]);
+    wait_until("the question for the plate", || {
+        bench.job(2)["reason"].as_str().is_some_and(|reason| reason.contains("clear plate"))
+    });
+    refused(&["resume"], &["job 2 is queued: it waits for a clear plate", "layerctl resume 2"]);
+    assert_eq!(bench.ok(&["resume", "2"]), "job 2 begins: the plate is confirmed to be clear\n");
+    bench.wait_for(2, &["printing"]);
+}
+
+#[test]
+fn a_damaged_copy_in_the_spool_is_told_as_that() {
+    let bench = Bench::start(slowly());
+    bench.ok(&PART);
+    bench.start_job("part.layerd");
+    bench.wait_for(1, &["printing"]);
+    bench.start_job("part.layerd");
+    let copy = bench.path("spool/jobs/00000002/part.layerd");
+    let mut bytes = std::fs::read(&copy).expect("the copy");
+    // A byte of the last chunk: header, index and footer stay whole.
+    let at = bytes.len() / 2;
+    bytes[at] ^= 0x55;
+    std::fs::write(&copy, bytes).expect("damaged");
+    bench.ok(&["abort"]);
+    let job = bench.wait_for(2, &["failed", "interrupted", "completed"]);
+    let reason = job["reason"].as_str().expect("a reason");
+    assert!(reason.contains("the spool's copy of the part is damaged (chunk 0 of 1"), "{reason}");
+    assert!(reason.contains("from its original file") && !reason.contains("pack the part again"), "{reason}");
+}
