@@ -20,6 +20,7 @@ mod profile;
 mod reader;
 mod sort;
 mod sort_key;
+mod stretch;
 mod writer;
 
 pub use chunk::CHUNK_STRUTS;
