@@ -11,6 +11,7 @@ mod format;
 mod generate;
 mod import;
 mod index;
+mod lowest;
 mod merge;
 mod model;
 mod nodes;

@@ -76,7 +76,7 @@ pub fn run(args: PackArgs) -> anyhow::Result<()> {
     let PackArgs { inputs, output, lattice_only, blend, support, rotate, scale, at, quantum, memory } = args;
     let blend = match (blend, support) {
         (None, None) => None,
-        (Some(BlendArg::Convolution), support_mm) | (None, support_mm) => Some(BlendChoice::Convolution { support_mm }),
+        (Some(BlendArg::Convolution) | None, support_mm) => Some(BlendChoice::Convolution { support_mm }),
         (Some(BlendArg::Union), None) => Some(BlendChoice::Union),
         (Some(BlendArg::Union), Some(_)) => {
             let text = "--support belongs to --blend convolution; a union has no kernel";
@@ -100,7 +100,7 @@ pub fn run(args: PackArgs) -> anyhow::Result<()> {
     for note in &report.notes {
         super::eprint(&format!("note: {note}"));
     }
-    super::print(&super::info::Summary::of(&BuildFile::open(&output)?).to_string())
+    super::print(&super::info::Summary::of(BuildFile::open(&output)?)?.to_string())
 }
 
 /// What [`super::progress_bar`] shows while a build file is made.
