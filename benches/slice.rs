@@ -105,6 +105,7 @@ fn spot(convolution: bool) -> Option<MemoryStruts> {
         placement: Placement::Centred,
         source_digest: [0; 32],
         source_name: "spot_lattice.txt".into(),
+        bottom_um: f64::from(bounds.min[2]),
     };
     Some(MemoryStruts::new(header, struts, 8192))
 }

@@ -314,6 +314,61 @@ fn what_the_struts_contradict_is_found_by_verify() {
     assert!(error.contains("promises 1 active struts at most, but there are 2"), "{error}");
 }
 
+/// A print that an older layerd began ends with the same layers: of a file of version 1 the plate is where it was.
+#[test]
+fn version_1_is_read_as_it_was_meant() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/vectors/version_1.layerd");
+    let file = BuildFile::open(&path).expect("is whole");
+    file.verify().expect("its struts are as its header says");
+    let header = file.header();
+    assert_eq!((header.strut_count, header.bounds.min[2], header.bottom_um), (5, -700, -700.0));
+    let mut struts = Vec::new();
+    file.read_chunk(0, &mut struts).expect("is whole");
+    assert_eq!(struts[0].caps, Caps { a: Cap::Butt, b: Cap::Butt });
+    // The same struts, written now: their flat feet stand on the plate.
+    let directory = tempfile::tempdir().expect("temporary directory");
+    let written = directory.path().join("part.layerd");
+    let mut writer =
+        Writer::create(&written, WriterSettings { largest_radius: 700, ..settings(Blend::Union) }).expect("can be");
+    struts.iter().for_each(|strut| writer.push(*strut).expect("in order"));
+    assert_eq!(writer.finish().expect("is whole").bottom_um, 0.0);
+    assert_eq!(BuildFile::open(&written).expect("is whole").header().bottom_um, 0.0);
+    // One version's header is not the other's.
+    for (path, version) in [(&path, 2), (&written, 1)] {
+        let mut bytes = std::fs::read(path).expect("is there");
+        bytes[8] = version;
+        let mixed = directory.path().join("mixed.layerd");
+        std::fs::write(&mixed, bytes).expect("can be written");
+        assert!(BuildFile::open(&mixed).is_err(), "as version {version}");
+    }
+}
+
+#[test]
+fn a_bottom_that_the_struts_contradict_is_refused() {
+    let directory = tempfile::tempdir().expect("temporary directory");
+    let path = directory.path().join("part.layerd");
+    let up = Strut { a: [0; 3], b: [0, 0, 500], radius_a: 77, radius_b: 99, caps: Caps::default() };
+    for (blend, bottom_um, told) in [
+        (Blend::Union, -76.0, "it says that the lowest solid point lies at -76 µm, but it lies at -77 µm"),
+        (Blend::Union, -78.0, "bottom_um = -78: allowed is -77 to 599"),
+        (Blend::Union, f64::NAN, "bottom_um = NaN"),
+        (Blend::Convolution { support_um: 150.0 }, -151.0, "bottom_um = -151: allowed is -150 to 672"),
+    ] {
+        let mut writer =
+            Writer::create(&path, WriterSettings { largest_radius: 99, ..settings(blend) }).expect("can be");
+        writer.push(up).expect("in order");
+        writer.finish().expect("is whole");
+        let mut bytes = std::fs::read(&path).expect("is there");
+        // The header's last field.
+        let end = 20 + u32::from_le_bytes(bytes[12..16].try_into().expect("4 bytes")) as usize;
+        bytes[end - 8..end].copy_from_slice(&f64::to_le_bytes(bottom_um));
+        seal_header(&mut bytes);
+        std::fs::write(&path, bytes).expect("can be written");
+        let error = BuildFile::open(&path).and_then(|file| file.verify()).expect_err("a lie").to_string();
+        assert!(error.contains(told), "{error}");
+    }
+}
+
 /// Writes `file`, a whole build file, with another profile and true checksums.
 fn replace_profile(path: &Path, file: &[u8], profile: &[u8]) {
     let footer = file.len() - 36;

@@ -79,8 +79,11 @@ fn a_part_that_fits_is_said_to_fit_and_the_memory_named_is_just_enough() {
     let found = json(&fits);
     assert!(fits.status.success(), "{}", stderr(&fits));
     assert_eq!((&found["fits"], &found["late_layers"]), (&Value::from(true), &Value::from(Vec::<u32>::new())));
-    // 3.0 + 1.0 and the radii 0.2 and 0.3 high, in layers of 0.1 mm.
-    assert_eq!(found["layer_count"], 45);
+    // From the lowest solid point to the bounds' upper end, in layers of 0.1 mm.
+    let info = json(&layerctl(dir.path(), &["info", "part.layerd", "--json"]));
+    let [bottom_mm, top_mm] = [&info["bottom_mm"], &info["bounds_max_mm"][2]].map(|z| z.as_f64().expect("a number"));
+    assert!((-0.3..0.0).contains(&bottom_mm) && top_mm == 4.2, "{info}");
+    assert_eq!(found["layer_count"], ((top_mm - bottom_mm) / 0.1).ceil() as u64);
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     assert_eq!(found["threads"], cores.min(256));
 
@@ -122,20 +125,63 @@ fn the_daemon_needs_what_check_says() {
     }
 }
 
+/// A lone strut's end prints shorter than its bounds: the part stands on where its field reaches the isovalue.
 #[test]
-fn a_part_that_begins_dark_is_told() {
+fn a_convolution_stands_on_its_lowest_solid_point() {
     let dir = bench("", &[]);
-    // The lower end of a lone strut prints shorter than it is.
     fs::write(dir.path().join("part.txt"), "1 0.9\n2 2 0 2 2 6\n").expect("written");
-    assert!(layerctl(dir.path(), &["pack", "part.txt", "-o", "part.layerd"]).status.success());
-    let found = json(&check(dir.path(), &["--json"]));
-    let dark = found["dark_bottom_layers"].as_u64().expect("a number");
-    assert!((3..9).contains(&dark), "{found}");
-    let told = check(dir.path(), &[]);
-    let text = String::from_utf8_lossy(&told.stdout).into_owned();
-    assert!(told.status.success() && text.contains(&format!("the lowest {dark} layers are dark")), "{text}");
+    for blend in ["convolution", "union"] {
+        assert!(layerctl(dir.path(), &["pack", "part.txt", "--blend", blend, "-o", "part.layerd"]).status.success());
+        let checked = check(dir.path(), &["--json"]);
+        assert!(checked.status.success(), "{blend}: {}", stderr(&checked));
+        assert_eq!(json(&checked)["dark_bottom_layers"], 0, "{blend}");
+    }
+}
+
+/// A ball on a spike of 2 µm that no pixel shows.
+const ON_A_SPIKE: &str = "2 0.001\n0 0 0 0 0 2\n0 0 2 0 0 2.1 0.5\n";
+
+#[test]
+fn a_part_that_begins_dark_is_refused() {
+    let dir = bench("", &[]);
+    fs::write(dir.path().join("part.txt"), ON_A_SPIKE).expect("written");
     assert!(layerctl(dir.path(), &["pack", "part.txt", "--blend", "union", "-o", "part.layerd"]).status.success());
-    assert_eq!(json(&check(dir.path(), &["--json"]))["dark_bottom_layers"], 0);
+    let refused = check(dir.path(), &["--json"]);
+    let found = json(&refused);
+    assert_eq!((refused.status.code(), &found["fits"]), (Some(1), &Value::from(false)), "{found}");
+    // From 1 µm below 0 to 1.5 mm, in layers of 0.1 mm.
+    assert_eq!(found["dark_bottom_layers"], 15);
+    let problem = found["problems"][0].as_str().expect("a problem");
+    assert!(problem.contains("the lowest 15 layers are dark") && problem.contains("--rotate"), "{problem}");
+    assert!(stderr(&refused).contains(problem), "{}", stderr(&refused));
+    let told = check(dir.path(), &[]);
+    assert!(String::from_utf8_lossy(&told.stdout).contains("would not hold to the plate"), "{told:?}");
+    // Too short for its support: nothing of it is solid.
+    fs::write(dir.path().join("part.txt"), "1 0.9\n2 2 0 2 2 0.05\n").expect("written");
+    assert!(layerctl(dir.path(), &["pack", "part.txt", "-o", "part.layerd"]).status.success());
+    let refused = check(dir.path(), &[]);
+    assert_eq!(refused.status.code(), Some(1));
+    assert!(stderr(&refused).contains("all layers are dark"), "{}", stderr(&refused));
+}
+
+#[test]
+fn the_daemon_prints_onto_nothing_neither_when_asked_nor_when_the_jobs_turn_comes() {
+    let bench = Bench::start(Setup { time_scale: 100, ..Setup::default() });
+    fs::write(bench.path("spike.txt"), ON_A_SPIKE).expect("written");
+    bench.ok(&["pack", "spike.txt", "--blend", "union", "-o", "spike.layerd"]);
+    let refused = bench.layerctl(&["start", "spike.layerd"]);
+    assert_eq!(refused.status.code(), Some(1));
+    assert!(stderr(&refused).contains("the lowest 15 layers are dark"), "{}", stderr(&refused));
+    // Behind another job there is no memory to look at it at once.
+    bench.ok(&["generate", "bcc", "--struts", "40", "--box", "4,4,4", "--radius", "0.3", "-o", "good.layerd"]);
+    let good = bench.start_job("good.layerd");
+    let loose = bench.start_job("spike.layerd");
+    assert_eq!(bench.wait_for(good, &["completed", "failed", "interrupted"])["state"], "completed");
+    let job = bench.wait_for(loose, &["completed", "failed", "interrupted"]);
+    assert_eq!((&job["state"], &job["layers_done"]), (&"failed".into(), &0.into()), "{job}");
+    assert!(job["reason"].as_str().is_some_and(|why| why.contains("the lowest 15 layers are dark")), "{job}");
+    let layers = bench.job(good)["layers_total"].as_u64().expect("layers_total");
+    assert_eq!(bench.exposed_layers(), (0..layers).collect::<Vec<_>>(), "not a layer of the second");
 }
 
 #[test]

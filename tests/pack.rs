@@ -6,7 +6,7 @@ mod skip;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use layerd::buildfile::{Blend, BlendChoice, Cap};
+use layerd::buildfile::{Blend, BlendChoice, Cap, PackOptions, PackReport, pack};
 use pack_bench::{BEAM, Bench, HEAD, ITEM, model, said};
 use skip::skipped;
 
@@ -44,13 +44,13 @@ fn bad_edge_text_is_refused_with_file_line_and_text() {
 fn radius_and_support_follow_the_rule() {
     let mut bench = Bench::new();
     let text = "3 0.1 0.15 0\n0 0 0 0 0 5\n0 0 0 5 0 5 0.4\n0 0 5 0 0 0\n";
-    bench.options.blend = BlendChoice::Convolution { support_mm: None };
+    bench.options.blend = Some(BlendChoice::Convolution { support_mm: None });
     let (report, struts) = bench.text(text).expect("is fine");
     assert_eq!(report.header.blend, Blend::Convolution { support_um: 600.0 });
     assert_eq!(struts.len(), 2, "the reversed duplicate is merged");
     let notes = report.notes.join("\n");
     assert!(notes.contains("1 exact duplicates") && notes.contains("0.15 mm"), "{notes}");
-    bench.options.blend = BlendChoice::Convolution { support_mm: Some(0.42) };
+    bench.options.blend = Some(BlendChoice::Convolution { support_mm: Some(0.42) });
     let found = said(bench.text(text));
     assert!(found.contains("in.txt:3") && found.contains("0.42") && found.contains("--support"), "{found}");
 }
@@ -60,7 +60,7 @@ fn radius_and_support_follow_the_rule() {
 fn a_support_that_is_wide_for_the_radii_is_told() {
     let mut bench = Bench::new();
     let thin: String = (0..9).map(|x| format!("{x} 0 0 {x} 1 1 0.1\n")).collect();
-    bench.options.blend = BlendChoice::Convolution { support_mm: None };
+    bench.options.blend = Some(BlendChoice::Convolution { support_mm: None });
     let (report, _) = bench.text(&format!("9 0.1 0 0\n{thin}")).expect("is fine");
     assert!(!report.notes.join("").contains("swell"), "{:?}", report.notes);
     let (report, _) = bench.text(&format!("10 0.1 0 0\n{thin}20 0 0 20 0 9 1\n")).expect("is fine");
@@ -105,7 +105,7 @@ fn a_quantum_bounds_the_error_along_each_axis_and_how_far_coordinates_reach() {
 fn rotation_scale_and_units_apply_to_lengths_and_radii() {
     let mut bench = Bench::new();
     bench.options.rotate_deg = [90.0, 0.0, 90.0];
-    bench.options.scale = 2.0;
+    bench.options.scale = [2.0; 3];
     let (_, struts) = bench.text("1 0.1 0 0\n0 1 0 0 2 0\n").expect("is fine");
     // About x, y goes to z; about z, z stays.
     assert_eq!((struts[0].a, struts[0].b, struts[0].radius_a), ([0, 0, 2000], [0, 0, 4000], 200));
@@ -123,6 +123,92 @@ fn rotation_scale_and_units_apply_to_lengths_and_radii() {
         assert_eq!((struts[0].b[2], struts[0].radius_b), (height, height as u32 / 10), "{unit}");
     }
     assert!(said(bench.model(&model("unit='mile'", "", BEAM, "", ITEM))).contains("`mile`"));
+}
+
+/// The note that says how far round struts are off.
+fn off_um(report: &PackReport) -> Option<f64> {
+    let note = report.notes.iter().find(|note| note.contains("stretched differently"))?;
+    Some(note.split("up to ").nth(1)?.split(' ').next()?.parse().expect("a number"))
+}
+
+/// Shrinkage differs between the plate's plane and the height.
+#[test]
+fn factors_for_each_axis_move_nodes_exactly_and_give_radii_their_mean() {
+    let mut bench = Bench::new();
+    let text = "1 0.5 0 0\n10 20 30 -40 50 60\n";
+    bench.options.scale = [1.002, 1.002, 1.03];
+    let (report, struts) = bench.text(text).expect("is fine");
+    assert_eq!((struts[0].a, struts[0].b), ([10_020, 20_040, 30_900], [-40_080, 50_100, 61_800]));
+    assert_eq!((struts[0].radius_a, off_um(&report)), (508, Some(7.0)), "500 · 1.016, and 500 · 0.014");
+    bench.options.scale = [1.004; 3];
+    let (report, struts) = bench.text(text).expect("is fine");
+    assert_eq!((struts[0].radius_a, off_um(&report)), (502, None));
+    // Along the printer's axes: the part's y lies along z by then.
+    bench.options.scale = [1.0, 1.0, 1.02];
+    bench.options.rotate_deg = [90.0, 0.0, 0.0];
+    let (_, struts) = bench.text("1 0.5 0 0\n0 0 0 0 10 1\n").expect("is fine");
+    assert_eq!((struts[0].a, struts[0].b), ([0, 0, 0], [0, -1000, 10_200]));
+    bench.options.rotate_deg = [0.0; 3];
+    // 25 µm are just allowed: 2 mm by 2.5 % of range.
+    bench.options.scale = [1.0, 1.0, 1.025];
+    let (report, _) = bench.text("1 2 0 0\n0 0 0 0 10 1\n").expect("is fine");
+    assert_eq!(off_um(&report), Some(25.0));
+    bench.options.scale = [1.0, 1.0, 1.026];
+    let found = said(bench.text("1 2 0 0\n0 0 0 0 10 1\n"));
+    let told =
+        ["in.txt:2", "by 1.0000 to 1.0260", "off by up to 26 µm", "allowed are 25 µm", "differ by at most 0.025"];
+    assert!(told.iter().all(|told| found.contains(told)), "{found}");
+    bench.options.scale = [1.0, 0.0, 1.0];
+    assert!(said(bench.text(text)).contains("--scale 1,0,1: allowed is"));
+}
+
+#[test]
+fn transforms_that_stretch_count_together_with_the_factors() {
+    let mut bench = Bench::new();
+    let item = |x: f64, z: f64| format!(r#"<item objectid="7" transform="{x} 0 0 0 1 0 0 0 {z} 0 0 0"/>"#);
+    let lattice = r#"<b:beams><b:beam v1="0" v2="2" r1="1" r2="0.5"/></b:beams>"#;
+    let (report, struts) = bench.model(&model("", "", lattice, "", &item(1.0, 1.02))).expect("is fine");
+    assert_eq!((struts[0].b, struts[0].radius_a, struts[0].radius_b), ([8000, 0, 10_200], 1010, 505));
+    assert_eq!(off_um(&report), Some(10.0));
+    let found = said(bench.model(&model("", "", lattice, "", &item(1.0, 2.0))));
+    assert!(found.contains("object 7 (Tower): beam 1") && found.contains("allowed are 25 µm"), "{found}");
+    // What the factors undo is round again.
+    bench.options.scale = [1.0, 1.0, 0.5];
+    let (report, struts) = bench.model(&model("", "", lattice, "", &item(1.0, 2.0))).expect("is fine");
+    assert_eq!((struts[0].b, struts[0].radius_a, off_um(&report)), ([8000, 0, 10_000], 1000, None));
+    assert!(said(bench.model(&model("", "", lattice, "", &item(1.0, 0.0)))).contains("flattens"));
+    // Quarter turned, mirrored, and a hair off: as before, not a word.
+    bench.options.scale = [1.0; 3];
+    let turned = r#"<item objectid="7" transform="0 -2 0 2.000001 0 0 0 0 2 0 0 0"/>"#;
+    let (report, struts) = bench.model(&model("", "", lattice, "", turned)).expect("is fine");
+    assert_eq!((struts[0].radius_a, off_um(&report)), (2000, None));
+}
+
+#[test]
+fn a_3mf_is_united_exactly_and_edge_text_is_a_convolution_unless_it_is_said_otherwise() {
+    let mut bench = Bench::new();
+    bench.options.blend = None;
+    let tower = model("", "cap='butt'", BEAM, "", ITEM);
+    let (report, struts) = bench.model(&tower).expect("is fine");
+    assert_eq!((report.header.blend, report.notes.len()), (Blend::Union, 0), "{:?}", report.notes);
+    assert_eq!((struts[0].caps.a, struts[0].caps.b), (Cap::Butt, Cap::Butt));
+    let (report, _) = bench.text("1 0.5 0 0\n0 0 0 0 0 5\n").expect("is fine");
+    assert_eq!(report.header.blend, Blend::Convolution { support_um: 750.0 });
+    let both = [bench.path("in.3mf"), bench.path("in.txt")];
+    let packed = |options: &PackOptions| pack(&both, &bench.path("out.layerd"), options, &mut |_| {});
+    let found = packed(&bench.options).expect_err("two meanings").to_string();
+    assert!(found.contains("--blend union or --blend convolution"), "{found}");
+    let options = PackOptions { blend: Some(BlendChoice::Convolution { support_mm: None }), ..bench.options.clone() };
+    let report = packed(&options).expect("is said");
+    assert_eq!(report.header.blend, Blend::Convolution { support_um: 1500.0 });
+    assert!(report.notes.iter().any(|note| note.contains("the caps of 1 beams do not apply")), "{:?}", report.notes);
+    // Caps do not make a second strut of the same one.
+    bench.options = options;
+    let twice =
+        model("", "", r#"<b:beams><b:beam v1="0" v2="1" cap1="butt"/><b:beam v1="0" v2="1"/></b:beams>"#, "", ITEM);
+    let (report, struts) = bench.model(&twice).expect("is fine");
+    assert_eq!(struts.len(), 1);
+    assert!(report.notes.join("").contains("1 exact duplicates"), "{:?}", report.notes);
 }
 
 #[test]

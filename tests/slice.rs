@@ -5,7 +5,7 @@ mod slice_part;
 
 use layerd::buildfile::{Blend, Bounds, Cap, Caps, Header, Placement, Strut};
 use layerd::slice::{
-    Bitmap, Depth, MemoryStruts, Mirror, PlanError, Raster, SliceError, SlicePlan, Slicer, StrutSource,
+    Bitmap, Depth, Footing, MemoryStruts, Mirror, PlanError, Raster, SliceError, SlicePlan, Slicer, StrutSource,
 };
 use layerd::solid::{Beam, Path};
 use layerd::stream::MemoryBudget;
@@ -198,6 +198,41 @@ fn a_ball_larger_than_all_pictures_fills_the_layer() {
     while slicer.next_layer(&mut bitmap).expect("a layer").is_some() {
         assert!((0..HEIGHT).all(|y| (0..WIDTH).all(|x| lit(&bitmap, x, y))));
     }
+}
+
+/// What the lowest layers of 50 µm show, of a part that begins at `bottom_um`.
+fn footing(struts: &[Strut], bottom_um: f64, bottom_layers: u32) -> Footing {
+    let header = Header { bottom_um, ..header(struts, Blend::Union) };
+    let plan = SlicePlan::new(&header, raster(Mirror::default()), Depth::Bit, 50.0).expect("it fits");
+    let budget = MemoryBudget::new(64 << 20);
+    let source = MemoryStruts::new(header, struts.to_vec(), 5);
+    Footing::of(&mut Slicer::new(source, plan, 1, 0, &budget).expect("a slicer"), bottom_layers).expect("can be sliced")
+}
+
+/// The spike is thinner than a pixel and stands between four pixels' centres.
+#[test]
+fn bottom_layers_that_would_hold_to_nothing_are_found() {
+    let ball = |z: i32| strut([0, 0, z], [0, 0, z], 100, 100);
+    let spike = |from: i32, to: i32| strut([0, 0, from], [0, 0, to], 1, 1);
+    let post = strut([0, 0, 0], [0, 0, 500], 100, 100);
+    assert_eq!(footing(&[post], -100.0, 4), Footing::Firm);
+    assert_eq!(footing(&[ball(100)], 0.0, 100), Footing::Firm, "fewer layers than bottom layers");
+    assert_eq!(footing(&[ball(100), spike(150, 600)], 0.0, 100), Footing::Firm, "dark to the top holds nothing up");
+    let on_a_spike = footing(&[spike(0, 400), ball(400)], -1.0, 0);
+    assert_eq!(on_a_spike, Footing::Dark { layers: 6 }, "bottom layers or not, the first one matters");
+    let told = on_a_spike.problem(10).expect("a problem");
+    assert!(told.contains("the lowest 6 layers are dark") && told.contains("--rotate"), "{told}");
+    let gap = [ball(100), spike(200, 600), ball(700)];
+    assert_eq!(footing(&gap, 0.0, 8), Footing::Gap { first: 4, layers: 8 });
+    assert!(footing(&gap, 0.0, 8).problem(16).expect("a problem").contains("layers 4 to 11, counted from 0, are dark"));
+    assert_eq!(footing(&gap, 0.0, 3), Footing::Firm, "above the bottom layers it is the part's own affair");
+    let hidden = footing(&[post], 300.0, 1);
+    assert_eq!(hidden, Footing::Below, "a build file that says too high a bottom");
+    assert!(hidden.problem(4).expect("a problem").contains("pack it again"));
+    assert_eq!(
+        footing(&[spike(0, 400)], -1.0, 2).problem(9).map(|told| told.contains("all layers are dark")),
+        Some(true)
+    );
 }
 
 #[test]

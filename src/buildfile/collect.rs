@@ -10,6 +10,7 @@ use super::format::QUANTA_UM;
 use super::model::{Blend, Caps, Strut};
 use super::pack::{BlendChoice, EXPECTED_STRUT_BYTES, PackError, PackOptions, PackProgress};
 use super::sort::{self, Sorter};
+use super::stretch::{ROUND_TOLERANCE_UM, Stretch};
 use crate::solid::{LARGEST_RADIUS, LARGEST_RADIUS_SHARE};
 
 /// Support R as a multiple of the largest radius where none is named: keeps every radius at or below 2R/3.
@@ -38,8 +39,10 @@ pub(super) struct Beam {
 /// What every beam goes through: the same for all threads.
 pub(super) struct Rules {
     quantum_um: f64,
-    scale: f64,
     blend: BlendChoice,
+    /// Turns and scales.
+    map: DMat3,
+    stretch: Stretch,
     /// From millimetres as a source states them to quanta.
     to_quanta: DMat3,
 }
@@ -63,6 +66,8 @@ struct Tally {
     short_count: u64,
     /// Beams with caps other than spheres.
     capped_count: u64,
+    /// Most that a surface lies off where its map puts it.
+    most_off_um: f64,
 }
 
 /// Takes beams and balls of all inputs.
@@ -91,13 +96,31 @@ pub(super) struct Collected {
     pub(super) notes: Vec<String>,
 }
 
+impl Tally {
+    /// Notes how far a radius is off where its map puts it.
+    fn stretched(&mut self, stretch: Stretch, stated_mm: f64) {
+        self.most_off_um = self.most_off_um.max(stretch.off(stated_mm) * 1000.0);
+    }
+}
+
 impl Rules {
     /// # Errors
-    /// Where an option is out of range.
-    pub(super) fn new(options: &PackOptions) -> Result<Self, PackError> {
-        check_options(options)?;
-        let PackOptions { quantum_um, scale, blend, rotate_deg, .. } = *options;
-        Ok(Self { quantum_um, scale, blend, to_quanta: turn(rotate_deg) * (scale * 1000.0 / quantum_um) })
+    /// Where the factors flatten the part.
+    pub(super) fn new(options: &PackOptions, blend: BlendChoice) -> Result<Self, PackError> {
+        let PackOptions { quantum_um, scale, rotate_deg, .. } = *options;
+        let to_quanta = DMat3::from_diagonal(DVec3::from(scale.map(|factor| factor * 1000.0 / quantum_um)));
+        let turn = turn(rotate_deg);
+        let map = DMat3::from_diagonal(DVec3::from(scale)) * turn;
+        let uniform = scale.iter().all(|factor| *factor == scale[0]).then(|| Stretch::uniform(scale[0]));
+        let stretch = uniform
+            .or_else(|| Stretch::of(map))
+            .ok_or_else(|| PackError::Option(format!("--scale {}: it flattens the part", factors(scale))))?;
+        Ok(Self { quantum_um, blend, map, stretch, to_quanta: to_quanta * turn })
+    }
+
+    /// What becomes of radii that `map` is applied to before the options are; `None` where that flattens them.
+    pub(super) fn stretch(&self, map: DMat3) -> Option<Stretch> {
+        if map == DMat3::IDENTITY { Some(self.stretch) } else { Stretch::of(self.map * map) }
     }
 
     fn node(&self, point: DVec3, place: &dyn Fn() -> String) -> Result<[i32; 3], PackError> {
@@ -119,15 +142,27 @@ impl Rules {
         Err(PackError::input(place(), problem))
     }
 
-    fn radius(&self, radius_mm: f64, place: &dyn Fn() -> String) -> Result<u32, PackError> {
-        let quanta = radius_mm * self.scale * 1000.0 / self.quantum_um;
+    fn radius(&self, radius_mm: f64, stretch: Stretch, place: &dyn Fn() -> String) -> Result<u32, PackError> {
+        let quanta = radius_mm * stretch.mean() * 1000.0 / self.quantum_um;
         if !(0.5..=f64::from(LARGEST_RADIUS)).contains(&quanta) {
             let problem = format!(
                 "a radius of {radius_mm} mm, scaled by {}; allowed is {} to {} mm at a quantum of {} µm (--quantum)",
-                self.scale,
+                stretch.mean(),
                 self.quantum_um / 2000.0,
                 (f64::from(LARGEST_RADIUS) * self.quantum_um / 1000.0).floor(),
                 self.quantum_um
+            );
+            return Err(PackError::input(place(), problem));
+        }
+        let off_um = stretch.off(radius_mm) * 1000.0;
+        if off_um > ROUND_TOLERANCE_UM {
+            let [least, most] = stretch.range();
+            let problem = format!(
+                "a radius of {radius_mm} mm is stretched by {least:.4} to {most:.4} in different directions (transform, --scale): \
+                 a round strut would be oval, and off by up to {off_um:.0} µm if it stayed round; allowed are \
+                 {ROUND_TOLERANCE_UM} µm. Use one factor for all directions, or factors that differ by at most {:.4} for \
+                 this radius",
+                (2.0 * ROUND_TOLERANCE_UM / 1000.0 / radius_mm * 1e4).floor() / 1e4
             );
             return Err(PackError::input(place(), problem));
         }
@@ -150,33 +185,41 @@ impl Lane<'_> {
     /// Adds one beam; `place` names it in errors.
     ///
     /// # Errors
-    /// Where it has no finite place, no positive radius, or a radius too large for the support.
+    /// Where it has no finite place, no positive radius, or a radius too large for the support or for how it is stretched.
     pub(super) fn beam(&mut self, beam: &Beam, place: &dyn Fn() -> String) -> Result<(), PackError> {
-        let Beam { a, b, radius_a, radius_b, mut caps } = *beam;
+        self.stretched_beam(beam, self.rules.stretch, place)
+    }
+
+    /// Adds one beam whose radii are those before a map of this [`Rules::stretch`].
+    fn stretched_beam(&mut self, beam: &Beam, stretch: Stretch, place: &dyn Fn() -> String) -> Result<(), PackError> {
+        let Beam { a, b, radius_a: stated_a, radius_b: stated_b, caps } = *beam;
         let rules = self.rules;
         let (a, b) = (rules.node(a, place)?, rules.node(b, place)?);
-        let (radius_a, radius_b) = (rules.radius(radius_a, place)?, rules.radius(radius_b, place)?);
+        let (radius_a, radius_b) = (rules.radius(stated_a, stretch, place)?, rules.radius(stated_b, stretch, place)?);
         if a == b {
             self.tally.short_count += 1;
             return Ok(());
         }
-        if caps != Caps::default() {
-            self.tally.capped_count += 1;
-            if rules.blend != BlendChoice::Union {
-                caps = Caps::default();
-            }
-        }
+        self.tally.capped_count += u64::from(caps != Caps::default());
+        self.tally.stretched(stretch, stated_a.max(stated_b));
         let strut = Strut { a, b, radius_a, radius_b, caps };
         self.push(if node_key(a) <= node_key(b) { strut } else { reversed(strut) })
     }
 
-    /// Adds one ball; `place` names it in errors.
+    /// Adds one ball whose radius is that before a map of this [`Rules::stretch`]; `place` names it in errors.
     ///
     /// # Errors
     /// As [`Lane::beam`].
-    pub(super) fn ball(&mut self, centre: DVec3, radius: f64, place: &dyn Fn() -> String) -> Result<(), PackError> {
+    fn ball(
+        &mut self,
+        centre: DVec3,
+        stated: f64,
+        stretch: Stretch,
+        place: &dyn Fn() -> String,
+    ) -> Result<(), PackError> {
         let node = self.rules.node(centre, place)?;
-        let radius = self.rules.radius(radius, place)?;
+        let radius = self.rules.radius(stated, stretch, place)?;
+        self.tally.stretched(stretch, stated);
         self.push(Strut { a: node, b: node, radius_a: radius, radius_b: radius, caps: Caps::default() })
     }
 
@@ -243,14 +286,25 @@ impl<'a> Collector<'a> {
         (&mut self.lanes, &mut self.hasher)
     }
 
-    /// As [`Lane::beam`], for sources that are read by one thread.
-    pub(super) fn beam(&mut self, beam: &Beam, place: &dyn Fn() -> String) -> Result<(), PackError> {
-        self.next_lane().beam(beam, place)
+    /// What becomes of radii that `map` is applied to before the options are; `None` where that flattens them.
+    pub(super) fn stretch(&self, map: DMat3) -> Option<Stretch> {
+        self.rules.stretch(map)
     }
 
-    /// As [`Lane::ball`], for sources that are read by one thread.
-    pub(super) fn ball(&mut self, centre: DVec3, radius: f64, place: &dyn Fn() -> String) -> Result<(), PackError> {
-        self.next_lane().ball(centre, radius, place)
+    /// As [`Lane::beam`], for sources that are read by one thread, of radii before a map of this [`Collector::stretch`].
+    pub(super) fn beam(&mut self, beam: &Beam, stretch: Stretch, place: &dyn Fn() -> String) -> Result<(), PackError> {
+        self.next_lane().stretched_beam(beam, stretch, place)
+    }
+
+    /// Adds one ball; otherwise as [`Collector::beam`].
+    pub(super) fn ball(
+        &mut self,
+        centre: DVec3,
+        radius: f64,
+        stretch: Stretch,
+        place: &dyn Fn() -> String,
+    ) -> Result<(), PackError> {
+        self.next_lane().ball(centre, radius, stretch, place)
     }
 
     /// In turns, as each lane has its share of the memory.
@@ -264,7 +318,8 @@ impl<'a> Collector<'a> {
     /// # Errors
     /// Where no strut was found.
     pub(super) fn finish(mut self, inputs: &[PathBuf]) -> Result<Collected, PackError> {
-        let Tally { largest_radius, least_radius, radius_sum, count, short_count, capped_count } = self.tally();
+        let Tally { largest_radius, least_radius, radius_sum, count, short_count, capped_count, most_off_um } =
+            self.tally();
         let quantum_mm = self.rules.quantum_um / 1000.0;
         if count == 0 {
             return Err(self.nothing(inputs, short_count));
@@ -303,8 +358,15 @@ impl<'a> Collector<'a> {
         }
         if capped_count > 0 && blend != Blend::Union {
             self.notes.push(format!(
-                "the caps of {capped_count} beams were left out: a convolution surface rounds its ends by itself; \
-                 --blend union keeps them"
+                "the caps of {capped_count} beams do not apply: a convolution surface rounds its ends by itself; \
+                 --blend union has them"
+            ));
+        }
+        // What the file's resolution hides needs no word.
+        if most_off_um > self.rules.quantum_um / 2.0 {
+            self.notes.push(format!(
+                "directions are stretched differently, and round struts stay round, with their mean radius: surfaces lie up \
+                 to {most_off_um:.1} µm off the stretched ones, of {ROUND_TOLERANCE_UM} µm that are allowed"
             ));
         }
         let Self { lanes, notes, hasher, .. } = self;
@@ -320,6 +382,7 @@ impl<'a> Collector<'a> {
             count: sum.count + tally.count,
             short_count: sum.short_count + tally.short_count,
             capped_count: sum.capped_count + tally.capped_count,
+            most_off_um: sum.most_off_um.max(tally.most_off_um),
         })
     }
 
@@ -338,7 +401,7 @@ impl<'a> Collector<'a> {
 
     fn note_supports(&mut self, support_mm: f64) {
         for (place, stated_mm) in &self.stated_supports {
-            if (stated_mm * self.rules.scale - support_mm).abs() > 1e-9 {
+            if (stated_mm * self.rules.stretch.mean() - support_mm).abs() > 1e-9 {
                 self.notes.push(format!(
                     "{place} states a convolution radius of {stated_mm} mm, which files in the wild mean otherwise; the support \
                      used is R = {support_mm} mm (name another, above the thickest radius, with --support)"
@@ -360,9 +423,17 @@ fn reversed(strut: Strut) -> Strut {
     Strut { a: b, b: a, radius_a: radius_b, radius_b: radius_a, caps: Caps { a: caps.b, b: caps.a } }
 }
 
-fn check_options(options: &PackOptions) -> Result<(), PackError> {
-    if !(1e-6..=1e6).contains(&options.scale) {
-        return Err(PackError::Option(format!("--scale {}: allowed is 0.000001 to 1000000", options.scale)));
+/// One factor, or three with commas between them: as `--scale` takes them.
+fn factors(scale: [f64; 3]) -> String {
+    let [x, y, z] = scale;
+    if x == y && y == z { x.to_string() } else { format!("{x},{y},{z}") }
+}
+
+/// # Errors
+/// Where an option is out of range.
+pub(super) fn check_options(options: &PackOptions) -> Result<(), PackError> {
+    if options.scale.iter().any(|factor| !(1e-6..=1e6).contains(factor)) {
+        return Err(PackError::Option(format!("--scale {}: allowed is 0.000001 to 1000000", factors(options.scale))));
     }
     if !QUANTA_UM.contains(&options.quantum_um) {
         return Err(PackError::Option(format!("--quantum {}: allowed is 0.001 to 1000 µm", options.quantum_um)));
@@ -371,7 +442,7 @@ fn check_options(options: &PackOptions) -> Result<(), PackError> {
         let [x, y, z] = options.rotate_deg;
         return Err(PackError::Option(format!("--rotate {x},{y},{z}: allowed are degrees from -3600 to 3600")));
     }
-    if let BlendChoice::Convolution { support_mm: Some(support_mm) } = options.blend
+    if let Some(BlendChoice::Convolution { support_mm: Some(support_mm) }) = options.blend
         && !(1e-3..=1e3).contains(&support_mm)
     {
         return Err(PackError::Option(format!("--support {support_mm}: allowed is 0.001 to 1000 mm")));
@@ -406,14 +477,14 @@ mod tests {
     fn one_reading_thread_fills_the_memory_of_all_lanes() {
         let threads = std::num::NonZero::<usize>::MIN.saturating_add(3);
         let options = PackOptions { memory_bytes: 2 << 20, threads, ..PackOptions::default() };
-        let rules = Rules::new(&options).expect("in range");
+        let rules = Rules::new(&options, BlendChoice::Union).expect("in range");
         let directory = tempfile::tempdir().expect("temporary directory");
         let mut collector = Collector::new(&rules, &options, directory.path());
         // 2 MiB hold 65,536 of them.
         for number in 0..60_000 {
             let (a, b) = (DVec3::new(f64::from(number), 0.0, 0.0), DVec3::new(0.0, 0.0, 9.0));
             let beam = Beam { a, b, radius_a: 1.0, radius_b: 1.0, caps: Caps::default() };
-            collector.beam(&beam, &|| "the test".into()).expect("is fine");
+            collector.beam(&beam, rules.stretch, &|| "the test".into()).expect("is fine");
         }
         assert_eq!(collector.lanes[0].sorter.spilled_bytes(), 0);
     }

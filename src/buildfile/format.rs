@@ -12,8 +12,12 @@ pub(super) const MAGIC: [u8; 8] = *b"\x89LYD\r\n\x1a\n";
 /// Last bytes of every whole build file.
 pub(super) const END_MAGIC: [u8; 8] = *b"LYD-END\n";
 
-/// The version this code writes, and the only one it reads.
-pub(super) const VERSION: u32 = 1;
+/// The version this code writes.
+pub(super) const VERSION: u32 = 2;
+
+/// The version before, which this code reads, too: a print that it began must end with the same layers. Its header ends before
+/// `bottom_um`.
+pub(super) const OLD_VERSION: u32 = 1;
 
 /// Lengths a quantum may have, micrometres: from what no printer can tell to what no part can spare, and coordinates of 2³⁰ of
 /// them still reach 1 m.
@@ -37,8 +41,10 @@ pub fn check_beginning(bytes: &[u8]) -> Result<(), String> {
     }
     if let Some(&[a, b, c, d]) = bytes.get(MAGIC.len()..BEGINNING_BYTES) {
         let version = u32::from_le_bytes([a, b, c, d]);
-        if version != VERSION {
-            return Err(format!("it is a build file of version {version}; this layerd reads version {VERSION}"));
+        if ![OLD_VERSION, VERSION].contains(&version) {
+            return Err(format!(
+                "it is a build file of version {version}; this layerd reads versions {OLD_VERSION} and {VERSION}"
+            ));
         }
     }
     Ok(())
@@ -150,6 +156,16 @@ pub(super) fn check_header(header: &Header) -> Result<(), String> {
         return Err(format!(
             "bounds {:?} to {:?} are too narrow for a radius of {most} quanta on both sides",
             bounds.min, bounds.max
+        ));
+    }
+    let (low_um, high_um) = (header.bounds_bottom_um(), f64::from(bounds.max[2]) * quantum_um);
+    let bulge_um = header.bulge_um();
+    if !(low_um - bulge_um..=high_um + bulge_um).contains(&header.bottom_um) {
+        return Err(format!(
+            "bottom_um = {}: allowed is {} to {}, as the bounds say",
+            header.bottom_um,
+            low_um - bulge_um,
+            high_um + bulge_um
         ));
     }
     if let super::model::Placement::At { x_mm, y_mm } = placement

@@ -11,6 +11,7 @@ mod format;
 mod generate;
 mod import;
 mod index;
+mod lowest;
 mod merge;
 mod model;
 mod nodes;
@@ -20,6 +21,7 @@ mod profile;
 mod reader;
 mod sort;
 mod sort_key;
+mod stretch;
 mod writer;
 
 pub use chunk::CHUNK_STRUTS;

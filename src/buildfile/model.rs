@@ -5,6 +5,8 @@
 
 use bincode::{Decode, Encode};
 
+use crate::solid;
+
 /// How overlapping struts become one solid.
 #[derive(Clone, Copy, Debug, PartialEq, Encode, Decode)]
 pub enum Blend {
@@ -27,6 +29,16 @@ pub enum Cap {
     Hemisphere,
     /// A flat end in the plane through the node, square to the strut.
     Butt,
+}
+
+impl From<Cap> for solid::Cap {
+    fn from(cap: Cap) -> Self {
+        match cap {
+            Cap::Sphere => Self::Sphere,
+            Cap::Hemisphere => Self::Hemisphere,
+            Cap::Butt => Self::Butt,
+        }
+    }
 }
 
 /// The two ends of a strut, `a` and `b`.
@@ -57,6 +69,17 @@ impl Strut {
     /// Whether this is a ball at a node (3MF balls): a strut of no length, with both radii equal.
     pub fn is_ball(&self) -> bool {
         self.a == self.b
+    }
+
+    /// The same as solids know it, in quanta.
+    pub(super) fn beam(&self) -> solid::Beam {
+        solid::Beam {
+            a: self.a.map(f64::from),
+            b: self.b.map(f64::from),
+            radius_a: f64::from(self.radius_a),
+            radius_b: f64::from(self.radius_b),
+            caps: [self.caps.a.into(), self.caps.b.into()],
+        }
     }
 }
 
@@ -106,8 +129,7 @@ pub struct Header {
     pub quantum_um: f64,
     /// How struts are joined.
     pub blend: Blend,
-    /// Bounds of all struts with their radii: what stands on the plate. A blend may bulge past them by less than its
-    /// support minus the least radius.
+    /// Bounds of all struts with their radii. A blend may bulge past them, see [`Header::bulge_um`].
     pub bounds: Bounds,
     /// Least and largest strut radius, quanta.
     pub radius_range: [u32; 2],
@@ -123,6 +145,9 @@ pub struct Header {
     pub source_digest: [u8; 32],
     /// Name of the source for people; at most 255 bytes.
     pub source_name: String,
+    /// Height of the lowest solid point, micrometres: what stands on the plate. Exact for a union; of a convolution at most
+    /// about 1 µm above the true one. Files of version 1 do not say it: there it is the lower end of `bounds`.
+    pub bottom_um: f64,
 }
 
 impl Header {
@@ -134,7 +159,20 @@ impl Header {
         }
     }
 
-    /// The same in whole quanta, rounded up: activity may only be stated too early and too late.
+    /// How far the solid may bulge past `bounds`, micrometres: a convolution by less than its support minus the least radius.
+    pub fn bulge_um(&self) -> f64 {
+        match self.blend {
+            Blend::Convolution { support_um } => support_um - f64::from(self.radius_range[0]) * self.quantum_um,
+            Blend::Union => 0.0,
+        }
+    }
+
+    /// Where the bounds end below, micrometres.
+    pub(super) fn bounds_bottom_um(&self) -> f64 {
+        f64::from(self.bounds.min[2]) * self.quantum_um
+    }
+
+    /// [`Header::reach_um`] in whole quanta, rounded up: activity may only be stated too early and too late.
     pub(super) fn reach_quanta(&self) -> i64 {
         (self.reach_um() / self.quantum_um).ceil() as i64
     }

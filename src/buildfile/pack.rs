@@ -4,10 +4,10 @@ use std::num::NonZero;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-use super::collect::{Collector, Rules};
+use super::collect::{Collector, Rules, check_options};
 use super::import::Source;
 use super::merge::Merge;
-use super::model::{Header, Placement};
+use super::model::{Blend, Caps, Header, Placement, Strut};
 use super::sort;
 use super::writer::{WriteError, Writer, WriterSettings};
 use crate::output::{self, Output};
@@ -20,12 +20,13 @@ pub(super) const EXPECTED_STRUT_BYTES: u64 = 10;
 pub struct PackOptions {
     /// Leave out what is not a lattice instead of refusing it.
     pub lattice_only: bool,
-    /// How struts are joined.
-    pub blend: BlendChoice,
+    /// How struts are joined; `None` is what the format of the sources means: union for 3MF, convolution for edge text.
+    pub blend: Option<BlendChoice>,
     /// Degrees about x, then y, then z.
     pub rotate_deg: [f64; 3],
-    /// Factor, greater than 0, on lengths and radii.
-    pub scale: f64,
+    /// Factors, greater than 0, on lengths along x, y and z, after turning. Radii get the mean of least and largest factor,
+    /// where that leaves no surface more than 25 µm off the stretched one.
+    pub scale: [f64; 3],
     /// Where the part stands.
     pub placement: Placement,
     /// Length of one quantum, micrometres, 0.001 to 1000: coordinates and radii are rounded to whole ones.
@@ -37,13 +38,13 @@ pub struct PackOptions {
 }
 
 impl Default for PackOptions {
-    /// Taken as it stands, as a convolution surface, in the middle of the plate; 256 MiB of memory, one thread.
+    /// Taken as it stands, joined as its format means it, in the middle of the plate; 256 MiB of memory, one thread.
     fn default() -> Self {
         Self {
             lattice_only: false,
-            blend: BlendChoice::Convolution { support_mm: None },
+            blend: None,
             rotate_deg: [0.0; 3],
-            scale: 1.0,
+            scale: [1.0; 3],
             placement: Placement::Centred,
             quantum_um: 1.0,
             memory_bytes: 256 << 20,
@@ -161,11 +162,12 @@ pub fn pack(
     progress: &mut dyn FnMut(PackProgress),
 ) -> Result<PackReport, PackError> {
     let directory = output::directory_of(output);
-    let rules = Rules::new(options)?;
+    check_options(options)?;
+    let sources = inputs.iter().map(|path| Source::of(path)).collect::<Result<Vec<_>, _>>()?;
+    let rules = Rules::new(options, options.blend.map_or_else(|| blend_of(&sources), Ok)?)?;
     // Whether it can be written is told before the sources are read.
     Output::create(output).map_err(|source| WriteError::Io { path: output.into(), source })?;
     let total = inputs.iter().map(|path| check_input(path, output)).sum::<Result<u64, _>>()?;
-    let sources = inputs.iter().map(|path| Source::of(path)).collect::<Result<Vec<_>, _>>()?;
     let mut collector = Collector::new(&rules, options, directory);
     let mut before = 0;
     for (path, source) in inputs.iter().zip(sources) {
@@ -192,8 +194,25 @@ pub fn pack(
     let mut report = |done, total| progress(PackProgress::Joining { done, total });
     let sorted = sort::finish(collected.sorters, &mut report).map_err(sort_error)?;
     let mut report = |done| progress(PackProgress::Writing { done, total: collected.count });
-    let header = write(sorted, writer, &mut notes, &mut report, &sort_error)?;
+    let header = write(sorted, writer, collected.blend, &mut notes, &mut report, &sort_error)?;
     Ok(PackReport { header, notes })
+}
+
+/// How struts are joined where nobody says.
+///
+/// # Errors
+/// Where the sources mean different things.
+fn blend_of(sources: &[Source]) -> Result<BlendChoice, PackError> {
+    let union_count = sources.iter().filter(|source| source.blend() == BlendChoice::Union).count();
+    match sources.first() {
+        Some(_) if union_count % sources.len() != 0 => Err(PackError::Option(
+            "3MF and edge text together: 3MF means the exact union of its beams, edge text a convolution surface; say which with \
+             --blend union or --blend convolution"
+                .into(),
+        )),
+        Some(source) => Ok(source.blend()),
+        None => Ok(BlendChoice::Union),
+    }
 }
 
 /// Refuses what cannot be a source of `output`; returns its length.
@@ -212,6 +231,7 @@ fn check_input(path: &Path, output: &Path) -> Result<u64, PackError> {
 fn write(
     sorted: Merge,
     mut writer: Writer,
+    blend: Blend,
     notes: &mut Vec<String>,
     report: &mut dyn FnMut(u64),
     sort_error: &dyn Fn(std::io::Error) -> PackError,
@@ -223,12 +243,14 @@ fn write(
             report(total);
         }
         total += 1;
-        if last == Some(strut) {
+        // Caps do not tell struts of a convolution apart.
+        let counted = if blend == Blend::Union { strut } else { Strut { caps: Caps::default(), ..strut } };
+        if last == Some(counted) {
             duplicates += 1;
         } else {
             writer.push(strut)?;
         }
-        last = Some(strut);
+        last = Some(counted);
     }
     report(total);
     if duplicates > 0 {

@@ -6,9 +6,10 @@ use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
 use super::chunk::{self, CHUNK_STRUTS, UNPACKED_LIMIT_BYTES};
-use super::format::{self, Footer, HEADER_LIMIT_BYTES, PRELUDE_BYTES, check_beginning};
+use super::format::{self, Footer, HEADER_LIMIT_BYTES, OLD_VERSION, PRELUDE_BYTES, VERSION, check_beginning};
 use super::index::ChunkEntry;
-use super::model::{Bounds, Header, Strut};
+use super::lowest::LowestOfUnion;
+use super::model::{Blend, Bounds, Header, Strut};
 use super::profile::{self, ProfileBuilder};
 use crate::codec;
 
@@ -74,6 +75,7 @@ pub struct BuildFile {
     path: PathBuf,
     file: File,
     file_bytes: u64,
+    version: u32,
     header: Header,
     chunks: Vec<ChunkEntry>,
     peak_active: u64,
@@ -104,11 +106,16 @@ impl BuildFile {
         if !metadata.is_file() {
             return Err(BuildFileError::Foreign { path: path.into(), problem: "it is not a regular file".into() });
         }
-        let file = File::open(path).map_err(read_error)?;
+        Self::of(path, File::open(path).map_err(read_error)?)
+    }
+
+    /// The same of an open file, which `path` names in errors.
+    pub(super) fn of(path: &Path, file: File) -> Result<Self, BuildFileError> {
+        let metadata = file.metadata().map_err(|source| BuildFileError::Read { path: path.into(), source })?;
         let mut opening = Opening { path, file: &file, file_bytes: metadata.len(), header_end: 0 };
-        let header = opening.header()?;
+        let (version, header) = opening.header()?;
         let (chunks, peak_active) = opening.index(&header)?;
-        Ok(Self { path: path.into(), file, file_bytes: metadata.len(), header, chunks, peak_active })
+        Ok(Self { path: path.into(), file, file_bytes: metadata.len(), version, header, chunks, peak_active })
     }
 
     /// The file's name as it was opened.
@@ -169,6 +176,7 @@ impl BuildFile {
         let frame = |part, problem| BuildFileError::Frame { path: self.path.clone(), part, problem };
         let reach = self.header.reach_quanta();
         let (mut found, mut radii, mut profile) = (Bounds::EMPTY, [u32::MAX, 0], ProfileBuilder::default());
+        let mut lowest = LowestOfUnion::default();
         let mut struts = Vec::new();
         for index in 0..self.chunks.len() {
             struts.clear();
@@ -179,12 +187,20 @@ impl BuildFile {
                 let [least, most] = [strut.radius_a.min(strut.radius_b), strut.radius_a.max(strut.radius_b)];
                 radii = [radii[0].min(least), radii[1].max(most)];
                 profile.add(i64::from(strut.a[2]) - reach, i64::from(strut.b[2]) + reach);
+                lowest.add(strut);
             }
         }
         if (found, radii) != (bounds, radius_range) {
             return Err(frame(
                 "header",
                 format!("it says {bounds:?} and radii {radius_range:?}, but the struts have {found:?} and {radii:?}"),
+            ));
+        }
+        let (stated_um, lowest_um) = (self.header.bottom_um, lowest.um(self.header.quantum_um));
+        if self.version == VERSION && self.header.blend == Blend::Union && stated_um != lowest_um {
+            return Err(frame(
+                "header",
+                format!("it says that the lowest solid point lies at {stated_um} µm, but it lies at {lowest_um} µm"),
             ));
         }
         let (promised, peak) = (self.peak_active, profile.peak_active());
@@ -256,7 +272,7 @@ struct Opening<'a> {
 }
 
 impl Opening<'_> {
-    fn header(&mut self) -> Result<Header, BuildFileError> {
+    fn header(&mut self) -> Result<(u32, Header), BuildFileError> {
         let foreign = |problem: String| BuildFileError::Foreign { path: self.path.into(), problem };
         if self.file_bytes < PRELUDE_BYTES as u64 {
             return Err(foreign(format!("{} bytes are too few for a build file (.layerd)", self.file_bytes)));
@@ -264,20 +280,27 @@ impl Opening<'_> {
         let prelude = self.read(0, PRELUDE_BYTES)?;
         check_beginning(&prelude).map_err(foreign)?;
         let word = |at: usize| u32::from_le_bytes([prelude[at], prelude[at + 1], prelude[at + 2], prelude[at + 3]]);
-        let (length, crc) = (word(12), word(16));
+        let (version, length, crc) = (word(8), word(12), word(16));
         self.header_end = PRELUDE_BYTES as u64 + u64::from(length);
         let wrong = |problem| self.frame("header", problem);
         if length > HEADER_LIMIT_BYTES || u64::from(length) > self.file_bytes - PRELUDE_BYTES as u64 {
             return Err(wrong(format!("a length of {length} bytes in a file of {}", self.file_bytes)));
         }
-        let body = self.read(PRELUDE_BYTES as u64, length as usize)?;
+        let mut body = self.read(PRELUDE_BYTES as u64, length as usize)?;
         if crc32fast::hash(&body) != crc {
             return Err(wrong("it is corrupt (CRC)".into()));
         }
-        let header: Header = codec::decode::<_, { format::HEADER_LIMIT_BYTES as usize }>(&body)
+        if version == OLD_VERSION {
+            // The only field that it lacks is the last one.
+            body.extend_from_slice(&0.0f64.to_le_bytes());
+        }
+        let mut header: Header = codec::decode::<_, { HEADER_LIMIT_BYTES as usize + size_of::<f64>() }>(&body)
             .map_err(|error| wrong(error.to_string()))?;
+        if version == OLD_VERSION {
+            header.bottom_um = header.bounds_bottom_um();
+        }
         format::check_header(&header).map_err(wrong)?;
-        Ok(header)
+        Ok((version, header))
     }
 
     fn index(&mut self, header: &Header) -> Result<(Vec<ChunkEntry>, u64), BuildFileError> {

@@ -3,15 +3,18 @@
 use std::fs::File;
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::num::NonZero;
+use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
 use super::chunk::{CHUNK_STRUTS, node_key};
 use super::encoders::{Encoded, Encoders};
 use super::format::{self, Footer};
 use super::index::ChunkEntry;
+use super::lowest::{self, LowestOfUnion};
 use super::model::{Blend, Bounds, Header, Placement, Strut};
 use super::nodes::NodeCounter;
 use super::profile::ProfileBuilder;
+use super::reader::BuildFile;
 use crate::codec;
 use crate::output::Output;
 use crate::solid::LARGEST_RADIUS;
@@ -72,6 +75,7 @@ pub struct Writer {
     index: Vec<ChunkEntry>,
     profile: ProfileBuilder,
     nodes: NodeCounter,
+    lowest: LowestOfUnion,
     last: Option<Strut>,
 }
 
@@ -100,6 +104,7 @@ impl Writer {
             bounds: Bounds { min: [-reached; 3], max: [reached; 3] },
             radius_range: [largest_radius; 2],
             strut_count: 1,
+            bottom_um: 0.0,
             ..header.clone()
         };
         let front = format::check_header(&probe).and_then(|()| format::front(&probe));
@@ -120,6 +125,7 @@ impl Writer {
             index: Vec::new(),
             profile: ProfileBuilder::default(),
             nodes: NodeCounter::default(),
+            lowest: LowestOfUnion::default(),
             last: None,
         })
     }
@@ -138,6 +144,7 @@ impl Writer {
         *if strut.is_ball() { &mut self.header.ball_count } else { &mut self.header.strut_count } += 1;
         self.profile.add(i64::from(strut.a[2]) - self.reach, i64::from(strut.b[2]) + self.reach);
         self.nodes.count(&strut);
+        self.lowest.add(&strut);
         self.last = Some(strut);
         self.pending.push(strut);
         if self.pending.len() == CHUNK_STRUTS { self.flush() } else { Ok(()) }
@@ -153,13 +160,29 @@ impl Writer {
         }
         while self.write_oldest().map_err(|source| WriteError::Io { path: self.path.clone(), source })?.is_some() {}
         self.header.node_count = self.nodes.total();
+        self.header.bottom_um = match self.header.blend {
+            Blend::Union => self.lowest.um(self.header.quantum_um),
+            // Until the file can be read.
+            Blend::Convolution { .. } => self.header.bounds_bottom_um(),
+        };
         if let Err(problem) = format::check_header(&self.header) {
             return Err(self.refused(problem));
         }
         let front = format::front(&self.header).map_err(|problem| self.refused(problem))?;
-        let Self { path, header, output, file, index, profile, offset, .. } = self;
-        let complete = || complete(file, &front, &index, &profile, offset).and_then(|()| output.persist());
-        complete().map_err(|source| WriteError::Io { path, source })?;
+        let Self { path, mut header, output, file, index, profile, offset, .. } = self;
+        let io_error = |source| WriteError::Io { path: path.clone(), source };
+        complete(file, &front, &index, &profile, offset).map_err(io_error)?;
+        if let Blend::Convolution { support_um } = header.blend {
+            let refused = |problem: String| WriteError::Refused { path: path.clone(), problem };
+            let whole = BuildFile::of(&path, output.file().try_clone().map_err(io_error)?);
+            let bottom_um = whole.and_then(|file| lowest::of_convolution(&file, support_um));
+            if let Some(bottom_um) = bottom_um.map_err(|error| refused(error.to_string()))? {
+                header.bottom_um = bottom_um;
+            }
+            let front = format::front(&header).map_err(refused)?;
+            output.file().write_all_at(&front, 0).map_err(io_error)?;
+        }
+        output.persist().map_err(io_error)?;
         Ok(header)
     }
 
@@ -253,5 +276,6 @@ fn first_header(settings: WriterSettings) -> Header {
         placement,
         source_digest,
         source_name,
+        bottom_um: 0.0,
     }
 }

@@ -1,5 +1,5 @@
-//! `layerctl check`: would this print run well? Volume and memory from header and index alone, at once; times from a few
-//! layers computed and encoded here: some seconds, or what the slowest of them takes.
+//! `layerctl check`: would this print run well? Volume and memory from header and index alone, at once; from layers computed
+//! here whether the bottom holds to the plate, and times: some seconds, or what the slowest of them takes.
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -9,14 +9,14 @@ use serde::Serialize;
 
 use super::slice::{Setting, offline_slicer};
 use super::{duration_text, mib};
-use crate::buildfile::{Blend, BuildFile};
+use crate::buildfile::BuildFile;
 use crate::config::{Recipe, byte_size};
 use crate::daemon::PrintMemory;
 use crate::device::encoding;
 use crate::link::message::Encoding;
-use crate::slice::{Bitmap, Depth, SlicePlan, Slicer};
+use crate::slice::{Bitmap, Depth, Footing, SlicePlan, Slicer};
 
-/// Says before a print whether it fits the machine, the memory and the line.
+/// Says before a print whether it fits the machine, the memory and the line, and holds to the plate.
 #[derive(Debug, clap::Args)]
 #[command(after_help = super::with_names("\
 Examples:
@@ -45,8 +45,7 @@ const SAMPLES: u32 = 12;
 /// A coprime of [`SAMPLES`]: samples are taken in steps of it, so that those of any beginning are spread over the height.
 const SAMPLE_STEP: u32 = 5;
 
-/// No further sample is begun after this long, nor a further dark layer looked for: to begin a sweep of a hundred million struts
-/// reads a million of them.
+/// No further sample is begun after this long: to begin a sweep of a hundred million struts reads a million of them.
 const SAMPLING_TIME: Duration = Duration::from_secs(2);
 
 /// Bits on the line a byte: 8N1.
@@ -60,7 +59,7 @@ struct Findings {
     /// Of a part that fits the build volume.
     #[serde(flatten)]
     size: Option<Size>,
-    /// Of a part that fits the memory, too.
+    /// Of a part that fits the memory, too; `fits` is false all the same where its bottom would not hold to the plate.
     #[serde(flatten)]
     times: Option<Times>,
 }
@@ -90,7 +89,7 @@ struct Times {
     compute_ms_max: f64,
     line_ms_mean: f64,
     line_ms_max: f64,
-    /// Layers at the bottom in which nothing is lit.
+    /// Layers at the bottom in which nothing is lit; such a part is not printed.
     dark_bottom_layers: u32,
     /// Ranges of layers, first to last, round samples where computing or the line takes longer than the device.
     late_layers: Vec<[u32; 2]>,
@@ -126,6 +125,7 @@ pub fn run(args: CheckArgs) -> anyhow::Result<()> {
         super::print(&verdict_text(&findings))?;
     }
     match findings.problems.first() {
+        Some(problem) if !findings.fits && findings.times.is_some() => bail!("{problem}"),
         Some(problem) if !findings.fits => bail!("the print does not fit: {problem}"),
         _ => Ok(()),
     }
@@ -157,7 +157,6 @@ fn judge(
         device_ms_normal_layer: device_ms(&recipe, plan.layer_count),
         print_time_s: ((0..plan.layer_count).map(|layer| device_ms(&recipe, layer)).sum::<f64>() / 1e3) as u64,
     };
-    let is_union = file.header().blend == Blend::Union;
     drop(file);
     tell_size(&size);
     if memory_needed_bytes > budget {
@@ -170,10 +169,14 @@ fn judge(
     }
     let samples = measure(path, &plan, threads, &recipe, f64::from(machine.link.baud))?;
     let late_layers = late_layers(&samples, plan.layer_count);
-    let dark = dark_bottom_layers(path, &plan, threads)?;
+    let footing =
+        Footing::of(&mut offline_slicer(BuildFile::open(path)?, plan.clone(), threads, 0)?, recipe.bottom_layers)?;
+    let dark = if let Footing::Dark { layers } = footing { layers } else { 0 };
     let late = (!late_layers.is_empty()).then(|| late_text(&late_layers));
-    let problems = (dark > 0).then(|| dark_text(dark, plan.layer_count, is_union)).into_iter().chain(late).collect();
-    Ok(Findings { fits: true, problems, size: Some(size), times: Some(times(&samples, dark, late_layers)) })
+    let loose = footing.problem(plan.layer_count);
+    let fits = loose.is_none();
+    let problems = loose.into_iter().chain(late).collect();
+    Ok(Findings { fits, problems, size: Some(size), times: Some(times(&samples, dark, late_layers)) })
 }
 
 fn times(samples: &[Sample], dark_bottom_layers: u32, late_layers: Vec<[u32; 2]>) -> Times {
@@ -230,36 +233,6 @@ fn measure(
     }
     samples.sort_by_key(|sample| sample.layer);
     Ok(samples)
-}
-
-/// Layers below the first that has anything lit; where none was found in [`SAMPLING_TIME`], those looked at.
-fn dark_bottom_layers(file: &std::path::Path, plan: &SlicePlan, threads: usize) -> anyhow::Result<u32> {
-    let mut slicer = offline_slicer(BuildFile::open(file)?, plan.clone(), threads, 0)?;
-    let mut bitmap = Bitmap::new(plan.raster.width_px, plan.raster.height_px, plan.depth);
-    let began = Instant::now();
-    let mut dark = 0;
-    while slicer.next_layer(&mut bitmap)?.is_some() && bitmap.data().iter().all(|byte| *byte == 0) {
-        dark += 1;
-        if began.elapsed() > SAMPLING_TIME {
-            break;
-        }
-    }
-    Ok(dark)
-}
-
-fn dark_text(layers: u32, layer_count: u32, is_union: bool) -> String {
-    let which = match layers {
-        _ if layers == layer_count => "all layers are dark".to_owned(),
-        1 => "the lowest layer is dark, so nothing holds to the plate".to_owned(),
-        _ => format!("the lowest {layers} layers are dark, so nothing holds to the plate"),
-    };
-    let why = if is_union {
-        "the part is thinner there than pixels show"
-    } else {
-        "lone struts print shorter than they are at their ends, and thinner or not at all where they are shorter than the \
-         support R. Let the part stand on nodes where struts meet, or pack it with `--blend union`"
-    };
-    format!("{which}: {why}")
 }
 
 /// Time the device spends on a layer: exposure, waits, lift and retract.
@@ -349,10 +322,10 @@ fn verdict_text(findings: &Findings) -> String {
     lines.push(format!(
         "verdict         {}",
         match (findings.fits, findings.times.as_ref()) {
-            (true, Some(times)) if times.dark_bottom_layers > 0 => "fits, but begins dark",
             (true, Some(times)) if !times.late_layers.is_empty() => "fits; the device will wait for some layers",
             (true, _) => "fits; the device never waits",
-            (false, _) => "does not fit",
+            (false, Some(_)) => "would not hold to the plate",
+            (false, None) => "does not fit",
         }
     ));
     lines.join("\n")

@@ -73,5 +73,5 @@ pub fn run(args: GenerateArgs) -> anyhow::Result<()> {
     });
     bar.finish_and_clear();
     result?;
-    super::print(&Summary::of(&BuildFile::open(&output)?).to_string())
+    super::print(&Summary::of(BuildFile::open(&output)?)?.to_string())
 }

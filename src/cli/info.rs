@@ -1,18 +1,22 @@
-//! `layerctl info`: what is in a build file.
+//! `layerctl info`: what is in a build file, and how much material its solid takes.
 
 use std::fmt;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use serde::Serialize;
 
 use crate::buildfile::{Blend, BuildFile, Placement};
+use crate::slice::{Estimate, Slicer, Volume};
 
 /// Say what is in a build file.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
   layerctl info lattice.layerd
-  layerctl info lattice.layerd --json | jq .peak_active")]
+  layerctl info lattice.layerd --json | jq .resin_ml
+
+The volume is sampled: some seconds for a part with a million struts at one height.")]
 pub struct InfoArgs {
     /// The build file.
     #[arg(value_name = "FILE")]
@@ -28,7 +32,7 @@ pub struct InfoArgs {
 /// Where the file cannot be read or is damaged.
 pub fn run(args: InfoArgs) -> anyhow::Result<()> {
     let InfoArgs { file, json } = args;
-    let summary = Summary::of(&BuildFile::open(&file)?);
+    let summary = Summary::of(BuildFile::open(&file)?)?;
     if json { super::print_json(&summary) } else { super::print(&summary.to_string()) }
 }
 
@@ -51,6 +55,11 @@ pub struct Summary {
     pub bounds_max_mm: [f64; 3],
     /// Least and largest radius, millimetres.
     pub radius_mm: [f64; 2],
+    /// Height of the lowest solid point, which stands on the plate, millimetres.
+    pub bottom_mm: f64,
+    /// How much material the solid takes.
+    #[serde(flatten)]
+    pub volume: VolumeFigures,
     /// Kernel support R, millimetres; absent for a union.
     pub support_mm: Option<f64>,
     /// Quantum: resolution of coordinates and radii, micrometres.
@@ -74,15 +83,20 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// Summarises an open file.
-    pub fn of(file: &BuildFile) -> Self {
+    /// Summarises an open file and samples its volume.
+    ///
+    /// # Errors
+    /// Where the file cannot be read.
+    pub fn of(file: BuildFile) -> anyhow::Result<Self> {
+        let file = Arc::new(file);
+        let volume = Volume::sample(Arc::clone(&file), Slicer::default_threads())?.into();
         let header = file.header();
         let mm = |quanta: f64| quanta * header.quantum_um / 1000.0;
         let (blend, support_mm) = match header.blend {
             Blend::Convolution { support_um } => ("convolution", Some(support_um / 1000.0)),
             Blend::Union => ("union", None),
         };
-        Self {
+        Ok(Self {
             file: file.path().display().to_string(),
             blend,
             struts: header.strut_count,
@@ -91,6 +105,8 @@ impl Summary {
             bounds_min_mm: header.bounds.min.map(|value| mm(f64::from(value))),
             bounds_max_mm: header.bounds.max.map(|value| mm(f64::from(value))),
             radius_mm: header.radius_range.map(|value| mm(f64::from(value))),
+            bottom_mm: header.bottom_um / 1000.0,
+            volume,
             support_mm,
             quantum_um: header.quantum_um,
             rounding_um: header.quantum_um / 2.0,
@@ -105,7 +121,65 @@ impl Summary {
             // On one line, whatever the file says.
             source: header.source_name.replace(char::is_control, " "),
             source_sha256: header.source_digest.iter().map(|byte| format!("{byte:02x}")).collect(),
+        })
+    }
+}
+
+/// Volumes as `info --json` has them; each error is two standard errors, as volumes are sampled.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct VolumeFigures {
+    /// The solid as it prints, mm³.
+    pub volume_mm3: f64,
+    /// Error of `volume_mm3`.
+    pub volume_error_mm3: f64,
+    /// The same in millilitres of resin.
+    pub resin_ml: f64,
+    /// Error of `resin_ml`.
+    pub resin_error_ml: f64,
+    /// The exact union of the same beams and balls, which 3MF defines, mm³; absent for a union.
+    pub union_volume_mm3: Option<f64>,
+    /// Error of `union_volume_mm3`.
+    pub union_volume_error_mm3: Option<f64>,
+    /// By how much the convolution exceeds that union, per cent; absent for a union.
+    pub excess_percent: Option<f64>,
+    /// Error of `excess_percent`.
+    pub excess_error_percent: Option<f64>,
+    /// Planes they were sampled on.
+    pub volume_planes: u32,
+}
+
+impl From<Volume> for VolumeFigures {
+    fn from(Volume { solid_mm3, union_mm3, excess_percent, planes }: Volume) -> Self {
+        let value = |estimate: Option<Estimate>| estimate.map(|estimate| estimate.value);
+        let error = |estimate: Option<Estimate>| estimate.map(|estimate| estimate.error);
+        Self {
+            volume_mm3: solid_mm3.value,
+            volume_error_mm3: solid_mm3.error,
+            resin_ml: solid_mm3.value / 1000.0,
+            resin_error_ml: solid_mm3.error / 1000.0,
+            union_volume_mm3: value(union_mm3),
+            union_volume_error_mm3: error(union_mm3),
+            excess_percent: value(excess_percent),
+            excess_error_percent: error(excess_percent),
+            volume_planes: planes,
         }
+    }
+}
+
+impl fmt::Display for VolumeFigures {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            out,
+            "volume        {:.2} ± {:.2} mm³: {:.3} ± {:.3} ml of resin (two standard errors, from {} planes)",
+            self.volume_mm3, self.volume_error_mm3, self.resin_ml, self.resin_error_ml, self.volume_planes
+        )?;
+        let (Some(union), Some(error)) = (self.union_volume_mm3, self.union_volume_error_mm3) else { return Ok(()) };
+        write!(out, "exact union   {union:.2} ± {error:.2} mm³, what 3MF means by the same beams")?;
+        if let (Some(excess), Some(error)) = (self.excess_percent, self.excess_error_percent) {
+            let verb = if excess < 0.0 { "falls short of" } else { "exceeds" };
+            write!(out, "; the convolution {verb} it by {:.1} ± {error:.1} %", excess.abs())?;
+        }
+        writeln!(out)
     }
 }
 
@@ -150,6 +224,8 @@ impl fmt::Display for Summary {
             Some([x_mm, y_mm]) => writeln!(out, "on the plate  middle at {x_mm}, {y_mm} mm")?,
             None => writeln!(out, "on the plate  centred")?,
         }
+        writeln!(out, "stands on     z {:.3} mm, its lowest solid point", self.bottom_mm)?;
+        write!(out, "{}", self.volume)?;
         write!(out, "source        {}, SHA-256 {}", self.source, self.source_sha256)
     }
 }

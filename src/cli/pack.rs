@@ -22,6 +22,7 @@ const MOST_THREADS: NonZero<usize> = NonZero::<usize>::MIN.saturating_add(7);
 Examples:
   layerctl pack lattice.3mf -o lattice.layerd
   layerctl pack edges.txt --rotate 0,0,90 --scale 0.5 -o half.layerd
+  layerctl pack lattice.3mf --scale 1.002,1.002,1.01 -o lattice.layerd     for a resin that shrinks so
   layerctl pack huge.txt --memory 64MiB -o huge.layerd            sorts on the disk what memory does not hold
 
 Edge text: a first line `COUNT RADIUS [CONVOLUTION_RADIUS [0]]`, whose third number is told but not used (see --support), then
@@ -36,18 +37,20 @@ pub struct PackArgs {
     /// Leave out what is not a lattice, print lattices whole that are to be clipped, and say so.
     #[arg(long)]
     lattice_only: bool,
-    /// How struts are joined: a smooth convolution surface, or the exact union of beams.
-    #[arg(long, value_enum, default_value = "convolution")]
-    blend: BlendArg,
-    /// Kernel support R of the convolution [default: 1.5 times the largest radius].
-    #[arg(long, value_name = "MM")]
+    /// How struts are joined: a smooth convolution surface, or the exact union of beams [default: union for 3MF, as that format
+    /// defines; convolution for edge text].
+    #[arg(long, value_enum)]
+    blend: Option<BlendArg>,
+    /// Kernel support R; means --blend convolution [default: 1.5 times the largest radius].
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     support: Option<f64>,
     /// Turn about x, then y, then z, degrees.
     #[arg(long, value_name = "X,Y,Z", value_parser = numbers::<3>, default_value = "0,0,0", allow_hyphen_values = true)]
     rotate: [f64; 3],
-    /// Scale lengths and radii by this factor.
-    #[arg(long, value_name = "F", default_value_t = 1.0)]
-    scale: f64,
+    /// Scale lengths and radii by one factor, or lengths by one along each of the printer's axes, after turning: 1.002,1.002,1.01
+    /// makes up for shrinkage. Radii then get the mean factor; what that leaves more than 25 µm off is refused.
+    #[arg(long, value_name = "F|X,Y,Z", value_parser = factors, default_value = "1", allow_hyphen_values = true)]
+    scale: Factors,
     /// Middle of the part on the plate, millimetres from its corner [default: the plate's middle].
     #[arg(long, value_name = "X,Y", value_parser = numbers::<2>, allow_hyphen_values = true)]
     at: Option<[f64; 2]>,
@@ -72,9 +75,10 @@ enum BlendArg {
 pub fn run(args: PackArgs) -> anyhow::Result<()> {
     let PackArgs { inputs, output, lattice_only, blend, support, rotate, scale, at, quantum, memory } = args;
     let blend = match (blend, support) {
-        (BlendArg::Convolution, support_mm) => BlendChoice::Convolution { support_mm },
-        (BlendArg::Union, None) => BlendChoice::Union,
-        (BlendArg::Union, Some(_)) => {
+        (None, None) => None,
+        (Some(BlendArg::Convolution) | None, support_mm) => Some(BlendChoice::Convolution { support_mm }),
+        (Some(BlendArg::Union), None) => Some(BlendChoice::Union),
+        (Some(BlendArg::Union), Some(_)) => {
             let text = "--support belongs to --blend convolution; a union has no kernel";
             return Err(PackError::Option(text.into()).into());
         }
@@ -83,7 +87,7 @@ pub fn run(args: PackArgs) -> anyhow::Result<()> {
         lattice_only,
         blend,
         rotate_deg: rotate,
-        scale,
+        scale: scale.0,
         placement: at.map_or(Placement::Centred, |[x_mm, y_mm]| Placement::At { x_mm, y_mm }),
         quantum_um: quantum,
         memory_bytes: memory,
@@ -96,7 +100,7 @@ pub fn run(args: PackArgs) -> anyhow::Result<()> {
     for note in &report.notes {
         super::eprint(&format!("note: {note}"));
     }
-    super::print(&super::info::Summary::of(&BuildFile::open(&output)?).to_string())
+    super::print(&super::info::Summary::of(BuildFile::open(&output)?)?.to_string())
 }
 
 /// What [`super::progress_bar`] shows while a build file is made.
@@ -162,6 +166,19 @@ pub(super) fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
         .ok_or_else(|| format!("`{text}`: write {N} numbers with commas between them"))?;
     let count = found.len();
     found.try_into().map_err(|_| format!("{count} numbers; {N} are needed, with commas between them"))
+}
+
+/// `--scale`: along x, y and z.
+#[derive(Clone, Copy, Debug)]
+struct Factors([f64; 3]);
+
+fn factors(text: &str) -> Result<Factors, String> {
+    match numbers::<1>(text) {
+        Ok([factor]) => Ok(Factors([factor; 3])),
+        Err(_) => numbers(text)
+            .map(Factors)
+            .map_err(|_| format!("`{text}`: write one number, or three with commas between them")),
+    }
 }
 
 fn memory(text: &str) -> Result<u64, String> {

@@ -73,6 +73,9 @@ impl Opened {
                     "the part in the spool has {found} layers, the one accepted had {accepted}: it was replaced"
                 ));
             }
+            if matches!(take_up, TakeUp::Print(_)) && start.next_layer == 0 && !start.touched {
+                part.check_footing(&recipe, limit_bytes).map_err(|error| error.to_string())?;
+            }
             Ok((recipe, machine, Arc::new(part)))
         };
         match open() {

@@ -137,10 +137,13 @@ impl Printer {
         let jobs_ended = submission.jobs_ended;
         let (background, limit_bytes) = (self.background.clone(), self.budget.limit_bytes());
         let device = self.capabilities.clone().filter(|_| self.device.connected);
+        // Beside a print there is no memory for it; the job is looked at before it begins in any case.
+        let looks = self.is_idle();
         tokio::task::spawn_blocking(move || {
             let fits = check_device(&setting, &submission, device.as_ref());
             let verified = fits.and_then(|()| verify(&submission));
-            let result = verified.and_then(|()| accept(&setting, &spool, &submission, limit_bytes)).map(Box::new);
+            let result =
+                verified.and_then(|()| accept(&setting, &spool, &submission, limit_bytes, looks)).map(Box::new);
             let _ = background.blocking_send(Background::Accepted { result, jobs_ended, reply });
         });
     }
@@ -509,16 +512,20 @@ fn unprintable(submission: &Submission, text: &str) -> CommandError {
     CommandError::new(422, text.replace(&submission.part.display().to_string(), &submission.name))
 }
 
-/// Checks a new job and puts it into the spool. Blocks.
+/// Checks a new job, its bottom layers too where `looks`, and puts it into the spool. Blocks.
 fn accept(
     setting: &Setting,
     spool: &Mutex<Spool>,
     submission: &Submission,
     limit_bytes: u64,
+    looks: bool,
 ) -> Result<Job, CommandError> {
     let (recipe, recipe_text) = recipe_of(setting, submission)?;
     let part = Part::open(&submission.part, &setting.machine, &recipe, setting.threads, limit_bytes)
         .map_err(|error| unprintable(submission, &error.to_string()))?;
+    if looks {
+        part.check_footing(&recipe, limit_bytes).map_err(|error| unprintable(submission, &error.to_string()))?;
+    }
     // 0 names no job.
     let key = random::bits().max(1);
     let layer_count = part.layer_count();

@@ -7,7 +7,7 @@ use crate::buildfile::{BuildFile, BuildFileError};
 use crate::config::{Machine, Recipe};
 use crate::device::encoding::{self, Choice};
 use crate::link::message::Encoding;
-use crate::slice::{Bitmap, Depth, SliceError, SlicePlan, Slicer};
+use crate::slice::{Bitmap, Depth, Footing, SliceError, SlicePlan, Slicer};
 use crate::stream::{Ahead, MemoryBudget, Produced};
 
 /// What the line holds at most: queues of the session both ways, the serial buffers, one layer's bookkeeping.
@@ -143,6 +143,21 @@ impl Part {
     /// Number of layers.
     pub(super) fn layer_count(&self) -> u32 {
         self.plan.layer_count
+    }
+
+    /// Computes the bottom layers and checks that the part would hold to the plate. Takes no more than what the print itself
+    /// takes, so the caller sees to it that none is under way.
+    ///
+    /// # Errors
+    /// [`Unprintable::Part`] says which layers are dark, and what to do.
+    pub(super) fn check_footing(&self, recipe: &Recipe, limit_bytes: u64) -> Result<(), Unprintable> {
+        let text = |error: &dyn std::fmt::Display| Unprintable::Part(error.to_string());
+        let file = BuildFile::open(&self.path).map_err(|error| text(&error))?;
+        let budget = MemoryBudget::new(limit_bytes);
+        let footing = Slicer::new(file, self.plan.clone(), self.threads, 0, &budget)
+            .and_then(|mut slicer| Footing::of(&mut slicer, recipe.bottom_layers))
+            .map_err(|error| text(&error))?;
+        footing.problem(self.plan.layer_count).map_or(Ok(()), |problem| Err(Unprintable::Part(problem)))
     }
 
     /// Starts computing layers from `first` on, written in `encoding`.

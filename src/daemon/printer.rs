@@ -164,7 +164,7 @@ impl Printer {
     }
 
     /// Whether no job holds the machine or the memory.
-    fn is_idle(&self) -> bool {
+    pub(super) fn is_idle(&self) -> bool {
         self.running.is_none() && self.opening.is_none() && !self.releasing
     }
 

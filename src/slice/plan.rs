@@ -2,6 +2,7 @@
 
 use super::Depth;
 use crate::buildfile::{Header, Placement};
+use crate::solid::LARGEST_PLACE;
 
 /// Which axes of the picture run against the build file's.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -29,8 +30,8 @@ pub struct Raster {
 }
 
 impl Raster {
-    /// Most pixels along a side: four times the largest projectors; rows and columns are reckoned in `f32` to a 50th.
-    pub const MOST_PX: u32 = 1 << 15;
+    /// Most pixels along a side: four times the largest projectors.
+    pub const MOST_PX: u32 = LARGEST_PLACE;
 
     fn check(&self) -> Result<(), PlanError> {
         let Self { width_px, height_px, pixel_um, .. } = *self;
@@ -82,7 +83,7 @@ pub struct SlicePlan {
     pub depth: Depth,
     /// Where the centre of the picture's first pixel lies in the build file's coordinates, micrometres.
     pub origin_um: [f64; 2],
-    /// The lowest plane of the part, micrometres: the plate.
+    /// The lowest solid point of the part, micrometres: the plate.
     pub z0_um: f64,
     /// Layer height, micrometres.
     pub layer_height_um: f64,
@@ -119,6 +120,8 @@ impl SlicePlan {
             };
             (low_um[axis] + high_um[axis]) / 2.0 - middle_um
         });
+        let z0_um = header.bottom_um;
+        let low_um = [low_um[0], low_um[1], z0_um];
         check_volume(&raster, low_um, high_um, corner_um)?;
         let layers = ((high_um[2] - low_um[2]) / layer_height_um - 1e-9).ceil().max(1.0);
         if layers > f64::from(MOST_LAYERS) {
@@ -129,7 +132,6 @@ impl SlicePlan {
             let half = raster.pixel_um[axis] / 2.0;
             corner_um[axis] + if mirrored[axis] { area_um[axis] - half } else { half }
         });
-        let z0_um = low_um[2];
         Ok(Self { raster, depth, origin_um, z0_um, layer_height_um, layer_count: layers as u32 })
     }
 

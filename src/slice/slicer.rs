@@ -132,17 +132,23 @@ impl Slicer {
         if layer >= self.plan.layer_count {
             return Ok(None);
         }
+        self.draw_plane(self.plan.layer_z_um(layer), [0.0; 2], bitmap)?;
+        self.next_layer += 1;
+        Ok(Some(layer))
+    }
+
+    /// Draws the plane at `z_um`, no lower than any before it. Its pixels lie `shift_px` from the plan's: within half a pixel
+    /// along x and y where pixels are bits, else 0.
+    pub(super) fn draw_plane(&mut self, z_um: f64, shift_px: [f64; 2], bitmap: &mut Bitmap) -> Result<(), SliceError> {
         let raster = &self.plan.raster;
         let wanted = (raster.width_px, raster.height_px, self.plan.depth);
         if (bitmap.width_px(), bitmap.height_px(), bitmap.depth()) != wanted {
             return Err(SliceError::WrongBitmap);
         }
         match &mut self.engine {
-            Engine::Convolution(machinery) => machinery.layer(&self.plan, layer, bitmap)?,
-            Engine::Union(machinery) => machinery.layer(&self.plan, layer, bitmap)?,
+            Engine::Convolution(machinery) => machinery.plane(&self.plan, z_um, shift_px, bitmap),
+            Engine::Union(machinery) => machinery.plane(&self.plan, z_um, shift_px, bitmap),
         }
-        self.next_layer += 1;
-        Ok(Some(layer))
     }
 
     /// Struts within reach of the layer drawn last.
@@ -187,10 +193,18 @@ impl<S: Shape> Machinery<S> {
         sweep.saturating_add(Drawing::<S>::memory_bytes(plan, threads))
     }
 
-    fn layer(&mut self, plan: &SlicePlan, layer: u32, bitmap: &mut Bitmap) -> Result<(), SliceError> {
-        let z_um = plan.layer_z_um(layer);
+    fn plane(
+        &mut self,
+        plan: &SlicePlan,
+        z_um: f64,
+        shift_px: [f64; 2],
+        bitmap: &mut Bitmap,
+    ) -> Result<(), SliceError> {
         self.sweep.advance(z_um, &self.workers)?;
-        let plane = Plane { grid: grid(plan, self.unit_um), z: z_um / self.unit_um, quantum: self.sweep.quantum() };
+        let mut grid = grid(plan, self.unit_um);
+        grid.x0 += shift_px[0] * grid.dx;
+        grid.y0 += shift_px[1] * grid.dy;
+        let plane = Plane { grid, z: z_um / self.unit_um, quantum: self.sweep.quantum() };
         self.drawing.draw(self.sweep.active(), &plane, &self.workers, bitmap);
         Ok(())
     }

@@ -4,7 +4,7 @@
 use super::active::ActiveSet;
 use super::workers::Workers;
 use super::{SliceError, SlicePlan, StrutSource};
-use crate::buildfile::{CHUNK_STRUTS, Cap, Strut};
+use crate::buildfile::{CHUNK_STRUTS, Strut};
 use crate::solid::{self, LARGEST_RADIUS, Record, Shape};
 use crate::stream::{Charge, MemoryBudget};
 
@@ -77,7 +77,7 @@ impl Sweep {
             rows: Rows {
                 row_0: plan.origin_um[1] / dy,
                 rows_per_quantum: quantum_um / dy,
-                // Sub-rows of a union lie up to half a row from a row's middle; the rest is for rounding.
+                // Sub-rows of a union's grey, or moved rows, lie up to half a row from a row's middle; the rest is for rounding.
                 reach: header.reach_um() / dy.abs() + 1.0,
             },
             reach: header.reach_um() / quantum_um,
@@ -149,12 +149,7 @@ impl Sweep {
             )));
         }
         let Strut { a, b, radius_a, radius_b, caps } = *strut;
-        let caps = [caps.a, caps.b].map(|cap| match cap {
-            Cap::Sphere => solid::Cap::Sphere,
-            Cap::Hemisphere => solid::Cap::Hemisphere,
-            Cap::Butt => solid::Cap::Butt,
-        });
-        let ends = (self.ends)([radius_a, radius_b], caps, strut.is_ball(), self.quantum);
+        let ends = (self.ends)([radius_a, radius_b], [caps.a.into(), caps.b.into()], strut.is_ball(), self.quantum);
         self.active.add(Record { a, b, ends }, self.rows.reached(a[1], b[1]));
         Ok(())
     }

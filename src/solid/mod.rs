@@ -14,6 +14,7 @@
 
 mod block;
 mod convolution;
+mod lowest;
 mod path;
 mod pixels;
 pub mod reference;
@@ -24,8 +25,9 @@ mod weight;
 
 pub use block::{Block, Record};
 pub use convolution::Convolution;
+pub use lowest::lowest_z;
 pub use path::Path;
-pub use strip::{Effort, Grid, Plane, Strip};
+pub use strip::{Effort, Grid, LARGEST_PLACE, Plane, Strip};
 pub use union::Union;
 pub use weight::LARGEST_RADIUS_SHARE;
 

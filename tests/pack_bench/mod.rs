@@ -23,7 +23,7 @@ pub(crate) struct Bench {
 impl Bench {
     pub(crate) fn new() -> Self {
         let threads = NonZero::<usize>::MIN.saturating_add(1);
-        let options = PackOptions { blend: BlendChoice::Union, threads, ..PackOptions::default() };
+        let options = PackOptions { blend: Some(BlendChoice::Union), threads, ..PackOptions::default() };
         Self { directory: tempfile::tempdir().expect("temporary directory"), options }
     }
 

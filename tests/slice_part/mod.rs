@@ -46,6 +46,7 @@ pub fn header(struts: &[Strut], blend: Blend) -> Header {
         placement: Placement::Centred,
         source_digest: [0; 32],
         source_name: String::new(),
+        bottom_um: f64::from(bounds.min[2]),
     }
 }
 

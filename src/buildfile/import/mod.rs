@@ -6,7 +6,7 @@ mod three_mf;
 use std::path::Path;
 
 use super::collect::Collector;
-use super::pack::{PackError, PackOptions, PackProgress};
+use super::pack::{BlendChoice, PackError, PackOptions, PackProgress};
 
 /// A kind of source.
 #[derive(Clone, Copy, Debug)]
@@ -29,6 +29,14 @@ impl Source {
                 path.display().to_string(),
                 "unknown kind of file; pack reads .3mf (3MF) and .txt (edge text)",
             )),
+        }
+    }
+
+    /// How this kind of source means its struts to be joined.
+    pub(super) fn blend(self) -> BlendChoice {
+        match self {
+            Self::EdgeText => BlendChoice::Convolution { support_mm: None },
+            Self::ThreeMf => BlendChoice::Union,
         }
     }
 

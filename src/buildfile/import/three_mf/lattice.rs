@@ -2,7 +2,7 @@
 
 use std::io::Read;
 
-use glam::{DAffine3, DVec3};
+use glam::DVec3;
 
 use super::attributes::{finite, measure, required};
 use super::resources::Object;
@@ -12,9 +12,6 @@ use super::xml::{Element, Xml, quote};
 use crate::buildfile::collect::{Beam, Collector};
 use crate::buildfile::model::{Cap, Caps};
 use crate::buildfile::pack::PackError;
-
-/// How far a transform may stretch one direction more than another and still scale radii, as a share.
-const UNIFORM_TOLERANCE: f64 = 1e-3;
 
 /// Beams and balls that share one walk over the places of their object, in some 400 KiB.
 const BLOCK_PIECES: usize = 4096;
@@ -184,23 +181,20 @@ impl<'a> LatticeReader<'a, '_, '_> {
             return Ok(());
         }
         for placed in self.structure.places(open.number) {
-            let Some(scale) = uniform_scale(placed) else {
-                let problem = "its transform stretches directions differently, which would make its round beams oval; use a \
-                               uniform scale";
-                return Err(self.wrong(open, None, problem.into()));
+            let Some(stretch) = self.collector.stretch(placed.matrix3) else {
+                return Err(self.wrong(open, None, "its transform flattens it".into()));
             };
             for piece in &block {
                 match *piece {
                     Piece::Beam(beam, number) => {
-                        let Beam { a, b, radius_a, radius_b, caps } = beam;
-                        let [a, b] = [a, b].map(|point| placed.transform_point3(point));
-                        let beam = Beam { a, b, radius_a: radius_a * scale, radius_b: radius_b * scale, caps };
-                        self.collector.beam(&beam, &|| place(self.structure, &self.place, open, Some(number)))?;
+                        let [a, b] = [beam.a, beam.b].map(|point| placed.transform_point3(point));
+                        let named = || place(self.structure, &self.place, open, Some(number));
+                        self.collector.beam(&Beam { a, b, ..beam }, stretch, &named)?;
                     }
                     Piece::Ball(centre, radius) => {
                         let centre = placed.transform_point3(centre);
                         let named = || format!("{}: a ball", place(self.structure, &self.place, open, None));
-                        self.collector.ball(centre, radius * scale, &named)?;
+                        self.collector.ball(centre, radius, stretch, &named)?;
                     }
                 }
             }
@@ -280,14 +274,4 @@ fn cap(element: &Element, name: &str, default: Cap) -> Result<Cap, String> {
         Some("butt") => Ok(Cap::Butt),
         Some(other) => Err(format!("{name} = `{}`; allowed are sphere, hemisphere and butt", quote(other))),
     }
-}
-
-/// The factor by which a transform scales every direction alike, if it does.
-fn uniform_scale(transform: DAffine3) -> Option<f64> {
-    let matrix = transform.matrix3;
-    let scale = matrix.determinant().abs().cbrt();
-    let axes = [matrix.x_axis, matrix.y_axis, matrix.z_axis].map(|axis| axis / scale);
-    let alike = |pair: f64, wanted: f64| (pair - wanted).abs() <= 2.0 * UNIFORM_TOLERANCE;
-    let uniform = (0..3).all(|i| (i..3).all(|j| alike(DVec3::dot(axes[i], axes[j]), if i == j { 1.0 } else { 0.0 })));
-    (scale.is_finite() && scale > 0.0 && uniform).then_some(scale)
 }

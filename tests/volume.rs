@@ -1,0 +1,140 @@
+//! The volume that `pack` and `info` tell, against plain mathematics.
+
+mod support;
+
+use std::f64::consts::PI;
+use std::fs;
+use std::sync::Arc;
+
+use layerd::buildfile::{Blend, BuildFile, Cap, Caps, Placement, Strut, Writer, WriterSettings};
+use layerd::slice::{Estimate, Volume};
+use layerd::solid::reference::beam_field;
+use layerd::solid::{self, Beam, ISOVALUE};
+use support::{Bench, Setup, real_data};
+
+const FLAT: Caps = Caps { a: Cap::Butt, b: Cap::Butt };
+
+fn strut(a: [i32; 3], b: [i32; 3], radius_a: u32, radius_b: u32, caps: Caps) -> Strut {
+    Strut { a, b, radius_a, radius_b, caps }
+}
+
+/// Of struts in ascending order, micrometres.
+fn sampled(struts: &[Strut], blend: Blend, threads: usize) -> Volume {
+    let directory = tempfile::tempdir().expect("temporary directory");
+    let path = directory.path().join("part.layerd");
+    let settings = WriterSettings {
+        quantum_um: 1.0,
+        blend,
+        largest_radius: struts.iter().map(|strut| strut.radius_a.max(strut.radius_b)).max().expect("struts"),
+        placement: Placement::Centred,
+        source_digest: [0; 32],
+        source_name: "test".into(),
+    };
+    let mut writer = Writer::create(&path, settings).expect("can be created");
+    struts.iter().for_each(|strut| writer.push(*strut).expect("in order"));
+    writer.finish().expect("is whole");
+    Volume::sample(Arc::new(BuildFile::open(&path).expect("is whole")), threads).expect("can be sampled")
+}
+
+/// Three standard errors hold nearly always; what is told is two.
+fn assert_near(what: &str, found: Estimate, truth: f64, most_error_share: f64) {
+    eprintln!("{what}: {:.4} ± {:.4} for {truth:.4}", found.value, found.error);
+    assert!((found.value - truth).abs() <= 1.5 * found.error, "{what}: {found:?} for {truth}");
+    assert!(found.error <= most_error_share * truth, "{what}: {found:?} is told too coarsely");
+}
+
+#[test]
+fn bodies_of_known_volume() {
+    let ball = sampled(&[strut([0; 3], [0; 3], 1500, 1500, Caps::default())], Blend::Union, 1);
+    assert_near("a ball", ball.solid_mm3, 4.0 / 3.0 * PI * 1.5f64.powi(3), 0.005);
+    assert_eq!((ball.union_mm3, ball.excess_percent), (None, None), "it is the union");
+    let leaning = sampled(&[strut([0; 3], [3000, 0, 4000], 400, 400, FLAT)], Blend::Union, 1);
+    assert_near("a leaning cylinder", leaning.solid_mm3, PI * 0.16 * 5.0, 0.01);
+    let cone = sampled(&[strut([0; 3], [6000, 0, 0], 200, 800, FLAT)], Blend::Union, 1);
+    assert_near("a lying cone", cone.solid_mm3, PI * 2.0 * (0.04 + 0.16 + 0.64), 0.01);
+    let capsule = sampled(&[strut([0; 3], [0, 0, 5000], 300, 300, Caps::default())], Blend::Union, 1);
+    assert_near("a capsule", capsule.solid_mm3, PI * 0.09 * 5.0 + 4.0 / 3.0 * PI * 0.027, 0.01);
+    // In step with each other, and with any raster of a whole number of pixels a millimetre.
+    let posts: Vec<_> = (0..100).map(|k| [k % 10 * 1000, k / 10 * 1000, 0]).collect();
+    let posts: Vec<_> = posts.iter().map(|&[x, y, z]| strut([x, y, z], [x, y, 4000], 150, 150, FLAT)).collect();
+    assert_near("100 posts", sampled(&posts, Blend::Union, 1).solid_mm3, 100.0 * PI * 0.0225 * 4.0, 0.02);
+    // Floors at one distance.
+    let floors: Vec<_> = (0..40).map(|k| strut([0, 0, k * 500], [8000, 0, k * 500], 100, 100, FLAT)).collect();
+    assert_near("40 floors", sampled(&floors, Blend::Union, 1).solid_mm3, 40.0 * PI * 0.01 * 8.0, 0.05);
+}
+
+#[test]
+fn a_convolution_and_how_far_it_exceeds_the_union() {
+    let cross = [
+        strut([0, -1500, 0], [0, 1500, 0], 300, 300, FLAT),
+        strut([-1500, 0, 0], [1500, 0, 0], 300, 300, FLAT),
+        strut([0, 0, 0], [0, 0, 2000], 300, 300, FLAT),
+    ];
+    let support_um = 900.0;
+    let found = sampled(&cross, Blend::Convolution { support_um }, 1);
+    let beams = cross.map(|strut| Beam {
+        a: strut.a.map(f64::from),
+        b: strut.b.map(f64::from),
+        radius_a: 300.0,
+        radius_b: 300.0,
+        caps: [solid::Cap::Butt; 2],
+    });
+    const STEP_UM: f64 = 25.0;
+    let (mut field_count, mut union_count) = (0u32, 0u32);
+    let along =
+        |from: f64, to: f64| (0..((to - from) / STEP_UM) as u32).map(move |k| from + (f64::from(k) + 0.5) * STEP_UM);
+    for z in along(-900.0, 2900.0) {
+        for y in along(-2400.0, 2400.0) {
+            for x in along(-2400.0, 2400.0) {
+                let field = beams.iter().map(|beam| beam_field(beam, support_um, [x, y, z])).sum::<f64>();
+                field_count += u32::from(field >= ISOVALUE);
+                let inside = |along: f64, one: f64, other: f64, from: f64, to: f64| {
+                    (from..=to).contains(&along) && one * one + other * other <= 90_000.0
+                };
+                let solid = inside(x, y, z, -1500.0, 1500.0)
+                    || inside(y, x, z, -1500.0, 1500.0)
+                    || inside(z, x, y, 0.0, 2000.0);
+                union_count += u32::from(solid);
+            }
+        }
+    }
+    let [field_mm3, union_mm3] = [field_count, union_count].map(|count| f64::from(count) * STEP_UM.powi(3) * 1e-9);
+    assert_near("a cross", found.solid_mm3, field_mm3, 0.02);
+    assert_near("its union, flat ends and all", found.union_mm3.expect("a convolution"), union_mm3, 0.02);
+    let excess = found.excess_percent.expect("a convolution");
+    let truth = (field_mm3 / union_mm3 - 1.0) * 100.0;
+    eprintln!("excess {excess:?} for {truth} %");
+    assert!((excess.value - truth).abs() <= 1.5 * excess.error + 0.1 && excess.error < 2.0, "{excess:?} for {truth}");
+    assert_eq!(found, sampled(&cross, Blend::Convolution { support_um }, 3), "threads change nothing");
+}
+
+#[test]
+fn pack_and_info_tell_it() {
+    let bench = Bench::prepare(Setup::default());
+    fs::write(bench.path("part.txt"), "1 0.5 0 0\n0 0 0 0 0 20\n").expect("written");
+    let told = bench.ok(&["pack", "part.txt", "--blend", "union", "-o", "part.layerd"]);
+    let info = bench.json(&["info", "part.layerd"]);
+    let number = |key: &str| info[key].as_f64().unwrap_or_else(|| panic!("{key} in {info}"));
+    let truth = PI * 0.25 * 20.0 + 4.0 / 3.0 * PI * 0.125;
+    assert!((number("volume_mm3") - truth).abs() <= 1.5 * number("volume_error_mm3"), "{info}");
+    assert!(number("volume_error_mm3") < 0.01 * truth && number("volume_planes") == 1024.0, "{info}");
+    assert_eq!(number("resin_ml"), number("volume_mm3") / 1000.0);
+    assert_eq!(info["excess_percent"], serde_json::Value::Null);
+    assert!(
+        told.contains("ml of resin") && told.contains(&format!("volume        {:.2} ±", number("volume_mm3"))),
+        "{told}"
+    );
+    assert!(!told.contains("exact union   "), "{told}");
+    let told = bench.ok(&["pack", "part.txt", "-o", "part.layerd"]);
+    let info = bench.json(&["info", "part.layerd"]);
+    let excess = info["excess_percent"].as_f64().expect("a number");
+    // A lone strut's ends are shorter than its balls.
+    assert!((-5.0..0.0).contains(&excess) && told.contains("falls short of it by"), "{told}{info}");
+    let Some(pyramid) = real_data("pyramid.3mf") else { return };
+    let pyramid = pyramid.to_str().expect("UTF-8");
+    let told = bench.ok(&["pack", pyramid, "--blend", "convolution", "-o", "pyramid.layerd"]);
+    let info = bench.json(&["info", "pyramid.layerd"]);
+    let excess = info["excess_percent"].as_f64().expect("a number");
+    eprintln!("the pyramid as a convolution exceeds the exact union by {excess} %");
+    assert!((55.0..65.0).contains(&excess) && told.contains("exceeds it by"), "{told}");
+}
