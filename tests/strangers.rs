@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use layerd::device::sim::{CoreAction, DlpCore, SimulateOptions, run};
-use layerd::link::message::{Capabilities, DeviceKind, DeviceMessage, DeviceState, Encoding, Report};
+use layerd::link::message::{Capabilities, DeviceKind, DeviceMessage, DeviceState, Encoding, HostMessage, Report};
 use layerd::link::session::{DeviceEvent, DeviceSession, DeviceSettings, SendError};
 use layerd::link::wire::{FrameDecoder, FrameKind, HelloRefused, encode_frame};
 use serialport::{SerialPort, TTYPort};
@@ -33,6 +33,11 @@ fn laser() -> Capabilities {
         max_exposure_ms: 10_000,
         max_position_um: 100_000,
     }
+}
+
+/// The machine that the bench is configured for. It reads raw layers alone: a layer takes several windows.
+fn raw_dlp() -> Capabilities {
+    Capabilities { kind: DeviceKind::Dlp, name: "raw".into(), encodings: vec![Encoding::RawBit], ..laser() }
 }
 
 /// Runs a simulated device with these capabilities on the bench's line as long as `host` runs.
@@ -173,7 +178,9 @@ impl Peer {
             let mut count = 0;
             while !stopped.load(Ordering::Relaxed) {
                 wire.listen();
-                while let Some(event) = wire.session.event() {
+                while !wire.stuck
+                    && let Some(event) = wire.session.event()
+                {
                     count += act(&mut wire, Some(event));
                 }
                 count += act(&mut wire, None);
@@ -196,17 +203,21 @@ struct Wire {
     master: TTYPort,
     session: DeviceSession,
     began: Instant,
+    /// Takes nothing that the session delivers until a hello comes: what was received fills the window.
+    stuck: bool,
+    /// Looks for that hello.
+    frames: FrameDecoder,
 }
 
 impl Wire {
     fn new(mut master: TTYPort) -> Self {
         master.set_timeout(Duration::from_millis(1)).expect("timeout");
-        Self { master, session: Self::session(0), began: Instant::now() }
+        let frames = FrameDecoder::new(1024);
+        Self { master, session: Self::session(0), began: Instant::now(), stuck: false, frames }
     }
 
     fn session(now_us: u64) -> DeviceSession {
-        let capabilities = Capabilities { kind: DeviceKind::Dlp, ..laser() };
-        DeviceSession::new(capabilities, DeviceSettings { baud: 3_000_000, escaped: false }, now_us)
+        DeviceSession::new(raw_dlp(), DeviceSettings { baud: 3_000_000, escaped: false }, now_us)
     }
 
     fn now_us(&self) -> u64 {
@@ -220,6 +231,10 @@ impl Wire {
         let now_us = self.now_us();
         self.session.receive(&buffer[..count], now_us);
         self.session.handle_timeout(now_us);
+        let mut input = &buffer[..count];
+        while let Some(frame) = self.frames.next_frame(&mut input) {
+            self.stuck &= !frame.is_ok_and(|decoded| decoded.frame.kind == FrameKind::Hello);
+        }
     }
 
     fn speak(&mut self) {
@@ -230,41 +245,56 @@ impl Wire {
     }
 }
 
+/// The simulated firmware behind a peer's session, fifty times faster than real.
+struct Firmware {
+    core: DlpCore,
+    /// Messages that wait for room in the session.
+    owed: VecDeque<DeviceMessage>,
+}
+
+impl Firmware {
+    fn new() -> Self {
+        Self { core: DlpCore::new(raw_dlp(), 1), owed: VecDeque::new() }
+    }
+
+    fn take(&mut self, wire: &mut Wire, event: Option<DeviceEvent>) {
+        let device_us = 50 * wire.now_us();
+        self.core.advance(device_us);
+        match event {
+            Some(DeviceEvent::Hello { .. }) => {
+                self.owed.clear();
+                let state = self.core.hello(device_us);
+                wire.session.welcome(&state, wire.now_us());
+            }
+            Some(DeviceEvent::Message(message)) => self.core.handle(message, device_us),
+            Some(DeviceEvent::Urgent { number, urgent }) => {
+                let light_on = self.core.urgent(urgent, device_us);
+                wire.session.urgent_done(number, light_on);
+            }
+            Some(DeviceEvent::HostSilent) => self.core.host_silent(device_us),
+            None => {}
+        }
+        while let Some(action) = self.core.action() {
+            if let CoreAction::Send(message) = action {
+                self.owed.push_back(message);
+            }
+        }
+        while self.owed.front().is_some_and(|message| wire.session.send(message) != Err(SendError::Full)) {
+            self.owed.pop_front();
+        }
+    }
+}
+
 #[test]
 fn a_device_that_reports_without_end_fills_no_log_and_stops_no_print() {
     let mut bench = Bench::prepare(Setup::default());
     bench.ok(&SMALL);
-    let mut core = DlpCore::new(Capabilities { kind: DeviceKind::Dlp, ..laser() }, 1);
-    let mut owed = VecDeque::new();
+    let mut firmware = Firmware::new();
     let peer = Peer::start(&bench, move |wire, event| {
-        // Fifty times faster than real.
-        let device_us = 50 * wire.now_us();
-        core.advance(device_us);
-        match event {
-            Some(DeviceEvent::Hello { .. }) => {
-                owed.clear();
-                let state = core.hello(device_us);
-                wire.session.welcome(&state, wire.now_us());
-            }
-            Some(DeviceEvent::Message(message)) => core.handle(message, device_us),
-            Some(DeviceEvent::Urgent { number, urgent }) => {
-                let light_on = core.urgent(urgent, device_us);
-                wire.session.urgent_done(number, light_on);
-            }
-            Some(DeviceEvent::HostSilent) => core.host_silent(device_us),
-            None => {}
-        }
-        while let Some(action) = core.action() {
-            if let CoreAction::Send(message) = action {
-                owed.push_back(message);
-            }
-        }
-        while owed.front().is_some_and(|message| wire.session.send(message) != Err(SendError::Full)) {
-            owed.pop_front();
-        }
+        firmware.take(wire, event);
         // It works again, it says, without having failed; as often as the line takes it.
         let mut count = 0;
-        while owed.is_empty() && wire.session.send(&DeviceMessage::Report(Report::Fault(None))).is_ok() {
+        while firmware.owed.is_empty() && wire.session.send(&DeviceMessage::Report(Report::Fault(None))).is_ok() {
             count += 1;
         }
         count
@@ -277,6 +307,30 @@ fn a_device_that_reports_without_end_fills_no_log_and_stops_no_print() {
     assert!(reports > 1000, "{reports} reports are no flood");
     let lines = log_lines(&bench, "");
     assert!(lines < 100, "{lines} lines for {reports} reports");
+}
+
+#[test]
+fn a_device_that_frees_no_room_is_told_by_that_and_not_as_a_plate_that_did_not_arrive() {
+    let mut bench = Bench::prepare(Setup::default());
+    bench.ok(&SMALL);
+    let mut firmware = Firmware::new();
+    let peer = Peer::start(&bench, move |wire, event| {
+        // From the first bytes of a layer on it takes nothing more.
+        wire.stuck |= matches!(event, Some(DeviceEvent::Message(HostMessage::LayerData(_))));
+        firmware.take(wire, event);
+        u64::from(wire.stuck)
+    });
+    bench.start_daemon();
+    let id = bench.start_job("part.layerd");
+    wait_until("the hindrance", || {
+        let line = bench.json(&["status"])["line"].clone();
+        line["hindrance"].as_str().is_some_and(|text| text.contains("states room for"))
+    });
+    wait_until("the end of the session", || log_lines(&bench, "states room for") > 0);
+    bench.ok(&["abort", &id.to_string()]);
+    bench.wait_for(id, &["aborted", "failed", "interrupted"]);
+    assert_eq!(log_lines(&bench, "check the axis"), 0);
+    assert!(peer.end() > 0);
 }
 
 #[test]

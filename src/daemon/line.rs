@@ -4,9 +4,9 @@ use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 
 use crate::config::LinkConfig;
-use crate::link::driver::{Delivery, LinkEvent, LinkHandle, link};
+use crate::link::driver::{LinkEvent, LinkHandle, link};
 use crate::link::message::{HostMessage, Urgent};
-use crate::link::session::{HostEvent, Statistics};
+use crate::link::session::{Hindrance, HostEvent, Statistics};
 
 /// The line: what comes from it, and room for what goes out.
 pub(super) struct Line {
@@ -80,9 +80,9 @@ impl Line {
         self.piece_bytes
     }
 
-    /// How far what was sent in the present session has come.
-    pub(super) fn delivery(&self) -> Delivery {
-        self.session_id.map_or_else(Delivery::default, |session_id| self.handle.delivery(session_id))
+    /// What keeps data from getting through in the present session.
+    pub(super) fn hindrance(&self) -> Option<Hindrance> {
+        self.handle.hindrance(self.session_id?)
     }
 
     /// What the line carried since the start.

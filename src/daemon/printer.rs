@@ -440,7 +440,7 @@ impl Printer {
                 let _ = self.desk.events.send(News::Job(Box::new(job.view.clone())));
             }
         }
-        let line = view::line(&self.link.statistics(), &self.link.delivery(), self.reconnects, self.link.busy_share());
+        let line = view::line(&self.link.statistics(), self.link.hindrance(), self.reconnects, self.link.busy_share());
         let budget = view::budget(&self.budget);
         let (device, jobs, jobs_ended) = (self.device.clone(), self.jobs.views(), self.jobs_ended);
         self.desk.snapshot.send_modify(|snapshot| {

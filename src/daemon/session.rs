@@ -103,7 +103,7 @@ impl Printer {
 
     /// A device that seems not to answer may not have been reached: adds what keeps data from getting through.
     fn with_cause(&self, event: DriverEvent) -> DriverEvent {
-        match (event, self.link.delivery().hindrance) {
+        match (event, self.link.hindrance()) {
             (DriverEvent::Misbehaved(text), Some(hindrance)) => DriverEvent::Misbehaved(format!("{text}; {hindrance}")),
             (event, _) => event,
         }

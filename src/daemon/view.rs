@@ -3,9 +3,8 @@
 use super::api::{BudgetView, CutShortView, DeviceInfo, DeviceStateView, DeviceView, ExposureView, JobView, LineView};
 use super::jobs::Jobs;
 use crate::device::{DriverEvent, Outcome};
-use crate::link::driver::Delivery;
 use crate::link::message::{Capabilities, DeviceKind, DeviceState, ExposureId};
-use crate::link::session::Statistics;
+use crate::link::session::{Hindrance, Statistics};
 use crate::stream::MemoryBudget;
 use crate::text::short_name;
 
@@ -15,7 +14,12 @@ pub(super) fn budget(budget: &MemoryBudget) -> BudgetView {
 }
 
 /// What the line carried.
-pub(super) fn line(statistics: &Statistics, delivery: &Delivery, reconnects: u64, busy_share: Option<f64>) -> LineView {
+pub(super) fn line(
+    statistics: &Statistics,
+    hindrance: Option<Hindrance>,
+    reconnects: u64,
+    busy_share: Option<f64>,
+) -> LineView {
     LineView {
         sent_bytes: statistics.bytes_sent,
         received_bytes: statistics.bytes_received,
@@ -26,7 +30,7 @@ pub(super) fn line(statistics: &Statistics, delivery: &Delivery, reconnects: u64
         reconnects,
         round_trip_ms: (statistics.round_trip_us > 0).then(|| statistics.round_trip_us as f64 / 1000.0),
         busy_share,
-        hindrance: delivery.hindrance.map(|hindrance| hindrance.to_string()),
+        hindrance: hindrance.map(|hindrance| hindrance.to_string()),
     }
 }
 

@@ -49,32 +49,10 @@ pub struct LinkHandle {
 struct Shared {
     statistics: Mutex<Statistics>,
     busy_share: Mutex<Option<f64>>,
-    /// Of which session, and what it says.
-    delivery: Mutex<(u32, Delivery)>,
+    /// Of which session, and what.
+    hindrance: Mutex<(u32, Option<Hindrance>)>,
     renew: Notify,
     give_up: Notify,
-}
-
-/// How far what was given to the line has come.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Delivery {
-    /// Number of the newest request that the device has acknowledged: it has that one and all before it. 0 before the first.
-    /// A request above it has not reached the device, as far as anybody knows.
-    pub acknowledged_request: u32,
-    /// What keeps data from getting through although the device is heard; its text says what to do.
-    pub hindrance: Option<Hindrance>,
-}
-
-impl Delivery {
-    /// Why a request of this session has not reached the device, as far as anybody knows, and what to do; `None` where the
-    /// device has acknowledged it, so that the cause of a missing answer lies with the device.
-    pub fn withheld(&self, request: u32) -> Option<String> {
-        if self.acknowledged_request >= request {
-            return None;
-        }
-        let text = self.hindrance.map(|hindrance| hindrance.to_string());
-        Some(text.unwrap_or_else(|| "the request has not got through to the device: check the line".into()))
-    }
 }
 
 /// The line takes nothing now.
@@ -118,10 +96,11 @@ impl LinkHandle {
         self.shared.give_up.notify_one();
     }
 
-    /// How far the messages of a session have come; nothing is known of one that does not stand.
-    pub fn delivery(&self, session_id: u32) -> Delivery {
-        let (of_session, delivery) = *self.shared.delivery.lock().unwrap_or_else(PoisonError::into_inner);
-        if of_session == session_id { delivery } else { Delivery::default() }
+    /// What keeps data of a session from getting through although the device is heard; its text says what to do. While there
+    /// is such a thing, a request without an answer may not have reached the device.
+    pub fn hindrance(&self, session_id: u32) -> Option<Hindrance> {
+        let (of_session, hindrance) = *self.shared.hindrance.lock().unwrap_or_else(PoisonError::into_inner);
+        hindrance.filter(|_| of_session == session_id)
     }
 
     /// Counts since the task began.
@@ -228,6 +207,7 @@ impl LinkDriver {
     /// Sessions one after the other on an open port. Opening anew would reset many boards.
     async fn run_line(&mut self, mut line: SerialLine) -> Left {
         loop {
+            self.forget_ends().await;
             match self.run_session(&mut line).await {
                 Left::Session => {
                     if self.rest_after_failure().await {
@@ -243,6 +223,17 @@ impl LinkDriver {
                     self.renew();
                 }
                 left => return left,
+            }
+        }
+    }
+
+    /// What was ordered to end has ended: the order must not end the next session as well.
+    async fn forget_ends(&self) {
+        for order in [&self.shared.renew, &self.shared.give_up] {
+            tokio::select! {
+                biased;
+                () = order.notified() => {}
+                () = std::future::ready(()) => {}
             }
         }
     }
@@ -358,9 +349,8 @@ impl LinkDriver {
         self.pacing.count(writing || self.waiting.is_some() || self.session.has_unsent(), now_us);
         *self.shared.statistics.lock().unwrap_or_else(PoisonError::into_inner) = self.session.statistics();
         *self.shared.busy_share.lock().unwrap_or_else(PoisonError::into_inner) = self.pacing.busy_share();
-        let delivery =
-            Delivery { acknowledged_request: self.session.acknowledged_request(), hindrance: self.session.hindrance() };
-        *self.shared.delivery.lock().unwrap_or_else(PoisonError::into_inner) = (self.session.session_id(), delivery);
+        let hindrance = (self.session.session_id(), self.session.hindrance());
+        *self.shared.hindrance.lock().unwrap_or_else(PoisonError::into_inner) = hindrance;
     }
 
     /// Gives the session the message that waits; one for another session is void.

@@ -8,7 +8,7 @@ use crate::link::wire::{
     WireError, decode_host_message, decode_urgent, encode_device_message,
 };
 
-use super::endpoint::{Endpoint, Load, Terms};
+use super::endpoint::{Endpoint, Terms};
 use super::line::Line;
 use super::{SendError, Statistics};
 
@@ -354,7 +354,7 @@ impl DeviceSession {
                     self.line.statistics.malformed_frames += 1;
                     let reply = DeviceMessage::Reply { number, reply: Reply::Refused(Refusal::Unknown) };
                     // If the queue is full the host takes no replies, and one more would not help it.
-                    let _ = endpoint.send(&encode_device_message(&reply), Load::Other);
+                    let _ = endpoint.send(&encode_device_message(&reply), false);
                 }
                 Err(_) => self.line.statistics.malformed_frames += 1,
             }
@@ -367,7 +367,7 @@ impl DeviceSession {
     /// [`SendError`]; the message is not queued then.
     pub fn send(&mut self, message: &DeviceMessage) -> Result<(), SendError> {
         let Phase::Open { endpoint, .. } = &mut self.phase else { return Err(SendError::NotConnected) };
-        endpoint.send(&encode_device_message(message), Load::Other)
+        endpoint.send(&encode_device_message(message), false)
     }
 
     /// Whether messages can be sent.

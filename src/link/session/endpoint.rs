@@ -19,17 +19,6 @@ const WINDOW_TIME_US: u64 = 250_000;
 /// layer data fills the queue. Several of the largest request.
 const RESERVE_BYTES: usize = 1024;
 
-/// What a message is to the queue.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Load {
-    /// Layer data: leaves the reserve to everything else.
-    Bulk,
-    /// The request of that number.
-    Request(u32),
-    /// Whatever a device says.
-    Other,
-}
-
 /// What both ends agreed on.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Terms {
@@ -100,18 +89,17 @@ impl Endpoint {
     }
 
     /// Queues one message.
-    pub(super) fn send(&mut self, payload: &[u8], load: Load) -> Result<(), SendError> {
+    pub(super) fn send(&mut self, payload: &[u8], bulk: bool) -> Result<(), SendError> {
         let limit = self.payload_limit();
         if payload.len() > limit {
             return Err(SendError::TooLarge { bytes: payload.len(), limit });
         }
         let frame = encode_frame(FrameKind::Data, self.session_id, self.outgoing.next_sequence(), payload);
-        let reserve = if load == Load::Bulk { 0 } else { RESERVE_BYTES };
+        let reserve = if bulk { 0 } else { RESERVE_BYTES };
         if self.outgoing.queued_bytes() + frame.len() > self.queue_limit_bytes + reserve {
             return Err(SendError::Full);
         }
-        let request = if let Load::Request(number) = load { Some(number) } else { None };
-        self.outgoing.push(frame, request);
+        self.outgoing.push(frame);
         Ok(())
     }
 
@@ -128,11 +116,6 @@ impl Endpoint {
             Arrival::Gap => line.statistics.gap_frames += 1,
             Arrival::Overrun => line.statistics.overrun_frames += 1,
         }
-    }
-
-    /// Number of the newest request the peer has acknowledged; 0 before the first.
-    pub(super) fn acknowledged_request(&self) -> u32 {
-        self.outgoing.acknowledged_request()
     }
 
     /// What keeps data from getting through.

@@ -8,7 +8,7 @@ use crate::link::wire::{
     Welcome, WireError, decode_device_message, encode_host_message, encode_urgent,
 };
 
-use super::endpoint::{Endpoint, Load, Terms};
+use super::endpoint::{Endpoint, Terms};
 use super::hindrance::Hindrance;
 use super::line::Line;
 use super::outgoing::FalseAck;
@@ -412,18 +412,7 @@ impl HostSession {
     /// [`SendError`]; the message is not queued then.
     pub fn send(&mut self, message: &HostMessage) -> Result<(), SendError> {
         let Phase::Open(endpoint) = &mut self.phase else { return Err(SendError::NotConnected) };
-        let load = match message {
-            HostMessage::LayerData(_) => Load::Bulk,
-            HostMessage::Request { number, .. } => Load::Request(*number),
-        };
-        endpoint.send(&encode_host_message(message), load)
-    }
-
-    /// Number of the newest request of this session that the device has acknowledged: it has that one and all before it. 0
-    /// before the first.
-    pub fn acknowledged_request(&self) -> u32 {
-        let Phase::Open(endpoint) = &self.phase else { return 0 };
-        endpoint.acknowledged_request()
+        endpoint.send(&encode_host_message(message), matches!(message, HostMessage::LayerData(_)))
     }
 
     /// What keeps data from getting through although the device is heard; `None` where nothing waits, or not for long.

@@ -41,15 +41,11 @@ pub(super) struct Outgoing {
     window_bytes: usize,
     /// What the peer last said it has room for.
     credit_bytes: usize,
-    /// Number of the newest request acknowledged; 0 before the first.
-    acknowledged_request: u32,
 }
 
 #[derive(Debug)]
 struct Queued {
     bytes: Vec<u8>,
-    /// Number of the request it carries.
-    request: Option<u32>,
     sent_us: u64,
     transmissions: u32,
 }
@@ -67,7 +63,6 @@ impl Outgoing {
             flight_bytes: 0,
             window_bytes,
             credit_bytes: window_bytes,
-            acknowledged_request: 0,
         }
     }
 
@@ -86,11 +81,6 @@ impl Outgoing {
         self.flight_bytes
     }
 
-    /// Number of the newest request acknowledged; 0 before the first.
-    pub(super) fn acknowledged_request(&self) -> u32 {
-        self.acknowledged_request
-    }
-
     /// The room the peer states, where the next frame does not fit into it; `None` where something else or nothing stops it.
     pub(super) fn missing_credit(&self) -> Option<usize> {
         let frame = self.frames.get(self.cursor)?;
@@ -98,10 +88,10 @@ impl Outgoing {
             .then_some(self.credit_bytes)
     }
 
-    /// Queues the encoded frame of [`Self::next_sequence`]; `request` is the number of the request in it, if any.
-    pub(super) fn push(&mut self, bytes: Vec<u8>, request: Option<u32>) {
+    /// Queues the encoded frame of [`Self::next_sequence`].
+    pub(super) fn push(&mut self, bytes: Vec<u8>) {
         self.queued_bytes += bytes.len();
-        self.frames.push_back(Queued { bytes, request, sent_us: 0, transmissions: 0 });
+        self.frames.push_back(Queued { bytes, sent_us: 0, transmissions: 0 });
     }
 
     /// The next frame that credit allows, and whether it goes again.
@@ -138,7 +128,6 @@ impl Outgoing {
         for frame in self.frames.drain(..acknowledged) {
             self.queued_bytes -= frame.bytes.len();
             progress.bytes += frame.bytes.len();
-            self.acknowledged_request = frame.request.unwrap_or(self.acknowledged_request);
             progress.round_trip_us = (frame.transmissions == 1).then(|| now_us.saturating_sub(frame.sent_us));
         }
         self.first_sequence = ack.next_sequence;
