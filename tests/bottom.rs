@@ -180,6 +180,25 @@ fn posts_stand_on_their_rounded_ends() {
     }
 }
 
+/// Posts so far apart that no picture of the whole could show them.
+#[test]
+fn the_width_of_a_part_costs_nothing() {
+    let directory = tempfile::tempdir().expect("temporary directory");
+    let far = |k: i32| {
+        let at = [k * 35_000_000, k % 7 * 90_000_000, k * 1000];
+        strut(at, [at[0], at[1], at[2] + 8000], 100, 100, Caps::default())
+    };
+    let blend = Blend::Convolution { support_um: 150.0 };
+    let apart = packed(directory.path(), &(0..20).map(far).collect::<Vec<_>>(), blend);
+    let alone = packed(directory.path(), &[far(0)], blend);
+    assert!((apart.bottom_um - alone.bottom_um).abs() < 1.5, "{} or {}", apart.bottom_um, alone.bottom_um);
+    // One long strut across all tiles, lying lower by a fifth of its radius than the ball at one of them.
+    let lying = strut([-400_000, 37, 0], [400_000, 1_234_567, 0], 100, 100, Caps::default());
+    let ball = strut([0, 0, 20], [0, 0, 20], 100, 100, Caps::default());
+    let both = packed(directory.path(), &[lying, ball], blend);
+    assert!((-101.0..-98.0).contains(&both.bottom_um), "{}", both.bottom_um);
+}
+
 /// Short struts print thinner than they are, or not at all: these, of several chunks, are no part of the solid.
 #[test]
 fn what_does_not_print_is_passed_over_however_high_it_reaches() {

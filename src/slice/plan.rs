@@ -2,7 +2,6 @@
 
 use super::Depth;
 use crate::buildfile::{Header, Placement};
-use crate::solid::LARGEST_PLACE;
 
 /// Which axes of the picture run against the build file's.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -30,8 +29,8 @@ pub struct Raster {
 }
 
 impl Raster {
-    /// Most pixels along a side: four times the largest projectors.
-    pub const MOST_PX: u32 = LARGEST_PLACE;
+    /// Most pixels along a side: four times the largest projectors; rows and columns are reckoned in `f32` to a 50th.
+    pub const MOST_PX: u32 = 1 << 15;
 
     fn check(&self) -> Result<(), PlanError> {
         let Self { width_px, height_px, pixel_um, .. } = *self;

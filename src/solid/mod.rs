@@ -17,6 +17,7 @@ mod convolution;
 mod lowest;
 mod path;
 mod pixels;
+mod probe;
 pub mod reference;
 mod strip;
 mod union;
@@ -27,7 +28,8 @@ pub use block::{Block, Record};
 pub use convolution::Convolution;
 pub use lowest::lowest_z;
 pub use path::Path;
-pub use strip::{Effort, Grid, LARGEST_PLACE, Plane, Strip};
+pub use probe::PlaneProbe;
+pub use strip::{Effort, Grid, Plane, Strip};
 pub use union::Union;
 pub use weight::LARGEST_RADIUS_SHARE;
 

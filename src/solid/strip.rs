@@ -30,9 +30,6 @@ pub struct Plane {
     pub quantum: f64,
 }
 
-/// Most rows and columns of a picture: they are reckoned in `f32` to a 50th.
-pub const LARGEST_PLACE: u32 = 1 << 15;
-
 /// Columns that are noted as touched together: eight bytes of a picture of bits.
 const BLOCK: usize = 64;
 
@@ -102,11 +99,6 @@ impl<Cell: Copy + Default> Strip<Cell> {
         let first = (first.saturating_sub(self.first_row)).max(0) as usize;
         let end = (last.saturating_sub(self.first_row).saturating_add(1)).max(0) as usize;
         first..end.min(self.rows)
-    }
-
-    /// Rows the strip has room for, halo rows not counted.
-    pub fn capacity_rows(&self) -> usize {
-        self.cells.len() / self.stride - 2 * self.halo
     }
 
     /// Rows the strip stands for, halo rows included.

@@ -1,0 +1,144 @@
+//! Whether a convolution surface has a solid point in a plane, wherever in it and however wide it is.
+//!
+//! Only where struts are is anything drawn: rows in bands, in which a sweep along y finds the struts, and of a band tiles, in
+//! which one along x does. Tiles have grids of their own, so that `f32` counts their columns however far they lie apart.
+
+use super::{Block, Convolution, Grid, Path, Plane, Record, Shape, Strip};
+
+/// Rows and columns of a tile: 256 KiB of fields, which a level-2 cache holds.
+const TILE_ROWS: usize = 64;
+const TILE_COLUMNS: usize = 1024;
+
+/// Draws planes. Unit of length: the support R.
+#[derive(Debug)]
+pub struct PlaneProbe {
+    quantum: f64,
+    pitch: f64,
+    strip: Strip<f32>,
+    bits: [u8; TILE_COLUMNS / 8],
+}
+
+/// Where a strut may be seen along one axis, and which it is.
+#[derive(Clone, Copy, Debug)]
+struct Span {
+    low: f64,
+    high: f64,
+    at: usize,
+}
+
+impl PlaneProbe {
+    /// A probe of points `pitch` apart, for struts in quanta of this length.
+    pub fn new(quantum: f64, pitch: f64) -> Self {
+        let strip = Strip::new(TILE_COLUMNS, TILE_ROWS, 0);
+        Self { quantum, pitch, strip, bits: [0; TILE_COLUMNS / 8] }
+    }
+
+    /// Whether the field reaches the isovalue at any point of the plane at height `z`. Takes some 48 bytes for each record that
+    /// the plane cuts, besides.
+    pub fn is_solid(&mut self, records: &[Record], z: f64) -> bool {
+        let height = TILE_ROWS as f64 * self.pitch;
+        let seen = |at: usize| self.seen(&records[at], z, [f64::NEG_INFINITY, f64::INFINITY]).map(|[_, y]| (at, y));
+        let mut waiting: Vec<Span> =
+            (0..records.len()).filter_map(seen).map(|(at, [low, high])| Span { low, high, at }).collect();
+        // The last is next.
+        waiting.sort_unstable_by(|one, other| other.low.total_cmp(&one.low).then(other.at.cmp(&one.at)));
+        let mut active: Vec<Span> = Vec::new();
+        let mut low = f64::NEG_INFINITY;
+        loop {
+            active.retain(|span| span.high >= low);
+            if active.is_empty() {
+                let Some(next) = waiting.last() else { return false };
+                low = low.max(next.low);
+            }
+            let band = [low, low + height];
+            while let Some(next) = waiting.pop_if(|next| next.low < band[1]) {
+                active.push(next);
+            }
+            if self.is_solid_in(records, &active, z, band) {
+                return true;
+            }
+            low = band[1];
+        }
+    }
+
+    /// The same in one band of rows.
+    fn is_solid_in(&mut self, records: &[Record], active: &[Span], z: f64, band: [f64; 2]) -> bool {
+        let seen = |span: &Span| {
+            let [[low, high], _] = self.seen(&records[span.at], z, band)?;
+            Some(Span { low, high, at: span.at })
+        };
+        let mut spans: Vec<Span> = active.iter().filter_map(seen).collect();
+        // In an order that depends on nothing but the struts: sums do.
+        spans.sort_unstable_by(|one, other| one.low.total_cmp(&other.low).then(one.at.cmp(&other.at)));
+        let width = TILE_COLUMNS as f64 * self.pitch;
+        let mut rest = spans.as_slice();
+        let mut tile: Vec<Span> = Vec::new();
+        let mut left = f64::NEG_INFINITY;
+        loop {
+            tile.retain(|span| span.high >= left);
+            if tile.is_empty() {
+                let Some(next) = rest.first() else { return false };
+                left = left.max(next.low);
+            }
+            let end = rest.partition_point(|span| span.low < left + width);
+            tile.extend_from_slice(&rest[..end]);
+            rest = &rest[end..];
+            if self.is_solid_tile(records, &tile, [left, band[0], z]) {
+                return true;
+            }
+            left += width;
+        }
+    }
+
+    /// The same in one tile from a corner.
+    fn is_solid_tile(&mut self, records: &[Record], tile: &[Span], [x0, y0, z]: [f64; 3]) -> bool {
+        let path = Path::detect();
+        let grid = Grid { x0, dx: self.pitch, y0, dy: self.pitch, width: TILE_COLUMNS, samples: 1 };
+        let plane = Plane { grid, z, quantum: self.quantum };
+        self.strip.begin(0, TILE_ROWS);
+        for some in tile.chunks(Block::LEN) {
+            let mut block = Block::default();
+            some.iter().for_each(|span| {
+                block.push(records[span.at]);
+            });
+            Convolution::draw(path, std::iter::once(&block), &plane, &mut self.strip);
+        }
+        for pixels in self.strip.used_pixels(TILE_COLUMNS) {
+            let bytes = pixels.start / 8..pixels.end.div_ceil(8);
+            for row in 0..TILE_ROWS {
+                let bits = &mut self.bits[bytes.clone()];
+                Convolution::pack_bits(path, &self.strip, row, bytes.start, bits);
+                if bits.iter().any(|byte| *byte != 0) {
+                    return true;
+                }
+            }
+        }
+        false
+    }
+
+    /// Ranges of x and y that a strut may reach in a plane, between rows of a band; `None` where it reaches none.
+    fn seen(&self, record: &Record, z: f64, [low, high]: [f64; 2]) -> Option<[[f64; 2]; 2]> {
+        let [a, b] = [record.a, record.b].map(|node| node.map(|x| f64::from(x) * self.quantum));
+        let along_z = within(a[2], b[2], [z - 1.0, z + 1.0])?;
+        let along_y = within(a[1], b[1], [low - 1.0, high + 1.0])?;
+        let (from, to) = (along_z[0].max(along_y[0]), along_z[1].min(along_y[1]));
+        if from > to {
+            return None;
+        }
+        let range = |axis: usize| {
+            let [one, two] = [from, to].map(|share| a[axis] + share * (b[axis] - a[axis]));
+            [one.min(two) - 1.0, one.max(two) + 1.0]
+        };
+        Some([range(0), range(1)])
+    }
+}
+
+/// Shares of the way from `a` to `b` between which it lies within a range; `None` where it does nowhere.
+fn within(a: f64, b: f64, [low, high]: [f64; 2]) -> Option<[f64; 2]> {
+    if a.max(b) < low || a.min(b) > high {
+        return None;
+    }
+    let share = |x: f64| if a == b { 0.0 } else { ((x - a) / (b - a)).clamp(0.0, 1.0) };
+    let (one, two) = (share(low), share(high));
+    Some(if a == b { [0.0, 1.0] } else { [one.min(two), one.max(two)] })
+}
