@@ -93,6 +93,8 @@ fn a_device_switched_off_in_an_exposure_leaves_the_layer_in_doubt() {
     bench.start_device();
     let job = bench.wait_for(id, &["completed", "failed", "interrupted"]);
     assert_eq!((&job["state"], &job["in_doubt"]), (&"interrupted".into(), &layer), "{job}");
+    let status = bench.ok(&["status"]);
+    assert!(status.contains(&format!("layer {layer} may or may not have been exposed")), "the file's number: {status}");
     let text = refusal(&bench, &["resume"]);
     assert!(text.contains("--in-doubt exposed") && text.contains("--in-doubt repeat"), "{text}");
     // Its plate hangs where it hung, but the device does not know where: nothing moves and nothing is exposed.

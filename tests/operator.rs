@@ -102,7 +102,7 @@ fn start_says_what_a_job_waits_for() {
     let output = bench.layerctl(&["start", "part.layerd"]);
     let told = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(output.status.success() && output.stdout == b"1\n", "the id alone stands on stdout: {output:?}");
-    assert!(told.contains("no device answers on ") && told.contains("job 1 waits a minute"), "{told}");
+    assert!(told.contains("no device answers yet: ") && told.contains("Job 1 waits a minute"), "{told}");
     bench.start_device();
     bench.wait_for(1, &["printing"]);
     let output = bench.layerctl(&["start", "part.layerd"]);

@@ -17,8 +17,9 @@ Examples:
   layerctl stop 7           job 7, after the layer under way; a queued one at once
   layerctl abort            now: the light goes off first, then the plate lifts
 
-An order is accepted, not yet carried out, when the command returns: `layerctl status` shows how far it is. A daemon that does
-not answer is waited for, up to 30 s, for an abort 60 s; after 2 s the command says so.")]
+An order is accepted, not yet carried out, when the command returns: `layerctl status` shows how far it is. A daemon that does \
+not answer is waited for, up to 30 s, for an abort 60 s; after 2 s the command says so. Do not wait for the abort of a daemon that \
+hangs: switch the printer off at the mains.")]
 pub(super) struct JobArgs {
     /// The job's id; without it the job that holds the machine.
     job: Option<String>,
@@ -31,8 +32,8 @@ pub(super) struct JobArgs {
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
-  layerctl resume                          the job that is paused or pausing, or the only interrupted one
-  layerctl resume 8                        the plate is clear: queued job 8, which waits for this word, begins
+  layerctl resume                          the paused job, or the only interrupted one
+  layerctl resume 8                        the plate is clear: job 8, which waits for this, begins
   layerctl resume 7 --in-doubt exposed     the layer in doubt was exposed: go on with the next
   layerctl resume 7 --in-doubt repeat      it was not: expose it again
 

@@ -48,10 +48,10 @@ From a part to a print:
   layerctl start lattice.layerd --recipe default --wait
   layerctl watch
 
-The daemon is asked through its control socket, $LAYERD_SOCKET or /run/layerd/control.sock. Where it does not answer, commands say
+The daemon is asked through its control socket, $LAYERD_SOCKET or /run/layerd/control.sock. Where it does not answer, commands say \
 so after 2 s; questions are given up after 5 s, orders after 30 s, an abort after 60 s.
 
-\"Layer 812\" is always the layer of the file layer_000812.png: the first is layer 0. \"812 of 3000 layers done\" is a count:
+\"Layer 812\" is always the layer of the file layer_000812.png: the first is layer 0. \"812 of 3000 layers done\" is a count: \
 layers 0 to 811 are done, and layer 812 is next.
 
 Exit codes: 0 done, 1 failed, 2 wrong usage; start --wait: 3 aborted or stopped, 4 interrupted (resumable), 130 ended by Ctrl-C.";
@@ -79,17 +79,17 @@ enum Command {
     },
     /// Give a build file to the daemon as a new job; prints its id.
     Start(start::StartArgs),
-    /// Everything at a glance: line, job, queue, budget.
+    /// Everything at a glance: line, job, queue, the job that ended last, budget.
     Status(status::StatusArgs),
     /// Follow the print in the terminal; keys pause, resume, stop and abort it.
     Watch(watch::WatchArgs),
-    /// List the jobs the daemon remembers.
+    /// List the jobs the daemon remembers, the oldest first.
     Jobs(jobs::JobsArgs),
     /// Show what the device is and does.
     Device(device::DeviceArgs),
     /// End the layer under way, lift the plate clear and wait.
     Pause(commands::JobArgs),
-    /// Let a paused or interrupted job go on.
+    /// Let a paused or interrupted job go on, or one begin that waits for a clear plate.
     Resume(commands::ResumeArgs),
     /// End the job after the layer under way.
     Stop(commands::JobArgs),

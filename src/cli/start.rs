@@ -29,8 +29,8 @@ Examples:
   layerctl start part.layerd                       prints the job's id and returns
   layerctl start part.layerd --recipe fine --wait  shows progress until the print has ended
 
-On stderr it says what the job waits for: other jobs, a word that the plate is clear, a device. With --wait progress is shown on
-stderr, too: a bar on a terminal, elsewhere a line a minute and one whenever the job's state changes. Ctrl-C ends the command and
+On stderr it says what the job waits for: other jobs, a word that the plate is clear, a device. With --wait progress is shown \
+there, too: a bar on a terminal, elsewhere a line a minute and one whenever the job's state changes. Ctrl-C ends the command and \
 not the print.
 
 Exit codes with --wait: 0 completed, 1 failed, 3 aborted or stopped, 4 interrupted or the daemon is gone, 130 ended by Ctrl-C."))]
@@ -132,9 +132,9 @@ async fn tell_device(client: &Client, job: &JobView) {
     match client.status().await.map(|status| status.link) {
         Ok(LinkView { state: LinkState::Connected, .. }) => {}
         Ok(LinkView { path, reason, .. }) => {
-            let reason = reason.map_or_else(String::new, |reason| format!(" ({reason})"));
+            let reason = reason.unwrap_or_else(|| format!("{path}: switch the device on"));
             super::eprint(&format!(
-                "no device answers on {path}{reason}: switch it on; job {} waits a minute for it once its turn comes, then fails",
+                "no device answers yet: {reason}. Job {} waits a minute for one once its turn comes, then fails",
                 job.id
             ));
         }
@@ -165,13 +165,14 @@ pub(super) async fn wait(
     bar: &ProgressBar,
 ) -> anyhow::Result<(JobView, Ending)> {
     bar.reset();
-    let mut told = None;
+    let mut told = String::new();
     let mut lines = Lines::default();
     loop {
         show(bar, &job);
-        if job.state == JobState::Queued && job.reason != told {
-            told.clone_from(&job.reason);
-            bar.suspend(|| told.iter().for_each(|reason| super::eprint(&format!("job {} {reason}", job.id))));
+        // News of a moment without a reason comes between two with the same.
+        if let (JobState::Queued, Some(reason)) = (job.state, job.reason.as_ref().filter(|reason| **reason != told)) {
+            bar.suspend(|| super::eprint(&format!("job {} {reason}", job.id)));
+            told.clone_from(reason);
         }
         if let Some(ending) = ending(job.state) {
             bar.finish_and_clear();

@@ -27,36 +27,43 @@ pub(super) fn run(args: &StatusArgs) -> anyhow::Result<()> {
     if args.json {
         return print_json(&status);
     }
-    for line in lines(&status) {
-        print(&line)?;
-    }
-    Ok(())
+    [machine(&status), work(&status), figures(&status)].concat().iter().try_for_each(|line| print(line))
 }
 
-/// The status as an operator reads it; shared with `watch`.
-pub(super) fn lines(status: &Status) -> Vec<String> {
+/// Machine, line and device, as an operator reads them; shared with `watch` as the other parts are.
+pub(super) fn machine(status: &Status) -> Vec<String> {
     let link = &status.link;
     let mut lines = vec![format!("machine  {} (layerd {})", status.machine, status.version)];
     let device = link.device.as_deref().unwrap_or("no device yet");
     lines.push(format!("line     {} on {}: {device}", link.state, link.path));
     lines.extend(link.reason.iter().map(|reason| format!("         {reason}")));
     lines.extend(status.misfit.iter().map(|misfit| format!("MISFIT   {misfit}")));
-    match &status.active {
-        Some(job) => lines.extend(job_lines(job)),
-        None => lines.push("job      none".into()),
-    }
+    lines
+}
+
+/// The jobs: the one that holds the machine, those behind it, and the one that ended last.
+pub(super) fn work(status: &Status) -> Vec<String> {
+    let mut lines = match &status.active {
+        Some(job) => job_lines(job),
+        None => vec!["job      none".into()],
+    };
     for job in &status.queue {
         lines.push(format!("queued   {} {}", job.id, short_name(&job.name)));
         lines.extend(notes(job).into_iter().map(|note| format!("         {note}")));
     }
     lines.extend(status.last.iter().flat_map(last_lines));
+    lines
+}
+
+/// Memory and line in figures.
+pub(super) fn figures(status: &Status) -> Vec<String> {
     let budget = status.budget;
-    lines.push(format!(
+    let mut lines = vec![format!(
         "budget   {:.1} of {:.1} MiB used, {:.1} at most",
         mib(budget.used_bytes),
         mib(budget.limit_bytes),
         mib(budget.peak_bytes)
-    ));
+    )];
     let line = &status.line;
     lines.push(format!(
         "traffic  {} bytes sent, {} of {} frames again, {} bad frames, {} reconnects",

@@ -27,13 +27,16 @@ const WAITING_NEWS: usize = 16;
 /// What is older is not shown as if it were so now: three questions in a row had no answer.
 const LARGEST_AGE: Duration = Duration::from_secs(2);
 
+/// What was noted is shown for so long: what is older may be true no more.
+const NOTE_TIME: Duration = Duration::from_secs(20);
+
 /// Follow the print in the terminal.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Keys: p pause, r resume, s stop after this layer, a abort, q leave; the print goes on without you. s and a ask first, and so does
+Keys: p pause, r resume, s stop after this layer, a abort, q leave; the print goes on without you. s and a ask first, and so does \
 r where a job waits for a word that the plate is clear.
 
-The first line tells light and plate; it is the last to go where there is little room. While the daemon does not answer, everything
+The first line tells light and plate; it is the last to go where there is little room. While the daemon does not answer, everything \
 is grey and the first line says how old it is.
 
 Examples:
@@ -90,6 +93,7 @@ struct View {
     /// Why there is no newer reading.
     silence: Option<String>,
     note: String,
+    noted_at: Instant,
     question: Option<Question>,
 }
 
@@ -134,14 +138,25 @@ enum News {
 
 impl View {
     fn new(reading: Reading) -> Self {
-        Self { reading, silence: None, note: String::new(), question: None }
+        let noted_at = reading.at;
+        Self { reading, silence: None, note: String::new(), noted_at, question: None }
+    }
+
+    /// Notes what became of a key.
+    fn note(&mut self, text: impl Into<String>) {
+        (self.note, self.noted_at) = (text.into(), Instant::now());
+    }
+
+    /// The note, while it is young.
+    fn young_note(&self, now: Instant) -> &str {
+        if now.duration_since(self.noted_at) < NOTE_TIME { &self.note } else { "" }
     }
 
     fn hear(&mut self, news: News) {
         match news {
             News::Reading(reading) => (self.reading, self.silence) = (*reading, None),
             News::Silence(why) => self.silence = Some(why),
-            News::Note(note) => self.note = note,
+            News::Note(note) => self.note(note),
         }
     }
 
@@ -154,7 +169,7 @@ impl View {
     fn press(&mut self, key: KeyCode) -> Option<Order> {
         if let Some(question) = self.question.take() {
             if !matches!(key, KeyCode::Char('y' | 'Y')) {
-                self.note = question.declined().into();
+                self.note(question.declined());
                 return None;
             }
             return Some(match question {
@@ -179,7 +194,7 @@ impl View {
                 ask(Question::PlateClear { id: id.clone(), name: name.clone() })
             }
             (KeyCode::Char('a' | 's' | 'p' | 'r'), None) => {
-                self.note = "no job holds the machine".into();
+                self.note("no job holds the machine");
                 None
             }
             _ => None,
@@ -248,7 +263,7 @@ async fn follow(client: &Client, terminal: &mut ratatui::DefaultTerminal, mut vi
                 return Ok(());
             }
             if let Some(order) = view.press(key.code) {
-                view.note = format!("{} ordered", order.order);
+                view.note(format!("{} ordered", order.order));
                 let (client, sender) = (client.clone(), sender.clone());
                 tokio::spawn(async move {
                     // Without a receiver the screen has ended.
@@ -342,5 +357,9 @@ mod tests {
         assert!(view.silence.is_some());
         view.hear(News::Reading(Box::new(self::view().reading)));
         assert!(view.silence.is_none());
+        view.note("paused");
+        let noted_at = view.noted_at;
+        assert_eq!(view.young_note(noted_at + Duration::from_secs(19)), "paused");
+        assert_eq!(view.young_note(noted_at + Duration::from_secs(20)), "", "what is old may be true no more");
     }
 }

@@ -17,10 +17,12 @@ use crate::text::plain;
 /// Fits 40 columns.
 const KEYS: &str = "p pause r resume s stop a abort q leave";
 /// Rows that a note may take: what the daemon says at greatest length, at 80 columns.
-const MOST_NOTE_ROWS: u16 = 4;
+const MOST_NOTE_ROWS: usize = 4;
+/// Of a screen's rows at most one in this many is for what is wrong: its end only says what to do about the daemon.
+const WARNING_SHARE: u16 = 3;
 
 /// Draws the view as it is at `now`. Rows are given away in this order: light, question or keys, what is wrong, the bar, the note,
-/// everything else.
+/// everything else, the jobs first.
 pub(super) fn draw(frame: &mut Frame<'_>, view: &View, now: Instant) {
     let age = view.age(now);
     let width = frame.area().width;
@@ -31,7 +33,7 @@ pub(super) fn draw(frame: &mut Frame<'_>, view: &View, now: Instant) {
     let prompt = Paragraph::new(plain(&prompt)).style(Style::new().fg(colour)).wrap(Wrap { trim: false });
     let warning = age.map(|age| warning(view, age)).or_else(|| fault(&view.reading.device)).unwrap_or_default();
     let warning = Paragraph::new(plain(&warning)).style(Style::new().fg(Color::Red)).wrap(Wrap { trim: false });
-    let note = Paragraph::new(plain(&view.note)).wrap(Wrap { trim: false });
+    let note = Paragraph::new(plain(view.young_note(now))).wrap(Wrap { trim: false });
 
     let mut left = frame.area().height;
     let mut take = |wanted: usize| {
@@ -41,9 +43,10 @@ pub(super) fn draw(frame: &mut Frame<'_>, view: &View, now: Instant) {
     };
     let light_rows = take(1);
     let prompt_rows = take(prompt.line_count(width));
-    let warning_rows = take(rows_of(&warning, width));
+    let most_warning_rows = usize::from(frame.area().height.div_ceil(WARNING_SHARE));
+    let warning_rows = take(rows_of(&warning, width).min(most_warning_rows));
     let bar_rows = take(1);
-    let note_rows = take(rows_of(&note, width).min(MOST_NOTE_ROWS.into()));
+    let note_rows = take(rows_of(&note, width).min(MOST_NOTE_ROWS));
     let rest_rows = take(usize::MAX);
     let [light_area, warning_area, bar_area, rest_area, note_area, prompt_area] = Layout::vertical(
         [light_rows, warning_rows, bar_rows, rest_rows, note_rows, prompt_rows].map(Constraint::Length),
@@ -58,7 +61,7 @@ pub(super) fn draw(frame: &mut Frame<'_>, view: &View, now: Instant) {
         job.eta_s = job.eta_s.filter(|_| age.is_none());
     }
     frame.render_widget(bar(status.active.as_ref(), age), bar_area);
-    let rest = plain(&status::lines(&status).join("\n"));
+    let rest = plain(&[status::work(&status), status::machine(&status), status::figures(&status)].concat().join("\n"));
     frame.render_widget(Paragraph::new(rest).style(dimmed(Style::new(), age)).wrap(Wrap { trim: false }), rest_area);
     frame.render_widget(note, note_area);
     frame.render_widget(prompt, prompt_area);
@@ -163,7 +166,7 @@ mod tests {
         for (height, words) in [
             (1, &["LIGHT ON"][..]),
             (2, &["LIGHT ON", KEYS]),
-            (5, &["LIGHT ON", KEYS, "3 of 12 layers done"]),
+            (5, &["LIGHT ON", KEYS, "3 of 12 layers done", "7 part.layerd: printing"]),
             (12, &["LIGHT ON", KEYS, "3 of 12 layers done", "part.layerd: printing"]),
         ] {
             assert_shown(&screen(&view, 40, height, view.reading.at).0, words);
@@ -186,11 +189,11 @@ mod tests {
     #[test]
     fn without_the_daemon_nothing_looks_live() {
         let mut view = view();
-        view.silence = Some("no layerd answers at /run/x".into());
+        view.silence = Some(format!("no layerd answers at /run/x: {}", "do what helps ".repeat(10)));
         let later = view.reading.at + Duration::from_secs(14);
         for (width, height) in [(80, 24), (40, 12), (40, 5)] {
             let (shown, buffer) = screen(&view, width, height, later);
-            assert_shown(&shown, &["light ? (ON 14 s ago)", "NOT LIVE", "14 s old"]);
+            assert_shown(&shown, &["light ? (ON 14 s ago)", "NOT LIVE", "14 s old", "3 of 12 layers done"]);
             assert!(!shown.contains("LIGHT ON") && !shown.contains("to go"), "{shown}");
             for cell in &buffer.content {
                 assert!(![Color::Cyan, Color::Yellow].contains(&cell.fg), "{cell:?} looks live in:\n{shown}");
