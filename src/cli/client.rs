@@ -217,7 +217,9 @@ impl Client {
         let began = Instant::now();
         for _ in 0..ABORT_TRIES {
             match aborts.post(Wait::Abort, path, Bytes::new()).await {
-                Err(ClientError::NoDaemon { .. } | ClientError::NotAllowed { .. }) => break,
+                Err(ClientError::NoDaemon { .. } | ClientError::NotAllowed { .. } | ClientError::SocketPath { .. }) => {
+                    break;
+                }
                 Err(ClientError::Broken(_)) if began.elapsed() < PUSHED_OUT => {}
                 answered => return answered,
             }

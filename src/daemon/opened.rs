@@ -74,7 +74,7 @@ impl Opened {
                 ));
             }
             if matches!(take_up, TakeUp::Print(_)) && start.next_layer == 0 && !start.touched {
-                part.check_footing(&recipe, limit_bytes).map_err(|error| error.to_string())?;
+                part.check_footing(&recipe, limit_bytes)?;
             }
             Ok((recipe, machine, Arc::new(part)))
         };

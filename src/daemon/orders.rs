@@ -524,7 +524,7 @@ fn accept(
     let part = Part::open(&submission.part, &setting.machine, &recipe, setting.threads, limit_bytes)
         .map_err(|error| unprintable(submission, &error.to_string()))?;
     if looks {
-        part.check_footing(&recipe, limit_bytes).map_err(|error| unprintable(submission, &error.to_string()))?;
+        part.check_footing(&recipe, limit_bytes).map_err(|problem| unprintable(submission, &problem))?;
     }
     // 0 names no job.
     let key = random::bits().max(1);

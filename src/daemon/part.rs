@@ -149,15 +149,14 @@ impl Part {
     /// takes, so the caller sees to it that none is under way.
     ///
     /// # Errors
-    /// [`Unprintable::Part`] says which layers are dark, and what to do.
-    pub(super) fn check_footing(&self, recipe: &Recipe, limit_bytes: u64) -> Result<(), Unprintable> {
-        let text = |error: &dyn std::fmt::Display| Unprintable::Part(error.to_string());
-        let file = BuildFile::open(&self.path).map_err(|error| text(&error))?;
+    /// A text for the operator: which layers are dark, or what is damaged, and what to do.
+    pub(super) fn check_footing(&self, recipe: &Recipe, limit_bytes: u64) -> Result<(), String> {
+        let file = BuildFile::open(&self.path).map_err(|error| spool_text(&error))?;
         let budget = MemoryBudget::new(limit_bytes);
         let footing = Slicer::new(file, self.plan.clone(), self.threads, 0, &budget)
             .and_then(|mut slicer| Footing::of(&mut slicer, recipe.bottom_layers))
-            .map_err(|error| text(&error))?;
-        footing.problem(self.plan.layer_count).map_or(Ok(()), |problem| Err(Unprintable::Part(problem)))
+            .map_err(|error| slice_text(&error))?;
+        footing.problem(self.plan.layer_count).map_or(Ok(()), Err)
     }
 
     /// Starts computing layers from `first` on, written in `encoding`.
