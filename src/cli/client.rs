@@ -23,6 +23,7 @@ use crate::daemon::api::{
     ErrorBody, JobList, JobView, NAME_HEADER, RECIPE_HEADER, RECIPE_NAME_HEADER, RaiseView, RemovedView, ResumeBody,
     Status,
 };
+use crate::daemon::socket::LONGEST_PATH_BYTES;
 use crate::daemon::{ChannelBody, percent_encode, socket};
 
 /// No answer of the API but events is larger; a wrong socket must not fill memory.
@@ -62,7 +63,7 @@ pub enum ClientError {
     },
     /// The socket's path cannot be used.
     #[error(
-        "the path of the control socket, {}, has {} bytes, but the system allows {LONGEST_SOCKET_PATH}: set LAYERD_SOCKET (and \
+        "the path of the control socket, {}, has {} bytes, but the system allows {LONGEST_PATH_BYTES}: set LAYERD_SOCKET (and \
          `socket` in layerd.toml) to a shorter path",
         socket.display(), socket.as_os_str().len()
     )]
@@ -104,9 +105,6 @@ pub enum ClientError {
         source: std::io::Error,
     },
 }
-
-/// Bytes in a Unix socket's path, without the zero behind them.
-const LONGEST_SOCKET_PATH: usize = size_of::<libc::sockaddr_un>() - size_of::<libc::sa_family_t>() - 1;
 
 /// A new job, as an operator gives it.
 #[derive(Clone, Debug)]
@@ -367,7 +365,7 @@ impl Client {
                     continue;
                 }
                 std::io::ErrorKind::PermissionDenied => ClientError::NotAllowed { socket, source },
-                std::io::ErrorKind::InvalidInput if socket.as_os_str().len() > LONGEST_SOCKET_PATH => {
+                std::io::ErrorKind::InvalidInput if socket.as_os_str().len() > LONGEST_PATH_BYTES => {
                     ClientError::SocketPath { socket }
                 }
                 _ => ClientError::NoDaemon { socket, source },

@@ -10,7 +10,7 @@ use rustix::fs::{Access, access};
 use tokio::net::{UnixListener, UnixStream};
 
 /// Longest path of a Unix socket, bytes: `sun_path` holds 108 with the zero at its end.
-const LONGEST_PATH_BYTES: usize = 107;
+pub(crate) const LONGEST_PATH_BYTES: usize = 107;
 /// What the path of the socket for aborts ends in.
 const ABORT_SUFFIX: &str = ".abort";
 
