@@ -73,7 +73,7 @@ fn escaped(text: &str, is_escaped: impl Fn(char) -> bool) -> String {
 }
 
 /// One line on stderr, with control and hidden characters escaped. Nobody may be left to read it: that is no reason to panic.
-pub fn tell(text: &str) {
+pub fn eprint(text: &str) {
     let _ = writeln!(std::io::stderr(), "{}", plain(text));
 }
 

@@ -43,8 +43,8 @@ fn main() -> ExitCode {
 
 fn report(config: &Path, findings: &Findings) -> ExitCode {
     let Findings { errors, warnings, summary } = findings;
-    warnings.iter().for_each(|warning| layerd::cli::tell(&format!("warning: {warning}")));
-    errors.iter().for_each(|error| layerd::cli::tell(&format!("error: {error}")));
+    warnings.iter().for_each(|warning| layerd::cli::eprint(&format!("warning: {warning}")));
+    errors.iter().for_each(|error| layerd::cli::eprint(&format!("error: {error}")));
     if !errors.is_empty() {
         return ExitCode::FAILURE;
     }

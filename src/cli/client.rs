@@ -34,8 +34,6 @@ const LONGEST_CHECK: Duration = Duration::from_secs(900);
 const CONNECT_INTERVAL: Duration = Duration::from_millis(20);
 /// A crowd on the socket for aborts may push one out before the daemon has read it.
 const ABORT_TRIES: usize = 3;
-/// One that was pushed out notices at once. What takes longer is a daemon that does not answer, by whatever way it is asked.
-const PUSHED_OUT: Duration = Duration::from_secs(1);
 /// Bytes read from the build file at a time.
 const PART_BYTES: usize = 64 << 10;
 
@@ -211,18 +209,22 @@ impl Client {
     /// By the socket that is for aborts alone; by the common one where that is not there or too crowded. A second abort does
     /// no harm.
     async fn post_abort(&self, path: &str) -> Result<JobView, ClientError> {
-        let aborts = Self { socket: socket::abort_path(&self.socket), listener: self.listener.clone() };
-        let began = Instant::now();
-        for _ in 0..ABORT_TRIES {
-            match aborts.post(Wait::Abort, path, Bytes::new()).await {
-                Err(ClientError::NoDaemon { .. } | ClientError::NotAllowed { .. } | ClientError::SocketPath { .. }) => {
-                    break;
+        let aborts = Self { socket: socket::abort_path(&self.socket), ..self.clone() };
+        let conversation = async {
+            for _ in 0..ABORT_TRIES {
+                match aborts.ask_once(post(path, Bytes::new())?).await {
+                    Err(ClientError::Broken(_)) => {}
+                    Err(
+                        ClientError::NoDaemon { .. } | ClientError::NotAllowed { .. } | ClientError::SocketPath { .. },
+                    ) => {
+                        break;
+                    }
+                    answered => return answered,
                 }
-                Err(ClientError::Broken(_)) if began.elapsed() < PUSHED_OUT => {}
-                answered => return answered,
             }
-        }
-        self.post(Wait::Abort, path, Bytes::new()).await
+            self.ask_once(post(path, Bytes::new())?).await
+        };
+        self.listener.patiently(Wait::Abort, &self.socket, conversation).await
     }
 
     /// Lifts the plate clear while no job runs.
@@ -244,14 +246,16 @@ impl Client {
     }
 
     async fn post<T: DeserializeOwned>(&self, wait: Wait, path: &str, body: Bytes) -> Result<T, ClientError> {
-        let request = request(Method::POST, path).header(header::CONTENT_TYPE, "application/json");
-        let request = request.body(Either::Left(Full::new(body))).map_err(broken)?;
-        self.ask(wait, request).await
+        self.ask(wait, post(path, body)?).await
     }
 
     async fn ask<T: DeserializeOwned>(&self, wait: Wait, request: Request<RequestBody>) -> Result<T, ClientError> {
-        let conversation = async { read(self.exchange(request).await?).await };
-        self.listener.patiently(wait, &self.socket, conversation).await
+        self.listener.patiently(wait, &self.socket, self.ask_once(request)).await
+    }
+
+    /// Without a limit in time.
+    async fn ask_once<T: DeserializeOwned>(&self, request: Request<RequestBody>) -> Result<T, ClientError> {
+        read(self.exchange(request).await?).await
     }
 
     /// Sends a build file as a new job; `progress` hears bytes sent and bytes in all.
@@ -399,6 +403,11 @@ impl Drop for Connection {
 
 fn request(method: Method, path: &str) -> hyper::http::request::Builder {
     Request::builder().method(method).uri(path).header(header::HOST, "layerd")
+}
+
+fn post(path: &str, body: Bytes) -> Result<Request<RequestBody>, ClientError> {
+    let request = request(Method::POST, path).header(header::CONTENT_TYPE, "application/json");
+    request.body(Either::Left(Full::new(body))).map_err(broken)
 }
 
 fn broken(error: impl std::fmt::Display) -> ClientError {

@@ -60,7 +60,7 @@ pub(super) fn run(args: &DemoArgs) -> anyhow::Result<()> {
         tempfile::Builder::new().prefix("layerd-demo-").tempdir().context("cannot make a directory for sockets")?;
     write_config(&directory, short.path())?;
     let part = directory.join("demo.layerd");
-    eprintln!("generating a lattice");
+    super::eprint("generating a lattice");
     let generate = ["generate", "bcc", "--struts", "3600", "--box", "24,16,5", "--radius", "0.2", "-o"].map(OsStr::new);
     run_self(&[&generate[..], &[part.as_os_str()]].concat())?;
 
@@ -135,7 +135,7 @@ async fn print(
     children: &mut Children,
 ) -> anyhow::Result<(JobView, Status)> {
     let port = short.join("port");
-    eprintln!("starting a simulated DLP printer and the daemon");
+    super::eprint("starting a simulated DLP printer and the daemon");
     let exposed = directory.join("exposed");
     let machine = directory.join("machine.toml");
     let device: [&OsStr; 10] = [

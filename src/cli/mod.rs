@@ -30,7 +30,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use crate::buildfile::PackError;
 use crate::config::{ConfigText, Folder, Machine, find};
 use crate::daemon::api::JobView;
-pub use crate::text::tell;
+pub use crate::text::eprint;
 use crate::text::{is_hidden, plain};
 
 /// Prints implicit geometry just in time: pack a part, check it, start it, watch it.
@@ -214,11 +214,6 @@ fn print_json(value: &impl serde::Serialize) -> anyhow::Result<()> {
 /// A text on stdout, [`plain`].
 fn print(text: &str) -> anyhow::Result<()> {
     write_line(&plain(text))
-}
-
-/// A text on stderr, [`plain`].
-fn eprint(text: &str) {
-    tell(text);
 }
 
 /// A closed pipe is an error, not a panic.

@@ -267,10 +267,10 @@ fn summarise(job: &JobView) {
     let reason = job.reason.as_ref().map_or_else(String::new, |reason| format!(": {reason}"));
     super::eprint(&format!("job {} {}, {}{reason}", job.id, job.state, layers_text(job)));
     if job.late_layers > 0 {
-        eprintln!("{} layers were late, {} ms in all", job.late_layers, job.late_ms_total);
+        super::eprint(&format!("{} layers were late, {} ms in all", job.late_layers, job.late_ms_total));
     }
     if job.state == JobState::Interrupted {
-        eprintln!("it can go on: layerctl resume {}", job.id);
+        super::eprint(&format!("it can go on: layerctl resume {}", job.id));
     }
 }
 

@@ -15,6 +15,7 @@ use super::client::{Client, ClientError};
 use super::commands::{answer, not_aborted};
 use super::{block_on, print_json};
 use crate::daemon::api::{DeviceView, JobView, ResumeBody, Status};
+use crate::text::short_name;
 
 /// What is not read within this time is asked for anew.
 const ANSWER_LIMIT: Duration = Duration::from_secs(1);
@@ -113,7 +114,8 @@ impl Question {
             // The name is at the end: it may be long, and the end is cut off first.
             Self::PlateClear { id, name } => format!(
                 "Have you looked, and is the plate clear of the last part? y says so and begins job {id}; any other key does not \
-                 ({name})"
+                 ({})",
+                short_name(name)
             ),
         }
     }

@@ -19,7 +19,7 @@ use super::pty::{Claim, Pty};
 use super::{ActLog, CoreAction, DlpCore, Statistics};
 use crate::link::message::{Capabilities, DeviceMessage, Fault};
 use crate::link::session::{DeviceEvent, DeviceSession, DeviceSettings, SendError};
-use crate::text::tell;
+use crate::text::eprint;
 
 /// What the process is told by its command line.
 #[derive(Clone, Debug)]
@@ -158,7 +158,7 @@ impl Device {
         if self.reopen_us.is_some_and(|at_us| at_us <= now_us) {
             self.pty = Some(open_line(&self.options.link)?);
             self.reopen_us = None;
-            tell(&format!("the line is back at {}", self.options.link.display()));
+            eprint(&format!("the line is back at {}", self.options.link.display()));
         }
         while let Some((at_us, incident)) = self.coming.front().copied()
             && at_us <= now_us
@@ -172,15 +172,15 @@ impl Device {
     fn happen(&mut self, incident: Incident, now_us: u64) {
         match incident {
             Incident::Stall { duration_ms } => {
-                tell(&format!("fault: the line stands still for {duration_ms} ms"));
+                eprint(&format!("fault: the line stands still for {duration_ms} ms"));
                 self.stalled_until_us = now_us + u64::from(duration_ms) * 1000;
             }
             Incident::Disconnect { duration_ms } => {
-                tell(&format!("fault: the line is gone for {duration_ms} ms"));
+                eprint(&format!("fault: the line is gone for {duration_ms} ms"));
                 self.lose_line(now_us + u64::from(duration_ms) * 1000);
             }
             Incident::Reset => {
-                tell("fault: the device restarts");
+                eprint("fault: the device restarts");
                 self.session = new_session(&self.options, now_us);
                 self.outgoing.clear();
                 self.waiting.clear();
@@ -214,7 +214,7 @@ impl Device {
             let device_us = self.device_us(now_us);
             match event {
                 DeviceEvent::Hello { session_id } => {
-                    tell(&format!("a host says hello (session {session_id:08x})"));
+                    eprint(&format!("a host says hello (session {session_id:08x})"));
                     self.waiting.clear();
                     let state = self.core.hello(device_us);
                     self.session.welcome(&state, now_us);
@@ -225,7 +225,7 @@ impl Device {
                     self.session.urgent_done(number, light_on);
                 }
                 DeviceEvent::HostSilent => {
-                    tell("the host is silent: nothing begins until a hello");
+                    eprint("the host is silent: nothing begins until a hello");
                     self.core.host_silent(device_us);
                     if let Some(pty) = &self.pty {
                         pty.get_ref().release();
@@ -263,7 +263,7 @@ impl Device {
 
     /// A device that cannot keep its log says so and works no more; it does not try again at every act.
     fn log_failed(&mut self, error: &io::Error, now_us: u64) {
-        tell(&error.to_string());
+        eprint(&error.to_string());
         self.log = None;
         let mut text = error.to_string();
         while text.len() > MOST_FAULT_BYTES {
@@ -331,7 +331,7 @@ impl Device {
                 self.outgoing.drain(..bytes);
             }
             Woken::Read(Err(error)) | Woken::Written(Err(error)) => {
-                tell(&format!("the pseudo-terminal failed and is opened again: {error}"));
+                eprint(&format!("the pseudo-terminal failed and is opened again: {error}"));
                 self.lose_line(now_us + REOPEN_US);
             }
         }
