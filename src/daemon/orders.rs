@@ -306,9 +306,12 @@ impl Printer {
         }
         running.command(command, now_us);
         let progress = running.engine.progress();
-        if let Some(job) = self.jobs.get_mut(id) {
+        let changed = self.jobs.get_mut(id).is_some_and(|job| {
             job.past.order(command);
-            job.update(&progress);
+            job.update(&progress)
+        });
+        if changed {
+            self.publish_job(id);
         }
         Ok(true)
     }

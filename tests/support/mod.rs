@@ -26,6 +26,8 @@ pub(crate) struct Setup {
     pub layer_height_um: f64,
     /// Exposure of every layer, milliseconds of device time.
     pub exposure_ms: u32,
+    /// Speed of the plate, up and down, micrometres a second of device time.
+    pub plate_speed_um_s: u32,
     /// Line rate.
     pub baud: u32,
     /// How much faster than real the device's clock runs.
@@ -47,6 +49,7 @@ impl Default for Setup {
             pixel_um: 50.0,
             layer_height_um: 100.0,
             exposure_ms: 400,
+            plate_speed_um_s: 20_000,
             baud: 3_000_000,
             time_scale: 50,
             memory_budget: "64MiB",
@@ -94,6 +97,7 @@ impl Bench {
             pixel_um,
             layer_height_um,
             exposure_ms,
+            plate_speed_um_s,
             baud,
             memory_budget,
             antialias,
@@ -107,8 +111,8 @@ impl Bench {
         );
         let recipe = format!(
             "name = \"bench\"\nlayer_height_um = {layer_height_um:?}\nexposure_ms = {exposure_ms}\n\
-             bottom_exposure_ms = {exposure_ms}\nbottom_layers = 0\nlift_height_um = 3000\nlift_speed_um_s = 20000\n\
-             retract_speed_um_s = 20000\nantialias = {antialias}\n",
+             bottom_exposure_ms = {exposure_ms}\nbottom_layers = 0\nlift_height_um = 3000\n\
+             lift_speed_um_s = {plate_speed_um_s}\nretract_speed_um_s = {plate_speed_um_s}\nantialias = {antialias}\n",
         );
         let daemon = format!(
             "socket = \"control.sock\"\nspool = \"spool\"\nmemory_budget = \"{memory_budget}\"\n\

@@ -13,4 +13,5 @@ mod run;
 pub use self::core::{CoreAction, DlpCore, Statistics};
 pub use fault::{BadFault, FAULT_HELP, FaultSpec};
 pub use log::{ActLog, ActRecord};
+pub use pty::Pty;
 pub use run::{SimulateOptions, run};

@@ -55,7 +55,7 @@ fn named(link: &Path, error: &io::Error) -> io::Error {
 
 /// The device's end of a pseudo-terminal, and the symlink to the host's end; the symlink goes with it.
 #[derive(Debug)]
-pub(super) struct Pty {
+pub struct Pty {
     master: OwnedFd,
     /// Kept open: without any open host's end, reading the master would fail whenever a host closes the line.
     slave: OwnedFd,
@@ -68,7 +68,7 @@ impl Pty {
     ///
     /// # Errors
     /// Where there is no pseudo-terminal left, or `link` is something else than a symlink or cannot be written.
-    pub(super) fn open(link: &Path) -> io::Result<Self> {
+    pub fn open(link: &Path) -> io::Result<Self> {
         Self::open_unnamed(link).map_err(|error| named(link, &error))
     }
 
@@ -99,7 +99,7 @@ impl Pty {
 
     /// Lets another host open the line, as a real port does once a host that had it for itself is gone. Here the host's end
     /// never closes, and a host that was killed does not give its claim up.
-    pub(super) fn release(&self) {
+    pub fn release(&self) {
         // Nothing hangs on it but that other host's patience.
         let _ = rustix::termios::ioctl_tiocnxcl(&self.slave);
     }

@@ -243,7 +243,10 @@ impl Engine {
         let text = if self.act_sent_us.is_some() {
             "the order to move the plate did not reach the device in time: check the line".into()
         } else {
-            format!("the plate did not arrive at {} µm in time: check the axis and the device", self.target_um)
+            format!(
+                "the device did not say in time that its plate arrived at {} µm: check the axis and the device",
+                self.target_um
+            )
         };
         self.on_misbehaved(&text, now_us);
     }
