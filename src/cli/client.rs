@@ -341,7 +341,7 @@ impl Client {
         self.listener.patiently(Wait::Upload, &self.socket, read(answer)).await
     }
 
-    /// News from now on; the first is [`Event::Status`].
+    /// News from now on; the first is [`Event::Status`](crate::daemon::api::Event::Status).
     ///
     /// # Errors
     /// [`ClientError`].
