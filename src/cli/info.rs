@@ -170,11 +170,11 @@ impl fmt::Display for VolumeFigures {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             out,
-            "volume        {:.2} ± {:.2} mm³: {:.3} ± {:.3} ml of resin (two standard errors, from {} planes)",
-            self.volume_mm3, self.volume_error_mm3, self.resin_ml, self.resin_error_ml, self.volume_planes
+            "volume        {:.2} ± {:.2} mm³ (two standard errors, from {} planes), {:.3} ml of resin",
+            self.volume_mm3, self.volume_error_mm3, self.volume_planes, self.resin_ml
         )?;
         let (Some(union), Some(error)) = (self.union_volume_mm3, self.union_volume_error_mm3) else { return Ok(()) };
-        write!(out, "exact union   {union:.2} ± {error:.2} mm³, what 3MF means by the same beams")?;
+        write!(out, "exact union   {union:.2} ± {error:.2} mm³, which 3MF defines for the same beams")?;
         if let (Some(excess), Some(error)) = (self.excess_percent, self.excess_error_percent) {
             let verb = if excess < 0.0 { "falls short of" } else { "exceeds" };
             write!(out, "; the convolution {verb} it by {:.1} ± {error:.1} %", excess.abs())?;
