@@ -47,16 +47,8 @@ fn a_daemon_that_hangs_is_told_after_two_seconds_and_an_abort_waits_for_it() {
     signal(bench.daemon_pid(), "STOP");
     let began = Instant::now();
     let mut abort = spawn(&bench, &["abort"]);
-    let commands: [&[&str]; 8] = [
-        &["status"],
-        &["jobs", "--json"],
-        &["device"],
-        &["watch", "--json"],
-        &["pause"],
-        &["resume"],
-        &["start", "part.layerd", "--wait"],
-        &["stop"],
-    ];
+    let commands: [&[&str]; 5] =
+        [&["status"], &["jobs", "--json"], &["device"], &["watch", "--json"], &["start", "part.layerd", "--wait"]];
     let children: Vec<_> = commands.iter().map(|arguments| spawn(&bench, arguments)).collect();
     let told = read_until(&mut abort, "\n");
     let waited = began.elapsed();
@@ -72,6 +64,13 @@ fn a_daemon_that_hangs_is_told_after_two_seconds_and_an_abort_waits_for_it() {
         let (first, last) = (lines.next().unwrap_or_default(), lines.next().unwrap_or_default());
         assert!(first.contains("has not answered for 2 s: waiting 3 s more"), "{arguments:?}: {told}");
         assert!(last.contains("did not answer within 5 s") && last.contains("journalctl"), "{arguments:?}: {told}");
+    }
+    for order in ["pause", "resume", "stop"] {
+        let mut order = spawn(&bench, &[order]);
+        let told = read_until(&mut order, "\n");
+        assert!(told.contains("28 s more before the order can be given; it is not given yet"), "{told}");
+        order.kill().expect("ends");
+        order.wait().expect("has ended");
     }
     signal(bench.daemon_pid(), "CONT");
     let (code, told) = ended(abort);
@@ -209,4 +208,46 @@ fn a_damaged_copy_in_the_spool_is_told_as_that() {
     let reason = job["reason"].as_str().expect("a reason");
     assert!(reason.contains("the spool's copy of the part is damaged (chunk 0 of 1"), "{reason}");
     assert!(reason.contains("from its original file") && !reason.contains("pack the part again"), "{reason}");
+}
+
+#[test]
+fn orders_promise_nothing_while_the_device_does_not_answer() {
+    let mut bench = Bench::start(slowly());
+    bench.ok(&PART);
+    let id = bench.start_job("part.layerd");
+    wait_until("some layers", || bench.job(id)["layers_done"].as_u64() >= Some(2));
+    bench.kill_device();
+    wait_until("the line is lost", || bench.json(&["status"])["link"]["state"] != "connected");
+    let told = bench.ok(&["pause"]);
+    assert!(told.contains("is taken; it is carried out when the device answers: it does not answer now"), "{told}");
+    let told = bench.ok(&["abort"]);
+    assert!(told.starts_with("job 1 will be aborted as soon as the device answers"), "{told}");
+    assert!(told.contains("switch the printer off at the mains") && !told.contains("goes off first"), "{told}");
+    let status = bench.ok(&["status"]);
+    assert!(status.contains("aborting") && status.contains("switch the printer off at the mains"), "{status}");
+}
+
+#[test]
+fn jobs_that_cannot_be_removed_do_not_keep_others_and_a_plate_is_only_taken_to_be_empty() {
+    let bench = Bench::start(slowly());
+    bench.ok(&PART);
+    let id = bench.start_job("part.layerd");
+    bench.wait_for(id, &["printing"]);
+    let told = bench.ok(&["abort"]);
+    assert!(!told.contains("does not answer"), "a device that took the abort comes back at once: {told}");
+    bench.wait_for(id, &["aborted"]);
+    wait_until("the device is back", || bench.json(&["status"])["link"]["state"] == "connected");
+    let output = bench.layerctl(&["start", "part.layerd"]);
+    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(
+        told.contains("job 2 begins at once: the plate is taken to be empty (the last job, 1, was aborted)"),
+        "{told}"
+    );
+    bench.ok(&["abort"]);
+    bench.wait_for(2, &["aborted"]);
+    let output = bench.layerctl(&["remove", "77", "1", "2"]);
+    let (out, told) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert_eq!(output.status.code(), Some(1), "{output:?}");
+    assert!(told.contains("no job `77`") && out.contains("job 1 is removed") && out.contains("job 2 is removed"));
+    assert!(bench.ok(&["jobs"]).contains("no jobs remembered"));
 }

@@ -176,8 +176,20 @@ impl Client {
     /// # Errors
     /// [`ClientError`].
     pub async fn get<T: DeserializeOwned>(&self, path: &str) -> Result<T, ClientError> {
+        self.get_within(Wait::Query, path).await
+    }
+
+    /// The same for an order that depends on the answer: as patient as the order, and an error says that it was not given.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub async fn look_up<T: DeserializeOwned>(&self, path: &str) -> Result<T, ClientError> {
+        self.get_within(Wait::LookUp, path).await
+    }
+
+    async fn get_within<T: DeserializeOwned>(&self, wait: Wait, path: &str) -> Result<T, ClientError> {
         let request = request(Method::GET, path).body(Either::Left(Full::default()));
-        self.ask(Wait::Query, request.map_err(broken)?).await
+        self.ask(wait, request.map_err(broken)?).await
     }
 
     /// Gives a job an order: `pause`, `stop` or `abort`.

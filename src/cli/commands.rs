@@ -1,25 +1,53 @@
 //! `layerctl pause | resume | stop | abort [JOB]`.
 
+use std::time::Duration;
+
 use anyhow::{anyhow, bail};
 use clap::{Args, ValueEnum};
+use tokio::time::{Instant, sleep};
 
 use super::client::{Client, ClientError};
 use super::patience::BY_HAND;
 use super::{block_on, print, print_json};
-use crate::daemon::api::{InDoubt, JobView, ResumeBody};
+use crate::daemon::api::{InDoubt, JobList, JobView, LinkState, ResumeBody, Status};
 use crate::job::JobState;
+
+const ACCEPTED: &str = "An order is accepted, not yet carried out, when the command returns: `layerctl status` shows how far it is. \
+     A daemon that does not answer is waited for, up to 30 s; after 2 s the command says so.";
+
+/// How long a device may be away after an order before that is told: one that took an abort begins a new session at once.
+const LONGEST_ABSENCE: Duration = Duration::from_secs(1);
+/// How often the daemon is asked whether the device is back.
+const ABSENCE_INTERVAL: Duration = Duration::from_millis(100);
+
+/// The end of `pause --help`.
+pub(super) fn pause_help() -> String {
+    format!(
+        "Examples:\n  layerctl pause            the job that holds the machine\n  layerctl pause 7          job 7, after the \
+         layer under way\n\n{ACCEPTED}"
+    )
+}
+
+/// The end of `stop --help`.
+pub(super) fn stop_help() -> String {
+    format!(
+        "Examples:\n  layerctl stop             the job that holds the machine, after the layer under way\n  layerctl stop 7 \
+         \u{20}         job 7; a queued one at once\n\n{ACCEPTED}"
+    )
+}
+
+/// The end of `abort --help`.
+pub(super) const ABORT_HELP: &str = "\
+Examples:
+  layerctl abort            now: the light goes off first, then the plate lifts
+  layerctl abort 7          job 7, whichever holds the machine
+
+An order is accepted, not yet carried out, when the command returns: `layerctl status` shows how far it is. A daemon that does not \
+answer is waited for, up to 60 s; after 2 s the command says so. Do not wait for the abort of a daemon that hangs: switch the \
+printer off at the mains.";
 
 /// Which job.
 #[derive(Debug, Args)]
-#[command(after_help = "\
-Examples:
-  layerctl pause            the job that holds the machine
-  layerctl stop 7           job 7, after the layer under way; a queued one at once
-  layerctl abort            now: the light goes off first, then the plate lifts
-
-An order is accepted, not yet carried out, when the command returns: `layerctl status` shows how far it is. A daemon that does \
-not answer is waited for, up to 30 s, for an abort 60 s; after 2 s the command says so. Do not wait for the abort of a daemon that \
-hangs: switch the printer off at the mains.")]
 pub(super) struct JobArgs {
     /// The job's id; without it the job that holds the machine.
     job: Option<String>,
@@ -60,19 +88,19 @@ enum InDoubtArg {
 /// `pause`, `stop`, `abort`.
 pub(super) fn order(args: JobArgs, order: &str) -> anyhow::Result<()> {
     let client = Client::from_environment();
-    let job = block_on(async {
-        Ok(match (args.job, order) {
+    block_on(async {
+        let job = match (args.job, order) {
             // No look-up first: an abort takes one exchange.
             (Some(id), "abort") => client.order(&id, order).await.map_err(not_aborted)?,
             (None, "abort") => client.abort_active().await.map_err(not_aborted)?,
             (Some(id), _) => client.order(&id, order).await?,
-            (None, _) => match client.status().await?.active {
+            (None, _) => match client.look_up::<Status>("/v1/status").await?.active {
                 Some(job) => client.order(&job.id, order).await?,
                 None => bail!("no job holds the machine; `layerctl jobs` lists them"),
             },
-        })
-    })?;
-    tell(order, &job, args.json)
+        };
+        tell(&client, order, &job, args.json).await
+    })
 }
 
 /// Why an abort was not taken; where nobody took it, with what to do by hand.
@@ -93,14 +121,14 @@ pub(super) fn resume(args: ResumeArgs) -> anyhow::Result<()> {
             InDoubtArg::Repeat => InDoubt::Repeat,
         }),
     };
-    let job = block_on(async {
+    block_on(async {
         let id = match args.job {
             Some(id) => id,
-            None => resumable(&client.jobs().await?)?.id.clone(),
+            None => resumable(&client.look_up::<JobList>("/v1/jobs").await?.jobs)?.id.clone(),
         };
-        Ok(client.resume(&id, body).await?)
-    })?;
-    tell("resume", &job, args.json)
+        let job = client.resume(&id, body).await?;
+        tell(&client, "resume", &job, args.json).await
+    })
 }
 
 /// The job that is paused or pausing, else the only interrupted one. A word that the plate is clear needs the job's id.
@@ -126,17 +154,51 @@ fn resumable(jobs: &[JobView]) -> anyhow::Result<&JobView> {
     }
 }
 
-fn tell(order: &str, job: &JobView, json: bool) -> anyhow::Result<()> {
+async fn tell(client: &Client, order: &str, job: &JobView, json: bool) -> anyhow::Result<()> {
     if json {
         return print_json(job);
     }
-    print(&answer(order, job))?;
+    let mut text = answer(order, job, absence(client, job).await.as_deref());
+    if job.state == JobState::Aborting {
+        text.push_str("; `layerctl status` shows the end");
+    }
+    print(&text)?;
     job.warning.as_ref().map_or(Ok(()), |warning| print(&format!("warning: {warning}")))
 }
 
-/// What became of an order that was accepted: `pause`, `resume`, `stop` or `abort`.
-pub(super) fn answer(order: &str, job: &JobView) -> String {
+/// Why an order that was accepted may not be carried out yet: the device does not answer, or nobody knows whether it does.
+/// `None` where it answers, or the job needs it no more.
+pub(super) async fn absence(client: &Client, job: &JobView) -> Option<String> {
+    let needs_device = |state: JobState| state.is_active() || state == JobState::Queued;
+    let until = Instant::now() + LONGEST_ABSENCE;
+    while needs_device(job.state) {
+        let status = match client.status().await {
+            Ok(status) => status,
+            Err(error) => return Some(format!("whether it answers now is not known ({error})")),
+        };
+        let is_over = status.last.is_some_and(|last| last.id == job.id);
+        if status.link.state == LinkState::Connected || is_over {
+            return None;
+        }
+        if Instant::now() >= until {
+            return Some("it does not answer now".into());
+        }
+        sleep(ABSENCE_INTERVAL).await;
+    }
+    None
+}
+
+/// What became of an order that was accepted: `pause`, `resume`, `stop` or `abort`; `absence` is the device's.
+pub(super) fn answer(order: &str, job: &JobView, absence: Option<&str>) -> String {
     let JobView { id, state, .. } = job;
+    if let Some(absence) = absence {
+        return match order {
+            "abort" => format!("job {id} will be aborted as soon as the device answers: {absence}. {BY_HAND}"),
+            _ => {
+                format!("the order to {order} job {id} is taken; it is carried out when the device answers: {absence}")
+            }
+        };
+    }
     match (order, state) {
         ("pause", JobState::Pausing) => {
             format!("job {id} pauses after the layer under way; the plate then lifts clear")
@@ -147,9 +209,7 @@ pub(super) fn answer(order: &str, job: &JobView) -> String {
         ("resume", JobState::Queued | JobState::Checking | JobState::Printing) => format!("job {id} goes on"),
         ("stop", JobState::Stopping) => format!("job {id} stops after the layer under way; the plate then lifts clear"),
         ("abort", JobState::Aborting) => {
-            format!(
-                "job {id} is being aborted: the light goes off first, then the plate lifts; `layerctl status` shows the end"
-            )
+            format!("job {id} is being aborted: the light goes off first, then the plate lifts")
         }
         _ => format!("job {id} is {state}"),
     }
@@ -186,11 +246,25 @@ mod tests {
     #[test]
     fn an_answer_says_what_happens_next() {
         let mut queued = job("3", JobState::Queued);
-        assert!(answer("resume", &queued).contains("begins"));
+        assert!(answer("resume", &queued, None).contains("begins"));
         queued.started_ms = Some(1);
-        assert!(answer("resume", &queued).contains("goes on"));
-        assert!(answer("pause", &job("3", JobState::Pausing)).contains("after the layer under way"));
-        assert!(answer("abort", &job("3", JobState::Aborting)).contains("light goes off first"));
-        assert_eq!(answer("stop", &job("3", JobState::Stopped)), "job 3 is stopped");
+        assert!(answer("resume", &queued, None).contains("goes on"));
+        assert!(answer("pause", &job("3", JobState::Pausing), None).contains("after the layer under way"));
+        assert!(answer("abort", &job("3", JobState::Aborting), None).contains("light goes off first"));
+        assert_eq!(answer("stop", &job("3", JobState::Stopped), None), "job 3 is stopped");
+    }
+
+    #[test]
+    fn an_answer_promises_nothing_of_a_device_that_does_not_answer() {
+        let told = |order, state| answer(order, &job("3", state), Some("it does not answer now"));
+        let abort = told("abort", JobState::Aborting);
+        assert!(abort.starts_with("job 3 will be aborted as soon as the device answers: it does not answer now. If"));
+        assert!(abort.contains("at the mains") && !abort.contains("light goes off first"), "{abort}");
+        for (order, state) in
+            [("pause", JobState::Pausing), ("stop", JobState::Stopping), ("resume", JobState::Printing)]
+        {
+            let told = told(order, state);
+            assert!(told.contains("is taken; it is carried out when the device answers"), "{told}");
+        }
     }
 }

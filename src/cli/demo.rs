@@ -31,7 +31,7 @@ Examples:
   layerctl demo                  about half a minute; pictures in demo-out/exposed
   layerctl demo dlp -o /tmp/d    somewhere else
 
-It runs: generate a lattice; simulate a DLP printer on a virtual serial port; the daemon; a job; then slice, and compares what
+It runs: generate a lattice; simulate a DLP printer on a virtual serial port; the daemon; a job; then slice, and compares what \
 the printer exposed with what slice says, pixel by pixel.")]
 pub(super) struct DemoArgs {
     /// Kind of machine.

@@ -29,7 +29,7 @@ pub(super) fn run(args: &JobsArgs) -> anyhow::Result<()> {
         return print_json(&JobList { jobs });
     }
     if jobs.is_empty() {
-        return print("no jobs yet; `layerctl start FILE` makes one");
+        return print("no jobs remembered; `layerctl start FILE` makes one");
     }
     print(&format!("{:<10} {:<12} {:>13} {:>14}  {}", "ID", "STATE", "LAYERS DONE", "SUBMITTED", "NAME"))?;
     for job in &jobs {

@@ -88,12 +88,15 @@ enum Command {
     /// Show what the device is and does.
     Device(device::DeviceArgs),
     /// End the layer under way, lift the plate clear and wait.
+    #[command(after_help = commands::pause_help())]
     Pause(commands::JobArgs),
     /// Let a paused or interrupted job go on, or one begin that waits for a clear plate.
     Resume(commands::ResumeArgs),
     /// End the job after the layer under way.
+    #[command(after_help = commands::stop_help())]
     Stop(commands::JobArgs),
     /// End the job now: light off first, then lift.
+    #[command(after_help = commands::ABORT_HELP)]
     Abort(commands::JobArgs),
     /// Lift the plate clear of the resin while no job runs.
     Raise(raise::RaiseArgs),
@@ -170,7 +173,7 @@ fn dispatch(command: Command) -> anyhow::Result<Ending> {
         Command::Stop(args) => commands::order(args, "stop").map(done),
         Command::Abort(args) => commands::order(args, "abort").map(done),
         Command::Raise(args) => raise::run(&args).map(done),
-        Command::Remove(args) => remove::run(args).map(done),
+        Command::Remove(args) => remove::run(args),
         Command::Demo(args) => demo::run(&args).map(done),
     }
 }

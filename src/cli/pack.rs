@@ -25,7 +25,7 @@ Examples:
   layerctl pack lattice.3mf --scale 1.002,1.002,1.01 -o lattice.layerd     for a resin that shrinks so
   layerctl pack huge.txt --memory 64MiB -o huge.layerd            sorts on the disk what memory does not hold
 
-Edge text: a first line `COUNT RADIUS [CONVOLUTION_RADIUS [0]]`, whose third number is told but not used (see --support), then
+Edge text: a first line `COUNT RADIUS [CONVOLUTION_RADIUS [0]]`, whose third number is told but not used (see --support), then \
 one strut a line, `x1 y1 z1 x2 y2 z2 [radius]`, millimetres. Lines that begin with `#` or `//` are comments.")]
 pub struct PackArgs {
     /// Sources, joined into one part: 3MF (.3mf) or edge text (.txt).

@@ -21,6 +21,8 @@ pub(super) const BY_HAND: &str =
 pub(super) enum Wait {
     /// An answer from memory.
     Query,
+    /// An answer from memory that an order needs first. As patient as the order.
+    LookUp,
     /// An order: it is worth more patience, as it is carried out as soon as the daemon goes on.
     Order,
     /// An abort. The longest: until it is answered nobody knows that the machine is dark.
@@ -34,7 +36,7 @@ impl Wait {
     fn limit(self) -> Duration {
         Duration::from_secs(match self {
             Self::Query => 5,
-            Self::Order | Self::Upload => 30,
+            Self::LookUp | Self::Order | Self::Upload => 30,
             Self::Abort => 60,
         })
     }
@@ -44,11 +46,18 @@ impl Wait {
         let (socket, told_s, more_s) = (socket.display(), TELL_AFTER.as_secs(), (self.limit() - TELL_AFTER).as_secs());
         let what = match self {
             Self::Query => format!("waiting {more_s} s more"),
+            Self::LookUp => {
+                format!("waiting up to {more_s} s more before the order can be given; it is not given yet")
+            }
             Self::Order => format!("waiting up to {more_s} s more for it to take the order"),
             Self::Upload => format!("waiting up to {more_s} s more for it to take the build file"),
-            Self::Abort => format!(
-                "waiting up to {more_s} s more for it to take the abort. {BY_HAND}; do not wait for this command"
-            ),
+            // What to do comes first and the socket not at all: there may be no room for more.
+            Self::Abort => {
+                return format!(
+                    "{BY_HAND}. Do not wait for this command: layerd has not answered for {told_s} s; waiting up to {more_s} \
+                     s more for it to take the abort"
+                );
+            }
         };
         format!("layerd at {socket} has not answered for {told_s} s: {what}")
     }
@@ -57,6 +66,7 @@ impl Wait {
     fn consequence(self) -> &'static str {
         match self {
             Self::Query => "",
+            Self::LookUp => " The order was NOT given.",
             Self::Order | Self::Abort => {
                 " The order may still be carried out if it goes on: look at `layerctl status` then."
             }
@@ -118,12 +128,21 @@ mod tests {
     fn each_wait_says_what_for_and_how_long() {
         for (wait, words) in [
             (Wait::Query, "waiting 3 s more"),
+            (Wait::LookUp, "28 s more before the order can be given"),
             (Wait::Order, "28 s more for it to take the order"),
             (Wait::Upload, "the build file"),
-            (Wait::Abort, "switch the printer off at the mains"),
         ] {
             let told = wait.told(Path::new("/run/x.sock"));
             assert!(told.contains(words) && told.contains("/run/x.sock has not answered for 2 s"), "{told}");
         }
+        let told = Wait::Abort.told(Path::new("/run/x.sock"));
+        assert!(told.starts_with(BY_HAND) && told.contains("for 2 s") && !told.contains("x.sock"), "{told}");
+        let error = ClientError::Silent {
+            socket: "/run/x.sock".into(),
+            waited_s: Wait::LookUp.limit().as_secs(),
+            consequence: Wait::LookUp.consequence(),
+        };
+        let told = error.to_string();
+        assert!(told.contains("within 30 s") && told.contains("The order was NOT given"), "{told}");
     }
 }

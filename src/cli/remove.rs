@@ -2,8 +2,8 @@
 
 use clap::Args;
 
-use super::client::Client;
-use super::{block_on, mib, print, print_json};
+use super::client::{Client, ClientError};
+use super::{Ending, block_on, mib, print, print_json, report};
 use crate::daemon::api::RemovedView;
 
 /// Delete finished jobs, their parts and their records.
@@ -13,7 +13,8 @@ Examples:
   layerctl remove 7
   layerctl remove 3 4 5     says for each how much room that made
 
-Only a job that is completed, stopped, aborted or failed can be removed.")]
+Only a job that is completed, stopped, aborted or failed can be removed. One that cannot does not keep the others from it; the exit \
+code is then 1.")]
 pub(super) struct RemoveArgs {
     /// The jobs' ids.
     #[arg(required = true, value_name = "JOB")]
@@ -23,11 +24,21 @@ pub(super) struct RemoveArgs {
     json: bool,
 }
 
-pub(super) fn run(args: RemoveArgs) -> anyhow::Result<()> {
+pub(super) fn run(args: RemoveArgs) -> anyhow::Result<Ending> {
     let client = Client::from_environment();
+    let mut ending = Ending::Done;
     block_on(async {
         for id in args.jobs {
-            let removed = client.remove(&id).await?;
+            let removed = match client.remove(&id).await {
+                Ok(removed) => removed,
+                // The daemon speaks of this job alone; where it does not answer the others fare no better.
+                Err(error @ ClientError::Refused { .. }) => {
+                    report(&error.into());
+                    ending = Ending::Failed;
+                    continue;
+                }
+                Err(error) => return Err(error.into()),
+            };
             if args.json {
                 print_json(&removed)?;
             } else {
@@ -35,6 +46,6 @@ pub(super) fn run(args: RemoveArgs) -> anyhow::Result<()> {
                 print(&format!("job {id} is removed: {:.1} MiB are free again", mib(freed_bytes)))?;
             }
         }
-        Ok(())
+        Ok(ending)
     })
 }

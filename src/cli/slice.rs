@@ -22,8 +22,8 @@ Examples:
   layerctl slice lattice.layerd --machine lcd-4k-35um --recipe fine -o layers
   layerctl slice lattice.layerd -m sim-dlp --layers 100..110 --antialias -o some
 
-manifest.json says where each picture lies in the build file's coordinates: `origin_mm` is the centre of the first pixel, `z_mm` of a
-layer its middle, from the part's lowest point on. `source_digest` is that of the file that was packed. Grey is the share of a
+manifest.json says where each picture lies in the build file's coordinates: `origin_mm` is the centre of the first pixel, `z_mm` of a \
+layer its middle, from the part's lowest point on. `source_digest` is that of the file that was packed. Grey is the share of a \
 pixel that is inside, nearly."))]
 pub struct SliceArgs {
     /// Build file (.layerd)

@@ -13,7 +13,7 @@ use super::client::{Client, ClientError, Events, NewJob};
 use super::{Ending, block_on, duration_text, layers_text, print, print_json, progress_bar};
 use crate::buildfile::BuildFile;
 use crate::config::{ConfigText, Folder, Recipe, find};
-use crate::daemon::api::{Event, JobView, LinkState, LinkView};
+use crate::daemon::api::{Event, JobView, LinkState, LinkView, Status};
 use crate::job::JobState;
 
 /// How long a daemon that went away is waited for: systemd starts it again within seconds.
@@ -127,9 +127,25 @@ async fn tell_waits(client: &Client, job: &JobView) {
     tell_device(client, job).await;
 }
 
-/// Says so where no device answers. One that does not fit is a reason to refuse the job.
+/// What is said of a plate that nobody confirmed to be empty, where the job waits for nothing.
+fn plate_text(job: &JobView, status: &Status) -> Option<String> {
+    let last = status.last.as_ref().filter(|last| last.id != job.id)?;
+    let is_suspect = matches!(last.state, JobState::Aborted | JobState::Stopped) && job.reason.is_none();
+    let when = if status.link.state == LinkState::Connected { "at once" } else { "once a device answers" };
+    is_suspect.then(|| {
+        let (id, last_id, state) = (&job.id, &last.id, last.state);
+        format!("job {id} begins {when}: the plate is taken to be empty (the last job, {last_id}, was {state})")
+    })
+}
+
+/// Says so where the plate is only taken to be empty, and where no device answers. One that does not fit is a reason to refuse
+/// the job.
 async fn tell_device(client: &Client, job: &JobView) {
-    match client.status().await.map(|status| status.link) {
+    let status = client.status().await;
+    if let Some(text) = status.as_ref().ok().and_then(|status| plate_text(job, status)) {
+        super::eprint(&text);
+    }
+    match status.map(|status| status.link) {
         Ok(LinkView { state: LinkState::Connected, .. }) => {}
         Ok(LinkView { path, reason, .. }) => {
             let reason = reason.unwrap_or_else(|| format!("{path}: switch the device on"));
@@ -169,18 +185,19 @@ pub(super) async fn wait(
     let mut lines = Lines::default();
     loop {
         show(bar, &job);
-        // News of a moment without a reason comes between two with the same.
-        if let (JobState::Queued, Some(reason)) = (job.state, job.reason.as_ref().filter(|reason| **reason != told)) {
-            bar.suspend(|| super::eprint(&format!("job {} {reason}", job.id)));
-            told.clone_from(reason);
-        }
         if let Some(ending) = ending(job.state) {
             bar.finish_and_clear();
             summarise(&job);
             return Ok((job, ending));
         }
+        let waits_for = job.reason.as_ref().filter(|_| job.state == JobState::Queued);
         if bar.is_hidden() && lines.is_due(&job, Instant::now()) {
             super::eprint(&line(&job));
+            waits_for.inspect(|reason| told.clone_from(reason));
+        } else if let Some(reason) = waits_for.filter(|reason| **reason != told) {
+            // News of a moment without a reason comes between two with the same.
+            bar.suspend(|| super::eprint(&format!("job {} {reason}", job.id)));
+            told.clone_from(reason);
         }
         let Ok(news) = timeout(LINE_INTERVAL, events.next()).await else { continue };
         match news {

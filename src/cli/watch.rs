@@ -12,9 +12,11 @@ use tokio::sync::mpsc;
 use tokio::time::{Instant, timeout};
 
 use super::client::{Client, ClientError};
-use super::commands::{answer, not_aborted};
+use super::commands::{absence, answer};
+use super::patience::BY_HAND;
 use super::{block_on, print_json};
 use crate::daemon::api::{DeviceView, JobView, ResumeBody, Status};
+use crate::job::JobState;
 use crate::text::short_name;
 
 /// What is not read within this time is asked for anew.
@@ -29,7 +31,7 @@ const WAITING_NEWS: usize = 16;
 const LARGEST_AGE: Duration = Duration::from_secs(2);
 
 /// What was noted is shown for so long: what is older may be true no more.
-const NOTE_TIME: Duration = Duration::from_secs(20);
+const NOTE_TIME: Duration = Duration::from_secs(10);
 
 /// Follow the print in the terminal.
 #[derive(Debug, Args)]
@@ -83,6 +85,13 @@ struct Reading {
     at: Instant,
 }
 
+impl Reading {
+    fn state_of(&self, id: &str) -> Option<JobState> {
+        let Status { active, queue, last, .. } = &self.status;
+        active.iter().chain(queue).chain(last).find(|job| job.id == id).map(|job| job.state)
+    }
+}
+
 async fn read(client: &Client) -> Result<Reading, ClientError> {
     let (status, device) = (client.status().await?, client.get("/v1/device").await?);
     Ok(Reading { status, device, at: Instant::now() })
@@ -95,8 +104,13 @@ struct View {
     silence: Option<String>,
     note: String,
     noted_at: Instant,
+    /// The job the note speaks of, as it was then.
+    noted_job: Option<JobThen>,
     question: Option<Question>,
 }
+
+/// A job's id and state at one moment.
+type JobThen = (String, JobState);
 
 /// What must be answered with `y` before it is done.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -135,30 +149,54 @@ enum News {
     Reading(Box<Reading>),
     /// Why none could be had.
     Silence(String),
-    Note(String),
+    /// What became of an order, and of which job.
+    Note(String, Option<JobThen>),
 }
 
 impl View {
     fn new(reading: Reading) -> Self {
         let noted_at = reading.at;
-        Self { reading, silence: None, note: String::new(), noted_at, question: None }
+        Self { reading, silence: None, note: String::new(), noted_at, noted_job: None, question: None }
     }
 
     /// Notes what became of a key.
     fn note(&mut self, text: impl Into<String>) {
-        (self.note, self.noted_at) = (text.into(), Instant::now());
+        (self.note, self.noted_at, self.noted_job) = (text.into(), Instant::now(), None);
     }
 
-    /// The note, while it is young.
+    /// The note, while it is young. What to do by hand stays while the daemon does not answer.
     fn young_note(&self, now: Instant) -> &str {
-        if now.duration_since(self.noted_at) < NOTE_TIME { &self.note } else { "" }
+        let is_young = now.duration_since(self.noted_at) < NOTE_TIME;
+        if is_young || (self.silence.is_some() && self.is_by_hand()) { &self.note } else { "" }
+    }
+
+    fn is_by_hand(&self) -> bool {
+        self.note.starts_with(BY_HAND)
     }
 
     fn hear(&mut self, news: News) {
         match news {
-            News::Reading(reading) => (self.reading, self.silence) = (*reading, None),
-            News::Silence(why) => self.silence = Some(why),
-            News::Note(note) => self.note(note),
+            News::Reading(reading) => {
+                let changed = self.noted_job.as_ref().is_some_and(|(id, noted)| {
+                    let state = reading.state_of(id);
+                    // A reading may be older than the note: then nothing has changed between two of them.
+                    state != Some(*noted) && state != self.reading.state_of(id)
+                });
+                if changed || self.silence.is_some() {
+                    self.note.clear();
+                }
+                (self.reading, self.silence) = (*reading, None);
+            }
+            News::Silence(why) => {
+                if self.silence.is_none() && !self.is_by_hand() {
+                    self.note.clear();
+                }
+                self.silence = Some(why);
+            }
+            News::Note(note, job) => {
+                self.note(note);
+                self.noted_job = job;
+            }
         }
     }
 
@@ -187,7 +225,8 @@ impl View {
             None
         };
         match (key, active) {
-            (KeyCode::Char('a'), Some(_)) => ask(Question::Abort),
+            // Without a job the device is told to go dark all the same.
+            (KeyCode::Char('a'), _) => ask(Question::Abort),
             (KeyCode::Char('s'), Some(id)) => ask(Question::Stop { id }),
             (KeyCode::Char('p'), Some(id)) => Some(Order { id: Some(id), order: "pause" }),
             (KeyCode::Char('r'), Some(id)) => Some(Order { id: Some(id), order: "resume" }),
@@ -195,7 +234,7 @@ impl View {
                 let JobView { id, name, .. } = &self.reading.status.queue[0];
                 ask(Question::PlateClear { id: id.clone(), name: name.clone() })
             }
-            (KeyCode::Char('a' | 's' | 'p' | 'r'), None) => {
+            (KeyCode::Char('s' | 'p' | 'r'), None) => {
                 self.note("no job holds the machine");
                 None
             }
@@ -213,18 +252,33 @@ struct Order {
 
 impl Order {
     /// Gives it and says what became of it.
-    async fn give(self, client: &Client) -> String {
+    async fn give(self, client: &Client) -> (String, Option<JobThen>) {
         let given = match (self.id, self.order) {
             (None, _) => client.abort_active().await,
             (Some(id), "resume") => client.resume(&id, ResumeBody::default()).await,
             (Some(id), order) => client.order(&id, order).await,
         };
         match given {
-            Ok(job) => answer(self.order, &job),
-            Err(error) if self.order == "abort" => not_aborted(error).to_string(),
-            Err(error) => error.to_string(),
+            Ok(job) => {
+                let absence = absence(client, &job).await;
+                (answer(self.order, &job, absence.as_deref()), Some((job.id, job.state)))
+            }
+            Err(error) => (not_taken(self.order, &error), None),
         }
     }
+}
+
+/// Why an order was not taken, in few words: there may be little room. Where nobody took an abort, with what to do by hand first.
+fn not_taken(order: &str, error: &ClientError) -> String {
+    let why = match error {
+        ClientError::Refused { status: 404 | 409, .. } => return error.to_string(),
+        ClientError::Silent { waited_s, .. } => {
+            format!("layerd did not answer within {waited_s} s; it may still carry the order out if it goes on")
+        }
+        ClientError::NoDaemon { .. } => "no layerd answers, so the order was not given".into(),
+        error => error.to_string(),
+    };
+    if order == "abort" { format!("{BY_HAND}: {why}") } else { why }
 }
 
 /// Asks the daemon again and again; ends with the screen.
@@ -246,7 +300,7 @@ async fn follow(client: &Client, terminal: &mut ratatui::DefaultTerminal, mut vi
     let (sender, mut news) = mpsc::channel(WAITING_NEWS);
     let notes = sender.clone();
     // Nothing may be written over the screen; a full queue has something newer to say.
-    let client = client.clone().telling(move |text| drop(notes.try_send(News::Note(text.into()))));
+    let client = client.clone().telling(move |text| drop(notes.try_send(News::Note(text.into(), None))));
     // Questions and orders run beside the screen: a daemon that does not answer must not keep the keys from working.
     tokio::spawn(ask(client.clone().telling(|_| {}), sender.clone()));
     loop {
@@ -269,7 +323,8 @@ async fn follow(client: &Client, terminal: &mut ratatui::DefaultTerminal, mut vi
                 let (client, sender) = (client.clone(), sender.clone());
                 tokio::spawn(async move {
                     // Without a receiver the screen has ended.
-                    let _ = sender.send(News::Note(order.give(&client).await)).await;
+                    let (text, job) = order.give(&client).await;
+                    let _ = sender.send(News::Note(text, job)).await;
                 });
             }
         }
@@ -345,8 +400,49 @@ mod tests {
     #[tokio::test]
     async fn an_abort_that_nobody_takes_says_what_to_do_by_hand() {
         let client = Client::new("/nonexistent/control.sock");
-        let told = Order { id: None, order: "abort" }.give(&client).await;
-        assert!(told.contains("/nonexistent/control.sock") && told.contains("at the mains"), "{told}");
+        let (told, _) = Order { id: None, order: "abort" }.give(&client).await;
+        assert!(told.starts_with(BY_HAND) && !told.contains("control.sock"), "{told}");
+        assert!(
+            told.starts_with("If there is light or the plate moves, switch the printer off at the mains"),
+            "{told}"
+        );
+    }
+
+    #[test]
+    fn without_a_job_an_abort_is_ordered_all_the_same() {
+        let mut view = view();
+        view.reading.status.active = None;
+        assert_eq!(view.press(KeyCode::Char('a')), None);
+        assert_eq!(view.question, Some(Question::Abort));
+        assert_eq!(view.press(KeyCode::Char('y')), ordered(None, "abort"));
+    }
+
+    #[test]
+    fn a_note_goes_when_its_job_changes_or_the_daemon_is_lost_or_back() {
+        let reading = |state| {
+            let mut reading = self::view().reading;
+            if let Some(job) = &mut reading.status.active {
+                job.state = state;
+            }
+            News::Reading(Box::new(reading))
+        };
+        let mut view = view();
+        view.hear(News::Note("job 7 pauses".into(), Some(("7".into(), JobState::Pausing))));
+        // Asked before the order was given.
+        view.hear(reading(JobState::Printing));
+        view.hear(reading(JobState::Pausing));
+        view.hear(reading(JobState::Pausing));
+        assert_eq!(view.note, "job 7 pauses");
+        view.hear(reading(JobState::Paused));
+        assert_eq!(view.note, "");
+        view.note("not stopped");
+        view.hear(News::Silence("no layerd answers".into()));
+        assert_eq!(view.note, "");
+        view.hear(News::Note(format!("{BY_HAND}: no layerd answers"), None));
+        view.hear(News::Silence("no layerd answers".into()));
+        assert!(view.young_note(view.noted_at + Duration::from_secs(40)).starts_with(BY_HAND));
+        view.hear(reading(JobState::Paused));
+        assert_eq!(view.note, "");
     }
 
     #[test]
@@ -361,7 +457,7 @@ mod tests {
         assert!(view.silence.is_none());
         view.note("paused");
         let noted_at = view.noted_at;
-        assert_eq!(view.young_note(noted_at + Duration::from_secs(19)), "paused");
-        assert_eq!(view.young_note(noted_at + Duration::from_secs(20)), "", "what is old may be true no more");
+        assert_eq!(view.young_note(noted_at + Duration::from_secs(9)), "paused");
+        assert_eq!(view.young_note(noted_at + Duration::from_secs(10)), "", "what is old may be true no more");
     }
 }

@@ -385,7 +385,10 @@ impl Engine {
 
     fn reason(&self) -> String {
         match (&self.intent, &self.phase) {
-            (Intent::End(..), _) => self.end_reason(),
+            (Intent::End(..), _) => {
+                let texts = [self.end_reason(), self.wait_before_end()];
+                texts.into_iter().filter(|text| !text.is_empty()).collect::<Vec<_>>().join("; ")
+            }
             (_, Phase::Lost) => format!("waiting for the device: {}", self.loss),
             (_, Phase::Checking) if self.ready => "waiting for the device".into(),
             (_, Phase::Darkening { .. }) => "waiting for the device to report dark".into(),

@@ -169,6 +169,18 @@ impl Engine {
         texts.join("; ")
     }
 
+    /// What a job that is to end waits for where no device answers; empty where one does.
+    pub(super) fn wait_before_end(&self) -> String {
+        match self.phase {
+            // A device that took the abort begins a new session: it is dark meanwhile.
+            Phase::AbortSent if !self.line_up && !self.light_known_off => ABORT_WAITS.into(),
+            Phase::AbortReconnect if !self.light_known_off => ABORT_WAITS.into(),
+            Phase::Lost => format!("waiting for the device: {}", self.loss),
+            Phase::Checking if !self.line_up => "waiting for the device".into(),
+            _ => String::new(),
+        }
+    }
+
     /// Ends a running exposure early.
     pub(super) fn cut_short(&mut self, now_us: u64) {
         self.put_light_off();
@@ -351,6 +363,8 @@ impl Engine {
     }
 }
 
+const ABORT_WAITS: &str = "waiting for the device, which does not answer: if there is light or the plate moves, switch the printer off \
+     at the mains";
 const LIGHT_UNKNOWN: &str = "WARNING: the device did not confirm that its light is off, and the plate was not lifted: switch the \
      machine off at its mains and look";
 
