@@ -287,13 +287,13 @@ fn an_abort_is_repeated_until_it_is_dark() {
         ("the device never answers an order", {
             let make: Make = || {
                 Box::new(|controls, moment| {
-                    begin_stray(2, controls, &moment);
+                    begin_stray(0, controls, &moment);
                     if let Moment::Obeys(_, answer) = moment {
                         *answer = None;
                     }
                 })
             };
-            // Its end comes later; what it is waited for, the light, goes off now.
+            // Its end comes later; what matters, the light, goes off now.
             (make, &["aborting", "aborted"])
         }),
     ];
@@ -327,7 +327,8 @@ fn says_it_shone(told_ms: u32) -> Script {
 
 #[test]
 fn the_time_with_light_is_compared_with_the_commanded_one() {
-    let cases: [Case<(u32, fn(&Stage, &Value, u32))>; 7] = [
+    type Judge = fn(&Stage, &Value, u32);
+    let cases: [Case<(u32, Judge)>; 7] = [
         ("none", (0, is_in_doubt)),
         ("a tenth", (EXPOSURE_MS / 10, is_in_doubt)),
         ("not quite enough", (EXPOSURE_MS - 25, is_in_doubt)),
