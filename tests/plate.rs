@@ -70,6 +70,37 @@ fn a_new_spool_does_not_print_onto_a_part_it_does_not_know() {
 }
 
 #[test]
+fn a_layer_cut_short_for_an_unknown_job_is_asked_about_once() {
+    let mut bench = Bench::start(Setup { exposure_ms: 8000, time_scale: 20, ..Setup::default() });
+    bench.ok(&SMALL);
+    let first = bench.start_job("part.layerd");
+    wait_until("light", || bench.acts().iter().any(|act| act["event"] == "light_on"));
+    bench.ok(&["abort"]);
+    bench.wait_for(first, &["aborted"]);
+    bench.kill_daemon();
+    fs::remove_dir_all(bench.path("spool")).expect("the spool");
+    fs::write(
+        bench.path("recipe.toml"),
+        fs::read_to_string(bench.path("recipe.toml")).expect("recipe").replace("8000", "400"),
+    )
+    .expect("a faster recipe");
+    bench.start_daemon();
+    wait_until("the device", || bench.json(&["device"])["connected"] == true);
+    let id = bench.start_job("part.layerd");
+    wait_until("the question", || reason(&bench.job(id)).contains("cut the light of layer 0 short"));
+    let told = reason(&bench.job(id));
+    assert!(!told.contains("mm above the vat"), "the abort lifted it: {told}");
+    bench.ok(&["resume", &id.to_string()]);
+    bench.wait_for(id, &["completed"]);
+    // The device tells of it for ever, and the operator knows.
+    bench.kill_daemon();
+    bench.start_daemon();
+    wait_until("the device", || bench.json(&["device"])["state"]["cut_short"]["layer"] == 0);
+    let next = bench.start_job("part.layerd");
+    bench.wait_for(next, &["completed"]);
+}
+
+#[test]
 fn a_job_that_was_there_before_the_device_looks_at_its_plate_first() {
     let mut bench = part_in_the_vat();
     fs::remove_dir_all(bench.path("spool")).expect("the spool");

@@ -257,6 +257,8 @@ impl Printer {
         if let Some(warning) = warning {
             self.notice(format!("the order to {} job {} {warning}", order.order.verb(), order.job));
         }
+        // Before the answer: one who asks again at once must not see how it was before.
+        self.publish_job(order.job);
         let answer = self.view(order.job, warning.map(|warning| format!("the order {warning}")));
         // Whoever asked may have gone.
         let _ = order.reply.send(answer);
