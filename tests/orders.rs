@@ -150,12 +150,42 @@ fn an_end_on_a_full_disk_is_final() {
             assert_eq!(job.get("warning"), None, "its room was kept: {job}");
         }
         bench.wait_for(id, &[state]);
+        disk.fill();
         bench.kill_daemon();
         bench.start_daemon();
         assert_eq!(bench.job(id)["state"], state, "{}", bench.job(id));
         let text = refusal(&bench, &["resume", &id.to_string()]);
         assert!(text.contains(state), "{text}");
     }
+}
+
+/// Its plate stands in the resin: a disk without a free byte must not keep anybody from lifting it.
+#[test]
+fn a_daemon_starts_on_a_full_disk_and_ends_the_job_it_finds() {
+    let mut bench = Bench::prepare(Setup { exposure_ms: 2000, time_scale: 20, ..Setup::default() });
+    fs::create_dir(bench.path("spool")).expect("spool");
+    let Some(disk) = SmallDisk::mount(&bench.path("spool")) else {
+        return skipped("mounting a small disk takes root");
+    };
+    bench.start_device();
+    bench.start_daemon();
+    bench.ok(&SMALL);
+    let id = bench.start_job("part.layerd");
+    wait_until("some layers", || bench.job(id)["layers_done"].as_u64() >= Some(2));
+    bench.kill_daemon();
+    disk.fill();
+    bench.start_daemon();
+    assert_eq!(bench.job(id)["state"], "interrupted");
+    let log = fs::read_to_string(bench.path("daemon.log")).expect("log");
+    assert!(log.contains("bytes are free") && log.contains("layerctl remove"), "{log}");
+    let job = bench.json(&["abort"]);
+    assert_eq!(job.get("warning"), None, "its room was kept: {job}");
+    bench.wait_for(id, &["aborted"]);
+    assert_eq!(plate_um(&bench.acts()), Some(CLEAR_UM));
+    disk.fill();
+    bench.kill_daemon();
+    bench.start_daemon();
+    assert_eq!(bench.job(id)["state"], "aborted");
 }
 
 #[test]

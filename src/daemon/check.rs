@@ -57,7 +57,10 @@ pub(super) fn before_start(setting: &Setting, place: &Path) -> Findings {
     let mut findings = Findings::default();
     // The directories that systemd makes are there by now, or missing.
     findings.errors.extend(socket::check(&setting.config.socket).err().map(|error| named("socket", place, &error)));
-    findings.errors.extend(spool(&setting.config.spool).err().map(|error| named("spool", place, &error.text())));
+    match spool(&setting.config.spool) {
+        Ok(()) => findings.room(&setting.config.spool, place),
+        Err(error) => findings.errors.push(named("spool", place, &error.text())),
+    }
     findings.errors.extend(descriptors::reserve().err());
     findings.machine(setting);
     findings
@@ -81,24 +84,27 @@ impl Findings {
 
     fn spool(&mut self, path: &Path, place: &Path) {
         match spool(path) {
-            Ok(()) => {
-                if let Ok(free_bytes) = disk::free_bytes(path)
-                    && free_bytes < disk::RESERVE_BYTES
-                {
-                    let text = format!(
-                        "only {free_bytes} bytes are free in {}, and {} are kept in reserve: no job can be taken until there \
-                         is room",
-                        path.display(),
-                        disk::RESERVE_BYTES
-                    );
-                    self.warnings.push(named("spool", place, &text));
-                }
-            }
+            Ok(()) => self.room(path, place),
             Err(error @ SpoolFault::Missing(_)) if path == Path::new(DEFAULT_SPOOL) => {
                 let text = named("spool", place, &error.text());
                 self.warnings.push(format!("{text} (the service makes it when it starts)"));
             }
             Err(error) => self.errors.push(named("spool", place, &error.text())),
+        }
+    }
+
+    /// A full disk keeps no daemon from starting: jobs may be there whose plate must be lifted.
+    fn room(&mut self, path: &Path, place: &Path) {
+        if let Ok(free_bytes) = disk::free_bytes(path)
+            && free_bytes < disk::RESERVE_BYTES
+        {
+            let text = format!(
+                "only {free_bytes} bytes are free in {}, and {} are kept in reserve: no job can be taken until there is room \
+                 (`layerctl remove JOB` deletes finished jobs)",
+                path.display(),
+                disk::RESERVE_BYTES
+            );
+            self.warnings.push(named("spool", place, &text));
         }
     }
 
@@ -162,11 +168,15 @@ fn spool(root: &Path) -> Result<(), SpoolFault> {
         if !directory.is_dir() {
             return Err(fault(format!("{} is not a directory", directory.display())));
         }
+        let is_full =
+            |error: &std::io::Error| matches!(error.kind(), ErrorKind::StorageFull | ErrorKind::QuotaExceeded);
         match tempfile::NamedTempFile::with_prefix_in(".check-", &directory)
             .and_then(|mut file| file.write_all(b"layerd"))
         {
             Ok(()) => {}
-            Err(error) if matches!(error.kind(), ErrorKind::StorageFull | ErrorKind::QuotaExceeded) => {
+            // One that was used before needs no room to be opened.
+            Err(error) if is_full(&error) && root.join("lock").exists() => {}
+            Err(error) if is_full(&error) => {
                 let text = format!("no file can be written in {} ({error}): make room", directory.display());
                 return Err(SpoolFault::Unusable(text));
             }

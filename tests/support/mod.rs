@@ -328,7 +328,7 @@ impl SmallDisk {
 
     /// Leaves no byte free.
     pub(crate) fn fill(&self) {
-        let filler = fs::File::create(self.0.join("filler")).expect("filler");
+        let filler = fs::OpenOptions::new().create(true).append(true).open(self.0.join("filler")).expect("filler");
         let mut writer = &filler;
         while std::io::Write::write_all(&mut writer, &[0; 4096]).is_ok() {}
     }
