@@ -49,10 +49,11 @@ fn a_check_changes_nothing_and_warns_of_a_missing_port() {
 }
 
 #[test]
-fn a_check_beside_a_daemon_that_runs_finds_nothing_and_disturbs_nothing() {
+fn a_check_beside_a_daemon_that_runs_says_so_and_disturbs_nothing() {
     let bench = Bench::start(Setup::default());
     let (output, told) = run(&bench, &["--check"]);
-    assert!(output.status.success() && told.is_empty(), "{told}");
+    assert!(output.status.success(), "{told}");
+    assert!(told.lines().count() == 1 && told.contains("another layerd uses spool now"), "{told}");
     bench.ok(&["status"]);
 }
 

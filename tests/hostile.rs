@@ -325,9 +325,11 @@ fn says_it_shone(told_ms: u32) -> Script {
     })
 }
 
+/// Judges how a job ended whose device reported that many milliseconds.
+type Judge = fn(&Stage, &Value, u32);
+
 #[test]
 fn the_time_with_light_is_compared_with_the_commanded_one() {
-    type Judge = fn(&Stage, &Value, u32);
     let cases: [Case<(u32, Judge)>; 7] = [
         ("none", (0, is_in_doubt)),
         ("a tenth", (EXPOSURE_MS / 10, is_in_doubt)),

@@ -153,6 +153,29 @@ async fn a_line_carries_messages_and_comes_back_after_the_device_vanished() {
     timeout(Duration::from_secs(6), task).await.expect("the driver ends with its handles").expect("no panic");
 }
 
+/// A link such as those in /dev/serial/by-id that leads to another adapter now, while the old port is open and silent.
+#[tokio::test]
+async fn a_path_that_leads_elsewhere_is_followed_once_its_port_is_silent() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let path = directory.path().join("port");
+    let (_silent, silent_name) = terminal();
+    std::os::unix::fs::symlink(&silent_name, &path).expect("a link");
+    let (handle, mut events, driver) = link(config(&path));
+    let task = tokio::spawn(driver.run());
+    let lost = |event: &LinkEvent| matches!(event, LinkEvent::Session(HostEvent::Lost(_))).then_some(());
+    wait_for(&mut events, lost).await;
+    let (master, name) = terminal();
+    std::fs::remove_file(&path).expect("the old link");
+    std::os::unix::fs::symlink(&name, &path).expect("a new link");
+    let device = std::thread::spawn(move || run_device(&master, 1));
+    let session_id = wait_for(&mut events, connected).await;
+    handle.room().await;
+    handle.try_send(session_id, HostMessage::Request { number: 1, request: Request::State }).expect("room");
+    device.join().expect("it is asked at the new port");
+    drop(handle);
+    timeout(Duration::from_secs(6), task).await.expect("the driver ends with its handles").expect("no panic");
+}
+
 #[tokio::test]
 async fn ports_that_cannot_be_opened_say_why() {
     let directory = tempfile::tempdir().expect("a directory");

@@ -167,13 +167,13 @@ fn a_plate_that_nothing_else_lifts_is_raised_and_its_part_still_asked_for() {
     assert!(told.contains("30 mm above the vat"), "{told}");
     wait_until("the plate above", || plate_um(&bench) == Some(CLEAR_UM));
     wait_until("its end", || bench.json(&["device"])["state"]["position_um"] == CLEAR_UM);
-    assert!(bench.ok(&["raise"]).contains("clear already"));
+    assert!(bench.ok(&["raise"]).contains("already out of the resin"));
     let log = fs::read_to_string(bench.path("daemon.log")).expect("log");
     assert!(log.contains("the plate is raised"), "{log}");
     let id = bench.start_job("part.layerd");
     let told = reason(&bench.job(id));
     assert!(told.contains("no record says that the plate was lifted at the end of job 1"), "{told}");
-    assert!(!told.contains("mm above the vat"), "{told}");
+    assert!(told.contains("the plate was raised from") && !told.contains("below the clear height"), "{told}");
 }
 
 #[test]
@@ -209,4 +209,28 @@ fn an_abort_stops_a_plate_that_is_raised() {
     assert!(plate_um(&bench) < Some(CLEAR_UM), "{:?}", plate_um(&bench));
     wait_until("the device again", || bench.json(&["device"])["state"]["moving"] == false);
     wait_until("raising again", || bench.layerctl(&["raise"]).status.success());
+}
+
+/// A power cut, another board, `raise`: the device shows the sign no more, and the part hangs where it hung.
+#[test]
+fn a_sign_that_was_told_waits_for_the_word_though_it_vanishes() {
+    let mut bench = part_in_the_vat();
+    fs::remove_dir_all(bench.path("spool")).expect("the spool");
+    bench.start_daemon();
+    wait_until("the device", || bench.json(&["device"])["connected"] == true);
+    let id = bench.start_job("part.layerd");
+    wait_until("the question", || reason(&bench.job(id)).contains("the device last exposed layer"));
+    // One that knows nothing of exposures, nor where its plate is.
+    bench.kill_device();
+    wait_until("it is gone", || bench.json(&["device"])["connected"] == false);
+    bench.start_device();
+    wait_until("the new device", || bench.json(&["device"])["connected"] == true);
+    let (before, acts) = (moves(&bench), bench.acts().len());
+    std::thread::sleep(std::time::Duration::from_millis(1500));
+    let job = bench.job(id);
+    assert_eq!(job["state"], "queued", "{job}");
+    assert!(reason(&job).contains("the device last exposed layer"), "{job}");
+    assert_eq!((moves(&bench), bench.acts().len()), (before, acts), "nothing is commanded");
+    bench.ok(&["resume", &id.to_string()]);
+    bench.wait_for(id, &["completed"]);
 }

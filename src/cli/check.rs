@@ -10,7 +10,7 @@ use serde::Serialize;
 use super::slice::{Setting, offline_slicer};
 use super::{duration_text, mib};
 use crate::buildfile::BuildFile;
-use crate::config::{Recipe, byte_size};
+use crate::config::{LEAST_BUDGET_BYTES, Recipe, byte_size};
 use crate::daemon::PrintMemory;
 use crate::device::encoding;
 use crate::link::message::Encoding;
@@ -161,8 +161,8 @@ fn judge(
     tell_size(&size);
     if memory_needed_bytes > budget {
         let problem = format!(
-            "it needs {0}MiB of memory, the budget is {1}MiB: set memory_budget = \"{0}MiB\" in the daemon's configuration",
-            memory_needed_bytes.div_ceil(1 << 20),
+            "it needs more memory than the budget of {1}MiB: set memory_budget = \"{0}MiB\" in the daemon's configuration",
+            memory_needed_bytes.max(LEAST_BUDGET_BYTES).div_ceil(1 << 20),
             budget >> 20
         );
         return Ok(Findings { fits: false, problems: vec![problem], size: Some(size), times: None });

@@ -42,6 +42,9 @@ fn default_spool() -> PathBuf {
     DEFAULT_SPOOL.into()
 }
 
+/// Below this not even a small picture and the line's buffers have room.
+pub const LEAST_BUDGET_BYTES: u64 = 8 << 20;
+
 fn default_memory_budget() -> u64 {
     64 << 20
 }
@@ -61,7 +64,13 @@ impl DaemonConfig {
     }
 
     fn check(&self) -> Result<(), OutOfRange> {
-        within("memory_budget (bytes)", self.memory_budget, 8 << 20, 1 << 40)?;
+        if !(LEAST_BUDGET_BYTES..=1 << 40).contains(&self.memory_budget) {
+            return Err(OutOfRange {
+                key: "memory_budget".into(),
+                value: format!("{} bytes", self.memory_budget),
+                allowed: format!("{}MiB to 1048576MiB", LEAST_BUDGET_BYTES >> 20),
+            });
+        }
         within("threads", self.threads.unwrap_or(1), 1, Slicer::MOST_THREADS)
     }
 }

@@ -84,7 +84,13 @@ impl Findings {
 
     fn spool(&mut self, path: &Path, place: &Path) {
         match spool(path) {
-            Ok(()) => self.room(path, place),
+            Ok(()) => {
+                self.room(path, place);
+                if is_held(path) {
+                    let text = format!("another layerd uses {} now, and a second one does not start", path.display());
+                    self.warnings.push(named("spool", place, &text));
+                }
+            }
             Err(error @ SpoolFault::Missing(_)) if path == Path::new(DEFAULT_SPOOL) => {
                 let text = named("spool", place, &error.text());
                 self.warnings.push(format!("{text} (the service makes it when it starts)"));
@@ -195,6 +201,12 @@ fn spool(root: &Path) -> Result<(), SpoolFault> {
         ))),
         _ => Ok(()),
     }
+}
+
+/// Whether a daemon holds the spool at this moment.
+fn is_held(root: &Path) -> bool {
+    let lock = std::fs::OpenOptions::new().write(true).open(root.join("lock"));
+    lock.is_ok_and(|lock| matches!(lock.try_lock(), Err(std::fs::TryLockError::WouldBlock)))
 }
 
 fn can_be_made(root: &Path) -> Result<(), SpoolFault> {

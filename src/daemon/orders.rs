@@ -73,6 +73,14 @@ pub(super) struct Unwritten {
 /// The slowest memory cards flush within a second; an operator who aborts is not kept waiting longer for a disk.
 const LONGEST_WRITE_US: u64 = 1_500_000;
 
+/// Why a job ended that had not begun.
+fn unbegun(order: EndOrder) -> &'static str {
+    match order {
+        EndOrder::Abort => "aborted by the operator before it began",
+        EndOrder::Stop => "stopped by the operator before it began",
+    }
+}
+
 const ENDED: &str = "ended by the operator";
 const CLOSED: &str =
     "ended by the operator; the part could not be opened, so the plate was not lifted: see to plate and light";
@@ -479,7 +487,7 @@ fn settle_in_journal(id: u32, path: &Path, change: Change) -> Result<Settled, Co
             let warning = warning(if history.ordered == Some(order) { Ok(()) } else { write(Record::Ordered(order)) });
             return Ok(Settled { outcome: Outcome::TakenUp(TakeUp::End(order.into())), warning });
         }
-        Change::End(order) => (order, ENDED),
+        Change::End(order) => (order, unbegun(order)),
         Change::Close => (EndOrder::Abort, CLOSED),
     };
     let state = if order == EndOrder::Abort { JobState::Aborted } else { JobState::Stopped };

@@ -19,6 +19,9 @@ use crate::link::message::{DeviceState, ExposureId};
 /// How far below the clear height a plate still counts as clear, micrometres: axes report positions to some ten micrometres.
 pub(super) const CLEAR_TOLERANCE_UM: i32 = 100;
 
+/// Signs kept for a job. A device shows a handful; more than two devices one after the other nobody plugs in.
+const MOST_SIGNS: usize = 64;
+
 /// How the device shows an exposure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Seen {
@@ -49,6 +52,11 @@ pub(super) enum Sign {
         /// The start of the device.
         boot_id: u32,
     },
+    /// `layerctl raise` lifted a plate that was not clear of the resin.
+    Raised {
+        /// From where.
+        from_um: i32,
+    },
     /// A job of this spool ended, and no record says that its plate was lifted.
     Left {
         /// The job.
@@ -70,6 +78,7 @@ impl Sign {
                 state.last_exposed.into_iter().chain(cut).any(|id| id.job == *key)
             }),
             (Self::Left { job, .. }, Self::Left { job: known, .. }) => job == known,
+            (Self::Raised { from_um }, Self::Raised { from_um: known }) => from_um == known,
             _ => false,
         })
     }
@@ -96,16 +105,30 @@ impl fmt::Display for Sign {
                 f64::from(*position_um) / 1000.0,
                 f64::from(*clear_um) / 1000.0
             ),
+            Self::Raised { from_um } => write!(
+                f,
+                "the plate was raised from {} mm above the vat, and nobody has said what hangs on it",
+                f64::from(*from_um) / 1000.0
+            ),
             Self::Left { job, .. } => write!(f, "no record says that the plate was lifted at the end of job {job}"),
         }
     }
 }
 
-/// Signs as one text, with what to do.
+/// What to do, and the signs as one text: of each job only the first exposure.
 pub(super) fn text(signs: &[Sign], job: u32) -> String {
-    let signs: Vec<_> = signs.iter().map(ToString::to_string).collect();
+    let mut keys = Vec::new();
+    let is_new = |sign: &&Sign| match sign {
+        Sign::Exposure { trace: Trace::Lit { job, .. } | Trace::Held { job, .. }, .. } => {
+            let is_new = !keys.contains(job);
+            keys.push(*job);
+            is_new
+        }
+        Sign::Low { .. } | Sign::Raised { .. } | Sign::Left { .. } => true,
+    };
+    let signs: Vec<_> = signs.iter().filter(is_new).map(ToString::to_string).collect();
     format!(
-        "waits for a clear plate: {}. Look at plate and vat, take out what is there, then `layerctl resume {job}`",
+        "waits for a clear plate: look at plate and vat, take out what is there, then `layerctl resume {job}`. Why: {}",
         signs.join("; ")
     )
 }
@@ -137,11 +160,12 @@ impl Printer {
             signs.extend(traces(state).into_iter().filter_map(unaccounted));
             signs.extend(self.low_plate(state));
         }
+        signs.extend(self.raised);
         signs.retain(|sign| !sign.is_known(&job.cleared, state));
         signs
     }
 
-    fn low_plate(&self, state: &DeviceState) -> Option<Sign> {
+    pub(super) fn low_plate(&self, state: &DeviceState) -> Option<Sign> {
         let position_um = state.position_um?;
         let clear_um = self.clear_um();
         let is_own = self.jobs.bare_on() == Some(state.boot_id);
@@ -167,7 +191,7 @@ impl Printer {
         if let Some((id, signs)) = told
             && let Some(job) = self.jobs.get_mut(id)
         {
-            job.told = signs;
+            job.tell(signs);
         }
         self.jobs.explain(self.holder())
     }
@@ -181,6 +205,7 @@ impl Printer {
         let job = self.waiting(id)?;
         job.awaits_plate = false;
         job.clear_told();
+        self.raised = None;
         self.publish_job(id);
         Ok(Step::Done(id))
     }
@@ -200,7 +225,7 @@ impl Printer {
         }
         tracing::warn!(job = id, "{}", text(&signs, id));
         if let Some(job) = self.jobs.get_mut(id) {
-            job.told = signs.clone();
+            job.tell(signs.clone());
         }
         match &mut self.running {
             Some(running) if running.engine.has_begun() => {
@@ -249,6 +274,21 @@ impl Job {
     /// Whether the plate must be bare when it begins: it is to print and has had no light.
     pub(super) fn needs_bare_plate(&self) -> bool {
         matches!(self.take_up, TakeUp::Print(_)) && !self.past.touched && !self.past.unknown
+    }
+
+    /// Names signs to the operator. One that was named stays until they answer, though the device shows it no more: a plate that
+    /// was raised, or a device that lost its position, does not make the vat empty.
+    fn tell(&mut self, signs: Vec<Sign>) {
+        let told = std::mem::replace(&mut self.told, signs);
+        for sign in told {
+            let is_told = self.told.iter().any(|new| match (new, &sign) {
+                (Sign::Low { .. }, Sign::Low { .. }) => true,
+                (new, sign) => new == sign,
+            });
+            if !is_told && self.told.len() < MOST_SIGNS {
+                self.told.push(sign);
+            }
+        }
     }
 
     /// The operator knows of every sign named so far.

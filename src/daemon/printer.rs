@@ -20,6 +20,7 @@ use super::line::Line;
 use super::opened::{Opened, Unopened};
 use super::orders::{Change, Unwritten};
 use super::part::EncodedLayer;
+use super::plate::Sign;
 use super::running::{Running, Task};
 use super::setting::Setting;
 use super::{notify, view};
@@ -53,6 +54,8 @@ pub(super) struct Printer {
     pub(super) link: Line,
     pub(super) capabilities: Option<Capabilities>,
     pub(super) idle: Idle,
+    /// The plate was raised from below its clear height, and nobody has said since that it is bare.
+    pub(super) raised: Option<Sign>,
     pub(super) device: DeviceView,
     pub(super) faults: FaultNews,
     /// The device as last heard of in this session; `None` without one.
@@ -97,6 +100,7 @@ impl Printer {
             link,
             capabilities: None,
             idle: Idle::default(),
+            raised: None,
             device: DeviceView::default(),
             faults: FaultNews::default(),
             device_state: None,
@@ -249,16 +253,24 @@ impl Printer {
         self.with_engine(|running| running.urgent = Some((number, urgent)));
     }
 
-    /// Tells the operator something.
+    /// Tells the operator something to look at.
     pub(super) fn notice(&self, text: String) {
         tracing::warn!("{text}");
         let _ = self.desk.events.send(News::Notice { text });
     }
 
+    /// Tells the operator that all is well.
+    pub(super) fn tell(&self, text: String) {
+        tracing::info!("{text}");
+        let _ = self.desk.events.send(News::Notice { text });
+    }
+
     fn open_next(&mut self) {
         let Some(job) = self.jobs.next() else { return };
-        let waits_for_word =
-            || job.needs_bare_plate() && !self.unknown_signs(job, self.device_state.as_ref()).is_empty();
+        let waits_for_word = || {
+            let signs = || self.unknown_signs(job, self.device_state.as_ref());
+            job.needs_bare_plate() && !(job.told.is_empty() && signs().is_empty())
+        };
         if job.awaits_plate || (job.awaits_device && !self.device.connected) || waits_for_word() {
             return;
         }

@@ -2,7 +2,7 @@
 
 use super::api::RaiseView;
 use super::handle::{Answer, CommandError};
-use super::plate::CLEAR_TOLERANCE_UM;
+use super::plate::{CLEAR_TOLERANCE_UM, Sign};
 use super::printer::Printer;
 use crate::deadline::Deadline;
 use crate::device::{Act, Outcome, check_capabilities};
@@ -42,10 +42,13 @@ impl Printer {
         if view.to_um == from_um {
             return Ok(Answer::Raise(view));
         }
+        let raised = self.low_plate(state).map(|_| Sign::Raised { from_um });
         let now_us = self.clock.now_us();
         let driver = self.idle.driver.as_mut().ok_or_else(absent)?;
         let act = Act::Move { position_um: view.to_um, speed_um_s };
         driver.act(act, now_us).map_err(|error| CommandError::new(409, error.to_string()))?;
+        // Where it is then it shows no more that something may hang on it.
+        self.raised = raised.or(self.raised);
         let travel_us = u64::from(view.to_um.abs_diff(from_um)) * 1_000_000 / u64::from(speed_um_s.max(1));
         self.idle.raise = Some(Raise { view, deadline: Deadline::at(now_us + travel_us + ACT_MARGIN_US) });
         tracing::info!(from_um, to_um = view.to_um, "the plate is raised");
@@ -67,7 +70,7 @@ impl Printer {
                          the axis"
                     )
                 } else {
-                    format!("the plate is raised: it is at {position_um} µm")
+                    return self.tell(format!("the plate is raised: it is at {position_um} µm"));
                 }
             }
             Outcome::Refused(refusal) => {

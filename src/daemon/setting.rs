@@ -44,9 +44,11 @@ impl Setting {
         let read =
             |path: &Path| std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()));
         let machine = Machine::load(&config.machine)
+            .map_err(located)
             .with_context(|| named("machine"))
             .and_then(|machine| Ok((machine, read(&config.machine)?)));
         let recipe = Recipe::load(&config.recipe)
+            .map_err(located)
             .with_context(|| named("recipe"))
             .and_then(|recipe| Ok((recipe, read(&config.recipe)?)));
         let threads = config.threads.unwrap_or_else(Slicer::default_threads);
@@ -56,5 +58,15 @@ impl Setting {
             }
             (machine, recipe) => Err([machine.err(), recipe.err()].into_iter().flatten().collect()),
         }
+    }
+}
+
+/// Says where a file that cannot be read was looked for: as a text, so that its cause is told once.
+fn located(error: ConfigError) -> anyhow::Error {
+    match error {
+        ConfigError::Read { .. } => {
+            anyhow::anyhow!("{error}; it is a path, counted from the directory of the file that names it")
+        }
+        error => error.into(),
     }
 }

@@ -6,7 +6,7 @@ use crate::device::{DriverEvent, Outcome};
 use crate::link::message::{Capabilities, DeviceKind, DeviceState, ExposureId};
 use crate::link::session::{Hindrance, Statistics};
 use crate::stream::MemoryBudget;
-use crate::text::short_name;
+use crate::text::{plain_line, short_name};
 
 /// The memory budget.
 pub(super) fn budget(budget: &MemoryBudget) -> BudgetView {
@@ -70,7 +70,7 @@ pub(super) fn device_told(view: &mut DeviceView, event: &DriverEvent, jobs: &Job
             state.light_on = false;
             state.last_exposed = holder.map(|job| ExposureView { job: job.to_string(), layer: *layer });
         }
-        DriverEvent::Fault(fault) => state.fault = fault.as_ref().map(|fault| fault.text.clone()),
+        DriverEvent::Fault(fault) => state.fault = fault.as_ref().map(|fault| plain_line(&fault.text)),
         _ => {}
     }
 }
@@ -82,7 +82,7 @@ fn state_view(state: &DeviceState, jobs: &Jobs) -> DeviceStateView {
         moving: state.moving,
         last_exposed: state.last_exposed.map(|id| exposure(id, jobs)),
         cut_short: state.cut_short.map(|(id, light_ms)| CutShortView { exposure: exposure(id, jobs), light_ms }),
-        fault: state.fault.as_ref().map(|fault| fault.text.clone()),
+        fault: state.fault.as_ref().map(|fault| plain_line(&fault.text)),
     }
 }
 

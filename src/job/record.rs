@@ -287,7 +287,7 @@ impl History {
         }
         if history.state.is_active() || (history.state == JobState::Queued && history.ordered.is_some()) {
             history.state = JobState::Interrupted;
-            history.reason = "the daemon ended without warning (crash or lost power)".into();
+            history.reason = "the daemon ended without warning (crash or lost power): `layerctl resume` goes on, `layerctl abort` ends the job".into();
         }
         Ok(history)
     }

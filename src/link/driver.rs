@@ -1,6 +1,8 @@
 //! The task that joins a host session to its port: paces bytes, keeps timers, opens the port again and begins new sessions.
 
 use std::io;
+use std::os::unix::fs::MetadataExt;
+use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -159,6 +161,11 @@ fn random_id() -> u32 {
     (bits ^ (bits >> 32)) as u32
 }
 
+/// The device number of the port that a path, perhaps a symbolic link, leads to now; `None` where it leads nowhere.
+fn port_at(path: &Path) -> Option<u64> {
+    std::fs::metadata(path).ok().map(|metadata| metadata.rdev())
+}
+
 /// Why the inner loop came back.
 enum Left {
     /// The session has ended, or was given up; the port is fine.
@@ -166,6 +173,8 @@ enum Left {
     /// The owner wants a new session.
     Renewed,
     Port(io::Error),
+    /// The configured path leads to another port now.
+    Elsewhere,
     /// Every handle, or the receiver of events, was dropped.
     Owner,
 }
@@ -192,7 +201,9 @@ impl LinkDriver {
             last_reason.clear();
             self.pacing.reset();
             self.renew();
-            match self.run_line(line).await {
+            let port = port_at(&self.config.path);
+            match self.run_line(line, port).await {
+                Left::Elsewhere => {}
                 Left::Owner | Left::Session | Left::Renewed => return,
                 Left::Port(error) => {
                     if self.events.send(LinkEvent::PortFailed(error)).await.is_err() || self.rest_after_failure().await
@@ -205,13 +216,16 @@ impl LinkDriver {
     }
 
     /// Sessions one after the other on an open port. Opening anew would reset many boards.
-    async fn run_line(&mut self, mut line: SerialLine) -> Left {
+    async fn run_line(&mut self, mut line: SerialLine, port: Option<u64>) -> Left {
         loop {
             self.forget_ends().await;
             match self.run_session(&mut line).await {
                 Left::Session => {
                     if self.rest_after_failure().await {
                         return Left::Owner;
+                    }
+                    if port_at(&self.config.path).is_some_and(|now| port != Some(now)) {
+                        return Left::Elsewhere;
                     }
                     self.renew();
                 }

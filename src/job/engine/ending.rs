@@ -3,6 +3,7 @@
 use super::{Engine, Event, Intent, Phase, SECOND_US};
 use crate::job::{EndOrder, JobState, Record};
 use crate::link::message::{Fault, Refusal, Urgent};
+use crate::text::plain_line;
 
 /// A running exposure that ends within this time may end when the daemon is told to stop: a layer cut short is in doubt, and
 /// the longest usual bottom exposure is worth half a minute of the two that systemd waits.
@@ -188,7 +189,7 @@ impl Engine {
     }
 
     pub(super) fn shutdown(&mut self, now_us: u64) {
-        const STOPPED: &str = "the daemon was stopped; resume when it runs again";
+        const STOPPED: &str = "the daemon was stopped: `layerctl resume` goes on, `layerctl abort` ends the job";
         match self.phase {
             Phase::Checking if self.touched => return self.end_unbegun(STOPPED),
             // It ends as aborted: the plate lifts, or the line is waited for, a minute at most.
@@ -369,7 +370,7 @@ const LIGHT_UNKNOWN: &str = "WARNING: the device did not confirm that its light 
      machine off at its mains and look";
 
 fn fault_text(fault: &Fault) -> String {
-    format!("the device reports fault {} ({}): mend it, then resume", fault.code, fault.text)
+    format!("the device reports fault {} ({}): mend it, then resume", fault.code, plain_line(&fault.text))
 }
 
 fn remedy(refusal: Refusal) -> &'static str {
