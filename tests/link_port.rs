@@ -216,7 +216,7 @@ async fn a_port_is_opened_once_and_set_up_so_that_closing_it_drops_no_line() {
     // As a program before left it: cooked, and to hang up when it is closed.
     let mut before = tcgetattr(&master).expect("modes");
     before.control_modes |= ControlModes::HUPCL | ControlModes::CSTOPB;
-    before.input_modes |= InputModes::IXON;
+    before.input_modes |= InputModes::IXON | InputModes::IXANY;
     tcsetattr(&master, OptionalActions::Now, &before).expect("set");
     let mut line = None;
     let count = openings(&name, || line = Some(SerialLine::open(&config(&name)).expect("opens")));
@@ -226,15 +226,19 @@ async fn a_port_is_opened_once_and_set_up_so_that_closing_it_drops_no_line() {
     let unwanted = ControlModes::HUPCL | ControlModes::CSTOPB | ControlModes::PARENB | ControlModes::CRTSCTS;
     assert!(!modes.control_modes.intersects(unwanted), "{:?}", modes.control_modes);
     assert!(modes.control_modes.contains(ControlModes::CLOCAL | ControlModes::CREAD | ControlModes::CS8));
-    assert!(!modes.input_modes.intersects(InputModes::IXON | InputModes::IXOFF | InputModes::ICRNL));
+    assert!(
+        !modes.input_modes.intersects(InputModes::IXON | InputModes::IXOFF | InputModes::IXANY | InputModes::ICRNL)
+    );
     assert!(!modes.local_modes.intersects(LocalModes::ECHO | LocalModes::ICANON | LocalModes::ISIG));
     drop(line);
     for (flow_control, control, input) in [
         (FlowControl::RtsCts, ControlModes::CRTSCTS, InputModes::empty()),
         (FlowControl::XonXoff, ControlModes::empty(), InputModes::IXON | InputModes::IXOFF),
     ] {
-        let _line = SerialLine::open(&LinkConfig { flow_control, ..config(&name) }).expect("opens");
+        // A rate that has no constant of its own.
+        let _line = SerialLine::open(&LinkConfig { flow_control, baud: 250_000, ..config(&name) }).expect("opens");
         let modes = tcgetattr(&master).expect("modes");
+        assert_eq!((modes.input_speed(), modes.output_speed()), (250_000, 250_000));
         assert!(modes.control_modes.contains(control) && modes.input_modes.contains(input), "{flow_control:?}");
     }
 }

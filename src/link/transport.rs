@@ -4,21 +4,23 @@
 //! Many boards reset when DTR rises. So the port is opened once, HUPCL is cleared, and neither line is touched.
 
 use std::io;
-use std::os::fd::OwnedFd;
+use std::os::fd::AsRawFd;
 use std::os::unix::fs::{FileTypeExt, MetadataExt};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
-use rustix::fs::{FlockOperation, Mode, OFlags};
-use rustix::io::Errno;
-use rustix::termios::{ControlModes, InputModes, OptionalActions, Termios, isatty, tcgetattr, tcsetattr};
-use tokio::io::Interest;
-use tokio::io::unix::AsyncFd;
+use nix::errno::Errno;
+use nix::sys::termios::{ControlFlags, InputFlags, SetArg, tcgetattr, tcsetattr};
+use serialport::{ErrorKind, SerialPort};
+use tokio::io::{AsyncReadExt, AsyncWriteExt, ReadHalf, WriteHalf};
+use tokio_serial::{SerialPortBuilderExt, SerialStream};
 
 use crate::config::{FlowControl, LinkConfig};
 
 /// Further from the rate asked for, a receiver samples the last bit of a byte wrongly.
 const RATE_TOLERANCE_PERCENT: u64 = 3;
+
+/// EHWPOISON, the highest error number of Linux.
+const LAST_ERRNO: i32 = 133;
 
 /// A port that could not be opened.
 #[derive(Debug, thiserror::Error)]
@@ -80,15 +82,11 @@ pub struct SerialLine {
 
 /// The half that reads.
 #[derive(Debug)]
-pub struct LineReader(Arc<Port>);
+pub struct LineReader(ReadHalf<SerialStream>);
 
 /// The half that writes.
 #[derive(Debug)]
-pub struct LineWriter(Arc<Port>);
-
-/// The open terminal, claimed for this process.
-#[derive(Debug)]
-struct Port(AsyncFd<OwnedFd>);
+pub struct LineWriter(WriteHalf<SerialStream>);
 
 impl SerialLine {
     /// Opens the port; a symbolic link is followed anew each time. Must be called inside a tokio runtime.
@@ -96,29 +94,24 @@ impl SerialLine {
     /// # Errors
     /// [`OpenError`] names the port and what to do.
     pub fn open(config: &LinkConfig) -> Result<Self, OpenError> {
-        let terminal = open_terminal(&config.path)?;
-        claim(&terminal).map_err(|errno| open_error(&config.path, 0, errno))?;
-        set_up(&terminal, config)?;
-        let port = Port::new(terminal).map_err(|error| other(&config.path, &error.to_string()))?;
-        let port = Arc::new(port);
-        Ok(Self { reader: LineReader(Arc::clone(&port)), writer: LineWriter(port) })
-    }
-}
-
-impl Port {
-    #[allow(
-        deprecated,
-        reason = "its successor is unsafe for what a port keeps: one descriptor, its own, as long as it lives"
-    )]
-    fn new(terminal: OwnedFd) -> io::Result<Self> {
-        AsyncFd::new(terminal).map(Self)
-    }
-}
-
-impl Drop for Port {
-    fn drop(&mut self) {
-        // A pseudo-terminal lives on as long as its other end, and its claim with it.
-        let _ = rustix::termios::ioctl_tiocnxcl(self.0.get_ref());
+        let path = &config.path;
+        let major = major_of_device(path)?;
+        let name = path.to_str().ok_or_else(|| other(path, "the path is not UTF-8"))?;
+        // The library claims the port with TIOCEXCL and then flock, and gives both up when the port is dropped. Root passes
+        // TIOCEXCL: where flock refuses root, the library takes TIOCEXCL off the port of the other program, too.
+        let builder = serialport::new(name, config.baud).flow_control(match config.flow_control {
+            FlowControl::None => serialport::FlowControl::None,
+            FlowControl::RtsCts => serialport::FlowControl::Hardware,
+            FlowControl::XonXoff => serialport::FlowControl::Software,
+        });
+        let stream = builder.open_native_async().map_err(|error| port_error(config, major, &error))?;
+        clear_modes(&stream).map_err(|errno| open_error(path, major, errno))?;
+        // Setting a port up succeeds where the port takes only a part of it.
+        let baud = stream.baud_rate().map_err(|error| port_error(config, major, &error))?;
+        let flow_control = stream.flow_control().map_err(|error| port_error(config, major, &error))?;
+        check_taken(config, baud, flow_control)?;
+        let (reader, writer) = tokio::io::split(stream);
+        Ok(Self { reader: LineReader(reader), writer: LineWriter(writer) })
     }
 }
 
@@ -128,8 +121,7 @@ impl LineReader {
     /// # Errors
     /// The port vanished or its other end closed; open it again.
     pub async fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        let read = |terminal: &OwnedFd| Ok(rustix::io::read(terminal, &mut *buffer)?);
-        match self.0.0.async_io(Interest::READABLE, read).await? {
+        match self.0.read(buffer).await? {
             0 => Err(io::Error::new(io::ErrorKind::UnexpectedEof, "the port was closed at its other end")),
             count => Ok(count),
         }
@@ -142,75 +134,69 @@ impl LineWriter {
     /// # Errors
     /// The port vanished or its other end closed; open it again.
     pub async fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let write = |terminal: &OwnedFd| Ok(rustix::io::write(terminal, bytes)?);
-        self.0.0.async_io(Interest::WRITABLE, write).await
+        self.0.write(bytes).await
     }
 }
 
-/// Opens what is a terminal. Anything else is told before it is opened, since opening alone can do something: a watchdog begins
-/// to count.
-fn open_terminal(path: &Path) -> Result<OwnedFd, OpenError> {
-    let metadata = std::fs::metadata(path).map_err(|error| match Errno::from_io_error(&error) {
-        Some(errno) => open_error(path, 0, errno),
+/// The major number of the character device at `path`. Anything else is refused before it is opened, since opening alone can
+/// do something: a reader of a named pipe wakes.
+fn major_of_device(path: &Path) -> Result<u32, OpenError> {
+    let metadata = std::fs::metadata(path).map_err(|error| match error.raw_os_error() {
+        Some(number) => open_error(path, 0, Errno::from_i32(number)),
         None => other(path, &error.to_string()),
     })?;
-    if !metadata.file_type().is_char_device() {
-        return Err(OpenError::NotATerminal(path.into()));
+    if metadata.file_type().is_char_device() {
+        Ok(rustix::fs::major(metadata.rdev()))
+    } else {
+        Err(OpenError::NotATerminal(path.into()))
     }
-    // Without waiting for a carrier, and without taking the terminal over.
-    let flags = OFlags::RDWR | OFlags::NONBLOCK | OFlags::NOCTTY | OFlags::CLOEXEC;
-    let terminal = rustix::fs::open(path, flags, Mode::empty())
-        .map_err(|errno| open_error(path, rustix::fs::major(metadata.rdev()), errno))?;
-    if isatty(&terminal) { Ok(terminal) } else { Err(OpenError::NotATerminal(path.into())) }
 }
 
-/// Keeps other programs off the port: those that ask the kernel, and those that agree among each other.
-fn claim(terminal: &OwnedFd) -> Result<(), Errno> {
-    rustix::fs::flock(terminal, FlockOperation::NonBlockingLockExclusive)?;
-    rustix::termios::ioctl_tiocexcl(terminal)
+/// Clears what the library leaves as the program before had it: HUPCL, and IXANY, with which any byte ends an XOFF.
+fn clear_modes(stream: &SerialStream) -> Result<(), Errno> {
+    let mut modes = tcgetattr(stream.as_raw_fd())?;
+    modes.control_flags -= ControlFlags::HUPCL;
+    modes.input_flags -= InputFlags::IXANY;
+    tcsetattr(stream.as_raw_fd(), SetArg::TCSANOW, &modes)
 }
 
-/// Raw, 8N1, at the configured rate, and without HUPCL.
-fn set_up(terminal: &OwnedFd, config: &LinkConfig) -> Result<(), OpenError> {
-    let path = &config.path;
-    let failed = |errno: Errno| match errno {
-        Errno::INVAL | Errno::RANGE => unsuited(path, "baud", config.baud.to_string(), String::new()),
-        errno => open_error(path, 0, errno),
-    };
-    let mut modes = tcgetattr(terminal).map_err(failed)?;
-    modes.make_raw();
-    modes.control_modes |= ControlModes::CREAD | ControlModes::CLOCAL;
-    modes.control_modes -= ControlModes::HUPCL | ControlModes::CSTOPB | ControlModes::CRTSCTS;
-    modes.input_modes -= InputModes::IXON | InputModes::IXOFF | InputModes::IXANY;
-    match config.flow_control {
-        FlowControl::None => {}
-        FlowControl::RtsCts => modes.control_modes |= ControlModes::CRTSCTS,
-        FlowControl::XonXoff => modes.input_modes |= InputModes::IXON | InputModes::IXOFF,
+/// Compares what the port has with what the machine's file asks for.
+fn check_taken(config: &LinkConfig, baud: u32, flow_control: serialport::FlowControl) -> Result<(), OpenError> {
+    let (path, wanted) = (&config.path, config.baud);
+    if u64::from(baud.abs_diff(wanted)) * 100 > u64::from(wanted) * RATE_TOLERANCE_PERCENT {
+        return Err(unsuited(path, "baud", wanted.to_string(), format!(", but has {baud}")));
     }
-    modes.set_speed(config.baud).map_err(failed)?;
-    tcsetattr(terminal, OptionalActions::Now, &modes).map_err(failed)?;
-    // The call succeeds where a part of it was done.
-    check_taken(&tcgetattr(terminal).map_err(failed)?, config)
-}
-
-fn check_taken(modes: &Termios, config: &LinkConfig) -> Result<(), OpenError> {
-    let (path, baud, found) = (&config.path, config.baud, modes.output_speed());
-    if u64::from(found.abs_diff(baud)) * 100 > u64::from(baud) * RATE_TOLERANCE_PERCENT {
-        return Err(unsuited(path, "baud", baud.to_string(), format!(", but has {found}")));
-    }
-    if config.flow_control == FlowControl::RtsCts && !modes.control_modes.contains(ControlModes::CRTSCTS) {
+    if config.flow_control == FlowControl::RtsCts && flow_control != serialport::FlowControl::Hardware {
         return Err(unsuited(path, "flow_control", "\"rts_cts\"".into(), String::new()));
     }
     Ok(())
 }
 
+/// What an error of the serial library means.
+fn port_error(config: &LinkConfig, major: u32, error: &serialport::Error) -> OpenError {
+    let path = &config.path;
+    match error.kind() {
+        // Its word for EBUSY and for a lock that another program holds.
+        ErrorKind::NoDevice => return OpenError::InUse(path.clone()),
+        ErrorKind::InvalidInput => return unsuited(path, "baud", config.baud.to_string(), String::new()),
+        _ => {}
+    }
+    // The kind is `Unknown` for most errors: only the text tells which.
+    match (1..=LAST_ERRNO).map(Errno::from_i32).find(|errno| errno.desc() == error.description) {
+        // What some devices (hidraw, evdev) answer to a terminal's ioctl. A terminal refuses no rate by an error.
+        Some(Errno::EINVAL) => OpenError::NotATerminal(path.clone()),
+        Some(errno) => open_error(path, major, errno),
+        None => other(path, &error.description),
+    }
+}
+
 fn open_error(path: &Path, major: u32, errno: Errno) -> OpenError {
     match errno {
-        Errno::NOENT | Errno::NOTDIR | Errno::NXIO | Errno::NODEV | Errno::IO => OpenError::Missing(path.into()),
-        Errno::BUSY | Errno::WOULDBLOCK => OpenError::InUse(path.into()),
-        Errno::ACCESS => OpenError::PermissionDenied(path.into()),
-        Errno::PERM => OpenError::Forbidden { path: path.into(), major },
-        Errno::NOTTY => OpenError::NotATerminal(path.into()),
+        Errno::ENOENT | Errno::ENOTDIR | Errno::ENXIO | Errno::ENODEV | Errno::EIO => OpenError::Missing(path.into()),
+        Errno::EBUSY | Errno::EWOULDBLOCK => OpenError::InUse(path.into()),
+        Errno::EACCES => OpenError::PermissionDenied(path.into()),
+        Errno::EPERM => OpenError::Forbidden { path: path.into(), major },
+        Errno::ENOTTY => OpenError::NotATerminal(path.into()),
         errno => other(path, &io::Error::from(errno).to_string()),
     }
 }
@@ -227,13 +213,41 @@ fn other(path: &Path, reason: &str) -> OpenError {
 mod tests {
     use super::*;
 
-    /// Neither can be had from the system in a test that runs as root.
+    /// What is told for an error number that the library met. Few of them can be had from the system in a test that runs as
+    /// root.
+    fn told(errno: Errno) -> String {
+        let config = LinkConfig { path: "/dev/ttyUSB0".into(), baud: 250_000, flow_control: FlowControl::RtsCts };
+        port_error(&config, 188, &serialport::Error::from(errno)).to_string()
+    }
+
     #[test]
     fn what_the_unit_forbids_is_told_from_what_the_group_forbids() {
-        let told = |errno| open_error(Path::new("/dev/ttyUSB0"), 188, errno).to_string();
-        let unit = told(Errno::PERM);
+        let unit = told(Errno::EPERM);
         assert!(unit.contains("DeviceAllow=char-188 rw") && !unit.contains("dialout"), "{unit}");
-        let group = told(Errno::ACCESS);
+        let group = told(Errno::EACCES);
         assert!(group.contains("group dialout") && !group.contains("DeviceAllow"), "{group}");
+    }
+
+    #[test]
+    fn errors_of_the_serial_library_keep_their_meaning() {
+        for errno in [Errno::ENOENT, Errno::ENXIO, Errno::ENODEV, Errno::EIO] {
+            assert!(told(errno).contains("no such port"), "{errno}");
+        }
+        for errno in [Errno::ENOTTY, Errno::EINVAL] {
+            assert!(told(errno).contains("not a serial port"), "{errno}");
+        }
+        assert!(told(Errno::EBUSY).contains("in use by another program"));
+        assert!(told(Errno::EMFILE).contains("os error 24"), "{}", told(Errno::EMFILE));
+    }
+
+    #[test]
+    fn a_port_that_takes_only_a_part_is_refused() {
+        use serialport::FlowControl::{Hardware, None};
+        let config = LinkConfig { path: "/dev/ttyUSB0".into(), baud: 250_000, flow_control: FlowControl::RtsCts };
+        let refused = |baud, flow_control| check_taken(&config, baud, flow_control).expect_err("refused").to_string();
+        assert!(check_taken(&config, 257_500, Hardware).is_ok() && check_taken(&config, 242_500, Hardware).is_ok());
+        assert!(refused(9600, Hardware).contains("does not take baud = 250000, but has 9600"));
+        assert!(refused(257_501, Hardware).contains("but has 257501"));
+        assert!(refused(250_000, None).contains("does not take flow_control = \"rts_cts\""));
     }
 }
