@@ -39,10 +39,11 @@ fn abort_on_a_saturated_line_turns_the_light_off_within_100_ms() {
 /// Aborts a print while a layer is exposed and the next one is on the line; how long it took to turn the light off, or the
 /// bytes a second on a line that was not saturated while there was light.
 fn abort_once() -> Result<Duration, f64> {
-    // Layers of tens of kilobytes on a line that carries 11 a second: while one is exposed the next is always under way.
+    // Layers of tens of kilobytes, the first ones too, on a line that carries 11 a second: while one is exposed the next is
+    // under way.
     let setup = Setup { exposure_ms: 20_000, baud: 115_200, time_scale: 1, size_px: [1600, 1200], ..Setup::default() };
     let bench = Bench::start(setup);
-    bench.ok(&["generate", "random", "--struts", "12000", "--box", "70,50,3", "--seed", "2", "-o", "part.layerd"]);
+    bench.ok(&["generate", "bcc", "--struts", "60000", "--box", "70,50,3", "-o", "part.layerd"]);
     let id = bench.start_job("part.layerd");
     let acts_file = bench.path("device-out/acts.jsonl");
     let logged = |word: &str| std::fs::read_to_string(&acts_file).is_ok_and(|text| text.contains(word));
