@@ -54,7 +54,7 @@ impl Engine {
         self.wait_until(Phase::Darkening { until_us: now_us + URGENT_US }, now_us + ASK_FOR_DARK_US);
     }
 
-    /// The device reported dark while that was waited for.
+    /// The device told its state while dark is waited for.
     pub(super) fn on_darkening(&mut self, state: DeviceState, now_us: u64) {
         let lit = state.light_on || state.exposing.is_some();
         self.notice_state(state);
