@@ -5,7 +5,7 @@ use tokio::sync::oneshot;
 use super::handle::{Answer, CommandError};
 use super::jobs::Job;
 use super::opened::{Opened, Unopened};
-use super::orders::Settled;
+use super::settle::Settled;
 
 /// Where an order's answer goes.
 pub(super) type Reply = oneshot::Sender<Result<Answer, CommandError>>;

@@ -31,7 +31,10 @@ mod running;
 pub mod server;
 mod session;
 mod setting;
+mod settle;
 pub mod socket;
+mod submit;
+mod unwritten;
 mod upload;
 mod view;
 

@@ -1,0 +1,135 @@
+//! A new job: checked against machine, recipe and device, and put into the spool.
+
+use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use super::background::{Background, Reply};
+use super::clock::unix_ms;
+use super::handle::{CommandError, Submission};
+use super::jobs::Job;
+use super::part::Part;
+use super::printer::Printer;
+use super::setting::Setting;
+use crate::buildfile::BuildFile;
+use crate::config::Recipe;
+use crate::device::{Misfit, check_fit};
+use crate::job::{JournalError, NewJob, Record, Spool, SpoolError};
+use crate::link::message::Capabilities;
+use crate::random;
+
+impl Printer {
+    /// Checks and stores a new job in the background.
+    pub(super) fn submit(&self, submission: Submission, reply: Reply) {
+        let (setting, spool) = (Arc::clone(&self.setting), Arc::clone(&self.spool));
+        let jobs_ended = submission.jobs_ended;
+        let (background, limit_bytes) = (self.background.clone(), self.budget.limit_bytes());
+        let device = self.capabilities.clone().filter(|_| self.device.connected);
+        // Beside a print there is no memory for it; the job is looked at before it begins in any case.
+        let looks = self.is_idle();
+        tokio::task::spawn_blocking(move || {
+            let fits = check_device(&setting, &submission, device.as_ref());
+            let verified = fits.and_then(|()| verify(&submission));
+            let result =
+                verified.and_then(|()| accept(&setting, &spool, &submission, limit_bytes, looks)).map(Box::new);
+            let _ = background.blocking_send(Background::Accepted { result, jobs_ended, reply });
+        });
+    }
+
+    /// A new job is in the spool, or not.
+    pub(super) fn accepted(&mut self, result: Result<Box<Job>, CommandError>, jobs_ended: u64, reply: Reply) {
+        let answer = result.map(|job| {
+            let id = job.directory.id;
+            self.jobs.accept(*job);
+            // Started with nothing before it, the operator has just seen the plate. Nobody has behind another job, not even
+            // one that ended while this one arrived, nor where who asked did not wait for the answer.
+            let is_next = self.jobs.ahead_of(id, self.holder()).is_none();
+            let is_seen = jobs_ended == self.jobs_ended && !reply.is_closed() && is_next;
+            if let Some(job) = self.jobs.get_mut(id) {
+                job.awaits_plate = self.setting.machine.confirm_plate && !is_seen;
+            }
+            self.publish_job(id);
+            id
+        });
+        let _ = reply.send(answer.and_then(|id| self.view(id, None)));
+    }
+}
+
+/// Checks that the connected device can print the new job; without one that is left to the job's beginning.
+fn check_device(setting: &Setting, submission: &Submission, device: Option<&Capabilities>) -> Result<(), CommandError> {
+    let (recipe, _) = recipe_of(setting, submission)?;
+    let Some(device) = device else { return Ok(()) };
+    check_fit(&setting.machine, &recipe, device).map(|_| ()).map_err(|misfit| {
+        // Another device will do, or another recipe.
+        let status = if matches!(misfit, Misfit::Machine(_)) { 409 } else { 422 };
+        CommandError::new(status, misfit.to_string())
+    })
+}
+
+/// The recipe of a new job, and its text.
+fn recipe_of<'a>(setting: &'a Setting, submission: &'a Submission) -> Result<(Recipe, &'a str), CommandError> {
+    let text = submission.recipe_text.as_deref().unwrap_or(&setting.recipe_text);
+    let place = submission.recipe_name.as_deref().unwrap_or("recipe");
+    let recipe = Recipe::parse(Path::new(place), text).map_err(|error| CommandError::new(422, error.to_string()))?;
+    Ok((recipe, text))
+}
+
+/// Checks a new part from its first byte to its last. Blocks.
+fn verify(submission: &Submission) -> Result<(), CommandError> {
+    let verified = BuildFile::open(&submission.part).and_then(|file| file.verify());
+    verified.map_err(|error| unprintable(submission, &error.to_string()))
+}
+
+fn unprintable(submission: &Submission, text: &str) -> CommandError {
+    // The operator knows the part by its own name, not by that in the spool.
+    CommandError::new(422, text.replace(&submission.part.display().to_string(), &submission.name))
+}
+
+/// Checks a new job, its bottom layers too where `looks`, and puts it into the spool. Blocks.
+fn accept(
+    setting: &Setting,
+    spool: &Mutex<Spool>,
+    submission: &Submission,
+    limit_bytes: u64,
+    looks: bool,
+) -> Result<Job, CommandError> {
+    let (recipe, recipe_text) = recipe_of(setting, submission)?;
+    let part = Part::open(&submission.part, &setting.machine, &recipe, setting.threads, limit_bytes)
+        .map_err(|error| unprintable(submission, &error.to_string()))?;
+    if looks {
+        part.check_footing(&recipe, limit_bytes).map_err(|problem| unprintable(submission, &problem))?;
+    }
+    // 0 names no job.
+    let key = random::bits().max(1);
+    let layer_count = part.layer_count();
+    let accepted = Record::Accepted { key, layer_count, name: submission.name.clone() };
+    let job = NewJob {
+        part: &submission.part,
+        recipe: recipe_text,
+        machine: &setting.machine_text,
+        accepted,
+        at_unix_ms: unix_ms(),
+    };
+    // A panic elsewhere leaves the spool as it was: jobs appear whole or not at all.
+    let spool = spool.lock().unwrap_or_else(PoisonError::into_inner);
+    spool.check_space(0).map_err(|error| spool_error(&error))?;
+    let (directory, journal) = spool.create(job).map_err(|error| spool_error(&error))?;
+    if !journal.is_reserved() {
+        tracing::warn!(
+            job = directory.id,
+            "the spool's file system sets no room aside (fallocate): a full disk can keep the job's end from being written"
+        );
+    }
+    Ok(Job::accepted(directory, key, layer_count, submission.name.clone(), recipe.name))
+}
+
+fn spool_error(error: &SpoolError) -> CommandError {
+    let is_full = match error {
+        SpoolError::NoSpace { .. } => true,
+        SpoolError::Io { source, .. } | SpoolError::Journal(JournalError::Io { source, .. }) => {
+            source.kind() == std::io::ErrorKind::StorageFull
+        }
+        _ => false,
+    };
+    let status = if is_full { 507 } else { 500 };
+    CommandError::new(status, error.to_string())
+}

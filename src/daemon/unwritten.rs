@@ -1,0 +1,93 @@
+//! Orders that an engine carries out: each is answered once its record is on disk, so that it outlives the daemon.
+
+use super::background::Reply;
+use super::printer::Printer;
+use super::settle::Change;
+use crate::job::{EndOrder, JobState};
+
+/// The slowest memory cards flush within a second; an operator who aborts is not kept waiting longer for a disk.
+const LONGEST_WRITE_US: u64 = 1_500_000;
+/// What is said of an order whose record is not on disk.
+const SLOW: &str =
+    "is being carried out, but the disk has not taken its record yet: after a crash now it must be given again";
+pub(super) const UNWRITTEN: &str =
+    "is carried out, but its record could not be written: after a restart of the daemon it must be given again";
+
+/// An order that is being carried out and is answered once it is on disk.
+#[derive(Debug)]
+pub(super) struct Unwritten {
+    job: u32,
+    order: EndOrder,
+    reply: Reply,
+    /// A disk that takes longer than this keeps nobody waiting.
+    until_us: u64,
+}
+
+impl Unwritten {
+    /// An order just given to an engine.
+    pub(super) fn new(job: u32, order: EndOrder, reply: Reply, now_us: u64) -> Self {
+        Self { job, order, reply, until_us: now_us + LONGEST_WRITE_US }
+    }
+}
+
+impl Printer {
+    /// Answers the orders that engines carry out and that are on disk now, or never will be.
+    pub(super) fn answer_written(&mut self) {
+        let now_us = self.clock.now_us();
+        for order in std::mem::take(&mut self.unwritten) {
+            let id = order.job;
+            let is_late = order.until_us <= now_us;
+            let running = self.running.as_ref().filter(|running| running.job == id).map(|running| &running.engine);
+            let warning = match running {
+                // One that is ending already may end as a job that can go on.
+                Some(engine) if engine.order_unwritten() || engine.is_over() => is_late.then_some(SLOW),
+                Some(engine) => {
+                    let warning = engine.journal_failed().then_some(UNWRITTEN);
+                    self.answer(order, warning);
+                    continue;
+                }
+                None if self.opening == Some(id) => is_late.then_some(SLOW),
+                // It came when the job was ending already, as one that could go on.
+                None if self
+                    .jobs
+                    .get(id)
+                    .is_some_and(|job| job.view.state == JobState::Interrupted && !job.ordered) =>
+                {
+                    self.change(id, Change::End(order.order), order.reply);
+                    continue;
+                }
+                None => {
+                    self.answer(order, None);
+                    continue;
+                }
+            };
+            match warning {
+                Some(warning) => self.answer(order, Some(warning)),
+                None => self.unwritten.push(order),
+            }
+        }
+    }
+
+    /// Answers the orders for a job that is over and whose journal could not be written.
+    pub(super) fn answer_unwritten(&mut self, id: u32) {
+        for order in self.unwritten.extract_if(.., |order| order.job == id).collect::<Vec<_>>() {
+            self.answer(order, Some(UNWRITTEN));
+        }
+    }
+
+    fn answer(&mut self, order: Unwritten, warning: Option<&str>) {
+        if let Some(warning) = warning {
+            self.notice(format!("the order to {} job {} {warning}", order.order.verb(), order.job));
+        }
+        // Before the answer: one who asks again at once must not see how it was before.
+        self.publish_job(order.job);
+        let answer = self.view(order.job, warning.map(|warning| format!("the order {warning}")));
+        // Whoever asked may have gone.
+        let _ = order.reply.send(answer);
+    }
+
+    /// The orders for a job that could not be opened: taken away to be answered otherwise.
+    pub(super) fn take_unwritten(&mut self, id: u32) -> Vec<Reply> {
+        self.unwritten.extract_if(.., |order| order.job == id).map(|order| order.reply).collect()
+    }
+}
