@@ -15,8 +15,9 @@ use flate2::Compression;
 use flate2::write::ZlibEncoder;
 use layerd::buildfile::BuildFile;
 use layerd::device::encoding::{Decoder, encode};
+use layerd::layer::{Bitmap, Depth, Mirror, Raster};
 use layerd::link::message::Encoding;
-use layerd::slice::{Bitmap, Depth, Mirror, Raster, SlicePlan, Slicer};
+use layerd::slice::{SlicePlan, Slicer};
 use layerd::stream::MemoryBudget;
 use rustix::time::{ClockId, clock_gettime};
 

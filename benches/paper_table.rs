@@ -39,7 +39,8 @@ use std::process::Command;
 use std::time::{Duration, Instant};
 
 use layerd::buildfile::{BuildFile, GenerateOptions, Height, Kind, PackOptions, generate, pack};
-use layerd::slice::{Bitmap, Depth, Mirror, Raster, SlicePlan, Slicer};
+use layerd::layer::{Bitmap, Depth, Mirror, Raster};
+use layerd::slice::{SlicePlan, Slicer};
 use layerd::solid::Effort;
 use layerd::stream::MemoryBudget;
 use serde::{Deserialize, Serialize};

@@ -7,7 +7,8 @@ use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 
 use layerd::buildfile::{Blend, Bounds, Caps, Header, Placement, Strut};
-use layerd::slice::{Bitmap, Depth, MemoryStruts, Mirror, Raster, SlicePlan, Slicer};
+use layerd::layer::{Bitmap, Depth, Mirror, Raster};
+use layerd::slice::{MemoryStruts, SlicePlan, Slicer};
 use layerd::stream::MemoryBudget;
 
 fn main() {

@@ -13,6 +13,7 @@
 //! |---------------|-------------------------------------------------------------------|
 //! | [`buildfile`] | the build file: import, sort out of core, write, stream, seek     |
 //! | [`solid`]     | what is inside at a point: convolution struts, exact union        |
+//! | [`layer`]     | one layer as pixels, the grid it is made for, export as PNG       |
 //! | [`mod@slice`] | the sweep plane: active set, strips, drawing → a layer            |
 //! | [`stream`]    | computing ahead: thread, memory budget, queue of finished layers  |
 //! | [`link`]      | the wire: frames, reliable session with credit, serial transport  |
@@ -34,6 +35,7 @@ mod deadline;
 pub mod device;
 mod disk;
 pub mod job;
+pub mod layer;
 pub mod link;
 mod output;
 mod random;

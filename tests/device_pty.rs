@@ -9,8 +9,8 @@ use std::time::{Duration, Instant};
 
 use device_common::{capabilities, picture, print::Printer};
 use layerd::device::sim::{FaultSpec, SimulateOptions, Statistics, run};
+use layerd::layer::export::write_png;
 use layerd::link::session::{HostEvent, HostSession, HostSettings};
-use layerd::slice::write_png;
 
 const BAUD: u32 = 3_000_000;
 

@@ -7,8 +7,8 @@ use image::{ExtendedColorType, ImageEncoder};
 use layerd::device::encoding::{
     Choice, DecodeError, Decoder, choose, encode, encode_shortest, largest_encoded_bytes, picture_crc32,
 };
+use layerd::layer::{Bitmap, Depth};
 use layerd::link::message::Encoding;
-use layerd::slice::{Bitmap, Depth};
 use proptest::prelude::*;
 
 const ALL: [Encoding; 4] = [Encoding::RawBit, Encoding::Group4, Encoding::RawGrey, Encoding::RunGrey];

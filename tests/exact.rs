@@ -5,7 +5,7 @@ mod properties;
 mod slice_part;
 
 use layerd::buildfile::{Blend, Caps, Strut};
-use layerd::slice::{Depth, Mirror, Raster};
+use layerd::layer::{Depth, Mirror, Raster};
 use layerd::solid::Path;
 use layerd::solid::reference::beam_field;
 use proptest::prelude::*;

@@ -4,9 +4,8 @@ mod properties;
 mod slice_part;
 
 use layerd::buildfile::{Blend, Bounds, Cap, Caps, Header, Placement, Strut};
-use layerd::slice::{
-    Bitmap, Depth, Footing, MemoryStruts, Mirror, PlanError, Raster, SliceError, SlicePlan, Slicer, StrutSource,
-};
+use layerd::layer::{Bitmap, Depth, Mirror, Raster};
+use layerd::slice::{Footing, MemoryStruts, PlanError, SliceError, SlicePlan, Slicer, StrutSource};
 use layerd::solid::{Beam, Path};
 use layerd::stream::MemoryBudget;
 use proptest::prelude::*;
@@ -253,7 +252,7 @@ fn what_cannot_be_sliced_is_an_error() {
     assert!(matches!(Slicer::new(thick, part.plan, 1, 0, &budget), Err(SliceError::RadiusTooLarge { .. })));
     for raster in [
         Raster { width_px: 0, ..raster(Mirror::default()) },
-        Raster { height_px: Raster::MOST_PX + 1, ..raster(Mirror::default()) },
+        Raster { height_px: Raster::MAX_PX + 1, ..raster(Mirror::default()) },
         Raster { pixel_um: [20.0, f64::NAN], ..raster(Mirror::default()) },
     ] {
         let planned = SlicePlan::new(part.source.header(), raster, Depth::Bit, 50.0);

@@ -13,8 +13,9 @@ use crate::buildfile::BuildFile;
 use crate::config::{LEAST_BUDGET_BYTES, Recipe, byte_size};
 use crate::daemon::PrintMemory;
 use crate::device::encoding;
+use crate::layer::{Bitmap, Depth};
 use crate::link::message::Encoding;
-use crate::slice::{Bitmap, Depth, Footing, SlicePlan, Slicer};
+use crate::slice::{Footing, SlicePlan, Slicer};
 
 /// Says before a print whether it fits the machine, the memory and the line, and holds to the plate.
 #[derive(Debug, clap::Args)]

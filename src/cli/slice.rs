@@ -10,8 +10,10 @@ use serde::Serialize;
 
 use crate::buildfile::{Blend, BuildFile, Header};
 use crate::config::{ConfigText, Folder, Machine, Recipe, find};
+use crate::layer::export::write_png;
+use crate::layer::{Bitmap, Depth, Mirror};
 use crate::output::Output;
-use crate::slice::{Bitmap, Depth, Mirror, SlicePlan, Slicer, write_png};
+use crate::slice::{SlicePlan, Slicer};
 use crate::solid::ISOVALUE;
 use crate::stream::MemoryBudget;
 

@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 
 use super::{ConfigError, OutOfRange, parse, read_text, within};
-use crate::slice::Slicer;
 
 /// Settings of `layerd`. Relative paths are taken from the directory of the file they stand in.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -45,6 +44,9 @@ fn default_spool() -> PathBuf {
 /// Below this not even a small picture and the line's buffers have room.
 pub const LEAST_BUDGET_BYTES: u64 = 8 << 20;
 
+/// More than the cores of any host that drives a printer.
+pub const MAX_THREADS: usize = 256;
+
 fn default_memory_budget() -> u64 {
     64 << 20
 }
@@ -71,7 +73,7 @@ impl DaemonConfig {
                 allowed: format!("{}MiB to 1048576MiB", LEAST_BUDGET_BYTES >> 20),
             });
         }
-        within("threads", self.threads.unwrap_or(1), 1, Slicer::MOST_THREADS)
+        within("threads", self.threads.unwrap_or(1), 1, MAX_THREADS)
     }
 }
 

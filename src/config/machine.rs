@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use super::{ConfigError, OutOfRange, parse, read_text, within};
-use crate::slice::{Mirror, Raster};
+use crate::layer::{Mirror, Raster};
 
 /// A DLP machine, `config/machines/*.toml`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -96,8 +96,8 @@ impl Machine {
     }
 
     fn check(&self) -> Result<(), OutOfRange> {
-        within("width_px", self.width_px, 16, Raster::MOST_PX)?;
-        within("height_px", self.height_px, 16, Raster::MOST_PX)?;
+        within("width_px", self.width_px, 16, Raster::MAX_PX)?;
+        within("height_px", self.height_px, 16, Raster::MAX_PX)?;
         within("pixel_um[0]", self.pixel_um[0], 1.0, 1000.0)?;
         within("pixel_um[1]", self.pixel_um[1], 1.0, 1000.0)?;
         within("build_height_um", self.build_height_um, 1000.0, 2_000_000.0)?;

@@ -9,7 +9,7 @@ mod recipe;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-pub use daemon::{DEFAULT_SOCKET, DEFAULT_SPOOL, DaemonConfig, LEAST_BUDGET_BYTES, byte_size};
+pub use daemon::{DEFAULT_SOCKET, DEFAULT_SPOOL, DaemonConfig, LEAST_BUDGET_BYTES, MAX_THREADS, byte_size};
 pub use lookup::{ConfigText, FindError, Folder, NotFound, find};
 pub use machine::{FlowControl, LinkConfig, Machine};
 pub use recipe::Recipe;

@@ -12,8 +12,8 @@ use super::socket::{self, BindError};
 use super::{PrintMemory, descriptors};
 use crate::config::{DEFAULT_SOCKET, DEFAULT_SPOOL, Machine};
 use crate::disk;
+use crate::layer::Depth;
 use crate::link::transport::OpenError;
-use crate::slice::Depth;
 
 /// What the program takes besides its memory budget; `ARCHITECTURE.md` says of what.
 const BESIDE_BUDGET_BYTES: u64 = 24 << 20;

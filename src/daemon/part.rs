@@ -6,8 +6,9 @@ use std::sync::Arc;
 use crate::buildfile::{BuildFile, BuildFileError};
 use crate::config::{Machine, Recipe};
 use crate::device::encoding::{self, Choice};
+use crate::layer::{Bitmap, Depth};
 use crate::link::message::Encoding;
-use crate::slice::{Bitmap, Depth, Footing, SliceError, SlicePlan, Slicer};
+use crate::slice::{Footing, SliceError, SlicePlan, Slicer};
 use crate::stream::{Ahead, MemoryBudget, Produced};
 
 /// What the line holds at most: queues of the session both ways, the serial buffers, one layer's bookkeeping.

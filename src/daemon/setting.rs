@@ -4,8 +4,11 @@ use std::path::Path;
 
 use anyhow::Context;
 
-use crate::config::{ConfigError, DaemonConfig, Machine, Recipe};
+use crate::config::{ConfigError, DaemonConfig, MAX_THREADS, Machine, Recipe};
 use crate::slice::Slicer;
+
+// Every number of threads that a configuration may ask for can be had.
+const _: () = assert!(MAX_THREADS <= Slicer::MOST_THREADS);
 
 /// What does not change while the daemon runs.
 pub struct Setting {

@@ -2,8 +2,8 @@
 
 use super::encoding::{self, Choice};
 use crate::config::{Machine, Recipe};
+use crate::layer::Depth;
 use crate::link::message::{Capabilities, DeviceKind};
-use crate::slice::Depth;
 
 /// One layer is exposed while the next arrives.
 const LEAST_SLOTS: u8 = 2;

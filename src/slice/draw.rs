@@ -2,7 +2,8 @@
 
 use super::active::ActiveSet;
 use super::workers::Workers;
-use super::{Bitmap, Depth, SliceError, SlicePlan};
+use super::{SliceError, SlicePlan};
+use crate::layer::{Bitmap, Depth};
 use crate::solid::{Effort, Path, Plane, Shape, Strip};
 use crate::stream::{Charge, MemoryBudget};
 

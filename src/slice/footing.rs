@@ -1,6 +1,7 @@
 //! What a print begins on: the lowest layers, before anything is exposed.
 
-use super::{Bitmap, SliceError, Slicer};
+use super::{SliceError, Slicer};
+use crate::layer::Bitmap;
 
 /// Bottom layers looked at, at most: they are to hold the part, and each may take the time of a large layer.
 const MOST_BOTTOM_LAYERS: u32 = 16;

@@ -5,21 +5,17 @@
 //! plan alone: not on threads, on which of a processor's instruction sets is used, or on the layer the sweep began with.
 
 mod active;
-mod bitmap;
 mod draw;
 mod footing;
 mod plan;
-mod png;
 mod slicer;
 mod source;
 mod sweep;
 mod volume;
 mod workers;
 
-pub use bitmap::{Bitmap, Depth};
 pub use footing::Footing;
-pub use plan::{Mirror, PlanError, Raster, SlicePlan};
-pub use png::write_png;
+pub use plan::{PlanError, SlicePlan};
 pub use slicer::{SliceError, Slicer};
 pub use source::{ChunkSpan, MemoryStruts, StrutSource};
 pub use volume::{Estimate, Volume};

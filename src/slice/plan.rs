@@ -1,47 +1,7 @@
 //! From a part, a raster and a layer height to the pixels and planes that will be sampled.
 
-use super::Depth;
 use crate::buildfile::{Header, Placement};
-
-/// Which axes of the picture run against the build file's.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Mirror {
-    /// Columns run towards smaller x.
-    pub x: bool,
-    /// Rows run towards smaller y.
-    pub y: bool,
-}
-
-/// The machine's picture and build height, as far as geometry must know them.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Raster {
-    /// Pixels a row, 1 to [`Raster::MOST_PX`].
-    pub width_px: u32,
-    /// Rows, 1 to [`Raster::MOST_PX`].
-    pub height_px: u32,
-    /// Pixel pitch along x and y, micrometres; greater than 0.
-    pub pixel_um: [f64; 2],
-    /// Largest part height, micrometres.
-    pub build_height_um: f64,
-    /// Mirroring.
-    pub mirror: Mirror,
-}
-
-impl Raster {
-    /// Most pixels along a side: four times the largest projectors; rows and columns are reckoned in `f32` to a 50th.
-    pub const MOST_PX: u32 = 1 << 15;
-
-    fn check(&self) -> Result<(), PlanError> {
-        let Self { width_px, height_px, pixel_um, .. } = *self;
-        let is_size = |side_px: u32| (1..=Self::MOST_PX).contains(&side_px);
-        let is_pitch = |pitch_um: f64| pitch_um.is_finite() && pitch_um > 0.0;
-        if is_size(width_px) && is_size(height_px) && pixel_um.into_iter().all(is_pitch) {
-            return Ok(());
-        }
-        Err(PlanError::BadRaster(*self))
-    }
-}
+use crate::layer::{Depth, Raster};
 
 /// Why a part cannot be sliced for a machine.
 #[derive(Debug, thiserror::Error)]
@@ -49,7 +9,7 @@ pub enum PlanError {
     /// A picture of no size, or too large.
     #[error(
         "a picture of {} × {} pixels of {:?} µm: allowed are 1 to {} pixels along a side, of a pitch greater than 0",
-        .0.width_px, .0.height_px, .0.pixel_um, Raster::MOST_PX
+        .0.width_px, .0.height_px, .0.pixel_um, Raster::MAX_PX
     )]
     BadRaster(Raster),
     /// The part leaves the build volume.
@@ -105,13 +65,15 @@ impl SlicePlan {
     /// [`PlanError`] where the raster or the layer height is out of range, the part's bounds leave the build area or height (it
     /// names axis and excess), or there would be too many layers.
     pub fn new(header: &Header, raster: Raster, depth: Depth, layer_height_um: f64) -> Result<Self, PlanError> {
-        raster.check()?;
+        if !raster.is_valid() {
+            return Err(PlanError::BadRaster(raster));
+        }
         if !(Self::LEAST_HEIGHT_UM..=Self::MOST_HEIGHT_UM).contains(&layer_height_um) {
             return Err(PlanError::BadLayerHeight(layer_height_um));
         }
         let low_um = header.bounds.min.map(|x| f64::from(x) * header.quantum_um);
         let high_um = header.bounds.max.map(|x| f64::from(x) * header.quantum_um);
-        let area_um = area_um(&raster);
+        let area_um = raster.area_um();
         let corner_um = [0, 1].map(|axis| {
             let middle_um = match header.placement {
                 Placement::Centred => area_um[axis] / 2.0,
@@ -146,10 +108,6 @@ impl SlicePlan {
     }
 }
 
-fn area_um(raster: &Raster) -> [f64; 2] {
-    [f64::from(raster.width_px) * raster.pixel_um[0], f64::from(raster.height_px) * raster.pixel_um[1]]
-}
-
 /// The quarter turns, as `--rotate` takes them, after which a part of that size fits the volume.
 fn turn_that_fits(size: [f64; 3], volume: [f64; 3]) -> Option<&'static str> {
     // Which of the part's axes lies along x, y and z after each.
@@ -165,7 +123,7 @@ fn turn_that_fits(size: [f64; 3], volume: [f64; 3]) -> Option<&'static str> {
 }
 
 fn check_volume(raster: &Raster, low_um: [f64; 3], high_um: [f64; 3], corner_um: [f64; 2]) -> Result<(), PlanError> {
-    let [area_x, area_y] = area_um(raster);
+    let [area_x, area_y] = raster.area_um();
     let volume = [area_x, area_y, raster.build_height_um];
     let size = [0, 1, 2].map(|axis| high_um[axis] - low_um[axis]);
     let outside = |text: String| Err(PlanError::OutsideVolume(text));

@@ -3,8 +3,9 @@
 use super::draw::Drawing;
 use super::sweep::Sweep;
 use super::workers::Workers;
-use super::{Bitmap, Depth, SlicePlan, StrutSource};
+use super::{SlicePlan, StrutSource};
 use crate::buildfile::Blend;
+use crate::layer::{Bitmap, Depth};
 use crate::solid::{Convolution, Effort, Grid, LARGEST_RADIUS_SHARE, Path, Plane, Shape, Union};
 use crate::stream::{BudgetExceeded, MemoryBudget};
 

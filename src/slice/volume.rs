@@ -6,8 +6,9 @@
 
 use std::sync::Arc;
 
-use super::{Bitmap, ChunkSpan, Depth, Mirror, Raster, SliceError, SlicePlan, Slicer, StrutSource};
+use super::{ChunkSpan, SliceError, SlicePlan, Slicer, StrutSource};
 use crate::buildfile::{Blend, BuildFile, Header, Strut};
+use crate::layer::{Bitmap, Depth, Mirror, Raster};
 use crate::stream::MemoryBudget;
 
 /// Planes drawn: some of each floor of a lattice of a hundred, as most of the error is what happens between two planes.
@@ -122,7 +123,7 @@ fn plan(header: &Header, peak_active: u64) -> SlicePlan {
     let high_um = header.bounds.max.map(|x| f64::from(x) * header.quantum_um + bulge_um);
     let size_um = [0, 1, 2].map(|axis| high_um[axis] - low_um[axis]);
     let least_um = f64::from(header.radius_range[0]) * header.quantum_um * LEAST_PIXEL_SHARE;
-    let longest_um = size_um[0].max(size_um[1]) / f64::from(Raster::MOST_PX - 3);
+    let longest_um = size_um[0].max(size_um[1]) / f64::from(Raster::MAX_PX - 3);
     let pixel_um = (size_um[0] * size_um[1] / PIXELS).sqrt().max(least_um).max(longest_um);
     let [width_px, height_px] = [0, 1].map(|axis| (size_um[axis] / pixel_um).ceil() as u32 + 2);
     // A whole number of pairs.

@@ -5,11 +5,11 @@ pub mod print;
 
 use layerd::device::encoding::{encode, picture_crc32};
 use layerd::device::sim::{ActRecord, CoreAction, DlpCore};
+use layerd::layer::{Bitmap, Depth};
 use layerd::link::message::{
     Capabilities, DeviceKind, DeviceMessage, DeviceState, Encoding, ExposureId, Fault, HostMessage, Reply, Report,
     Request, Urgent,
 };
-use layerd::slice::{Bitmap, Depth};
 
 pub const WIDTH_PX: u32 = 70;
 pub const HEIGHT_PX: u32 = 20;

@@ -2,7 +2,8 @@
 #![allow(dead_code, unreachable_pub, reason = "each test file uses its part")]
 
 use layerd::buildfile::{Blend, Bounds, Cap, Caps, Header, Placement, Strut};
-use layerd::slice::{Bitmap, Depth, MemoryStruts, Mirror, Raster, SlicePlan, Slicer};
+use layerd::layer::{Bitmap, Depth, Mirror, Raster};
+use layerd::slice::{MemoryStruts, SlicePlan, Slicer};
 use layerd::solid::{self, Beam, Path};
 use layerd::stream::MemoryBudget;
 

@@ -3,8 +3,8 @@
 use super::bits::BitReader;
 use super::range::RangeDecoder;
 use super::{depth_of, group4, run_grey};
+use crate::layer::{Bitmap, Depth};
 use crate::link::message::Encoding;
-use crate::slice::{Bitmap, Depth};
 
 /// Bytes that are not a picture of the agreed size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]

@@ -7,7 +7,7 @@ use fax::maps::{Mode, black, mode, white};
 
 use super::bits::{BitReader, BitWriter};
 use super::decoder::DecodeError;
-use crate::slice::Bitmap;
+use crate::layer::Bitmap;
 
 /// The mode codes of T.6 table 1: code and length.
 const PASS: (u32, u32) = (0b0001, 4);

@@ -20,8 +20,8 @@ pub mod run_grey;
 
 pub use decoder::{DecodeError, Decoder};
 
+use crate::layer::{Bitmap, Depth};
 use crate::link::message::Encoding;
-use crate::slice::{Bitmap, Depth};
 
 /// A picture of one depth was to be written in an encoding of the other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]

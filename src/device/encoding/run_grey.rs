@@ -9,7 +9,7 @@
 use super::decoder::DecodeError;
 use super::grey_model::{Model, Near};
 use super::range::{RangeDecoder, RangeEncoder};
-use crate::slice::Bitmap;
+use crate::layer::Bitmap;
 
 /// Appends a grey picture to `bytes`, which must be empty.
 pub(super) fn encode(bitmap: &Bitmap, bytes: &mut Vec<u8>) {

@@ -13,10 +13,10 @@ use plate::{HOMING_SPEED_UM_S, Motion};
 use upload::Upload;
 
 use super::log::ActRecord;
+use crate::layer::Bitmap;
 use crate::link::message::{
     Capabilities, DeviceMessage, DeviceState, ExposureId, Fault, HostMessage, Refusal, Reply, Report, Request, Urgent,
 };
-use crate::slice::Bitmap;
 
 /// Where the plate stands before the first homing, which nobody knows but the simulation.
 const UNKNOWN_POSITION_UM: i32 = 20_000;

@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use crate::slice::{Bitmap, write_png};
+use crate::layer::Bitmap;
+use crate::layer::export::write_png;
 
 /// One line of `acts.jsonl`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]

@@ -10,7 +10,7 @@ use std::path::Path;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder};
 
-use super::{Bitmap, Depth};
+use crate::layer::{Bitmap, Depth};
 use crate::output::Output;
 
 /// Writes a layer as 8-bit grey. The file appears whole or not at all, whatever ends the program.
