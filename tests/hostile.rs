@@ -227,9 +227,44 @@ fn no_job_begins_in_light_that_nothing_puts_off() {
     std::thread::sleep(Duration::from_millis(1500));
     let acts = |seen: &Seen| matches!(seen, Seen::Asked(Request::Home | Request::Move { .. } | Request::Expose { .. }));
     assert!(!stage.log().iter().any(|entry| acts(&entry.seen)), "{}", stage.story());
-    stage.bench.ok(&["abort"]);
-    let job = stage.wait_for(id, &["aborted", "failed"]);
+    let job = stage.bench.job(id);
+    assert!(job["state"] == "queued" && reason(&job).contains("waits for a dark device"), "{job}");
+    stage.bench.ok(&["abort", &id.to_string()]);
+    let job = stage.wait_for(id, &["aborted"]);
     assert!(!stage.log().iter().any(|entry| acts(&entry.seen)), "{job}\n{}", stage.story());
+}
+
+#[test]
+fn light_that_stays_on_without_a_job_is_shown_as_long_as_it_lasts() {
+    const WARNING: &str =
+        "WARNING: the device does not put its light off: switch the machine off at its mains and look";
+    let stage = Stage::with(honest());
+    stage.control(|controls| controls.stray = Some(Stray { outlasts: u32::MAX }));
+    let order_ms = stage.dark_order_ms(0);
+    assert!(stage.bench.json(&["status"])["stays_lit"].is_null(), "told at once");
+    let id = stage.print();
+    let warned = || stage.bench.json(&["status"])["stays_lit"] == WARNING;
+    assert!(soon(PATIENCE, warned), "no warning\n{}", stage.story());
+    let told_ms = stage.log().last().expect("a log").at_ms;
+    assert!(told_ms >= order_ms + 4_900, "told {told_ms} ms, ordered {order_ms} ms");
+    assert_eq!(stage.bench.json(&["device"])["stays_lit"], WARNING);
+    for command in ["status", "device"] {
+        let shown = stage.bench.ok(&[command]);
+        assert!(shown.contains(WARNING), "{command}: {shown}");
+    }
+    let job = stage.bench.job(id);
+    assert!(job["state"] == "queued" && reason(&job).contains(WARNING), "{job}");
+    assert_eq!(stage.notices().iter().filter(|text| *text == WARNING).count(), 1, "{:?}", stage.notices());
+    let log = std::fs::read_to_string(stage.bench.path("daemon.log")).expect("a log");
+    assert_eq!(log.lines().filter(|line| line.contains("WARN") && line.contains(WARNING)).count(), 1, "{log}");
+    // The device goes dark by itself: the warning goes, and the job begins.
+    stage.control(|controls| controls.stray = Some(Stray::default()));
+    assert!(soon(PATIENCE, || stage.bench.json(&["status"])["stays_lit"].is_null()), "{}", stage.story());
+    stage.assert_noticed(&["reports that its light is off"]);
+    assert!(!stage.bench.ok(&["device"]).contains("WARNING"));
+    let job = stage.ended(id);
+    assert_eq!(job["state"], "completed", "{job}\n{}", stage.story());
+    stage.assert_each_layer_lit_once(&job);
 }
 
 #[test]

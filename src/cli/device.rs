@@ -30,6 +30,9 @@ pub(super) fn run(args: &DeviceArgs) -> anyhow::Result<()> {
     if !device.connected {
         print("connected  no; what follows is what it said last, and may have changed since")?;
     }
+    if let Some(warning) = &device.stays_lit {
+        print(&format!("LIGHT      {warning}"))?;
+    }
     if let Some(misfit) = &device.misfit {
         print(&format!("MISFIT     {misfit}"))?;
     }

@@ -37,6 +37,7 @@ pub(super) fn machine(status: &Status) -> Vec<String> {
     let device = link.device.as_deref().unwrap_or("no device yet");
     lines.push(format!("line     {} on {}: {device}", link.state, link.path));
     lines.extend(link.reason.iter().map(|reason| format!("         {reason}")));
+    lines.extend(status.stays_lit.iter().map(|warning| format!("LIGHT    {warning}")));
     lines.extend(status.misfit.iter().map(|misfit| format!("MISFIT   {misfit}")));
     lines
 }

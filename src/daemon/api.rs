@@ -30,6 +30,9 @@ pub struct Status {
     /// Why the connected device cannot print on this machine with the default recipe, and what to do.
     #[serde(default)]
     pub misfit: Option<String>,
+    /// The device does not put its light off: what to do. Stays until the device reports dark.
+    #[serde(default)]
+    pub stays_lit: Option<String>,
     /// The job that holds the machine: it prints, or is interrupted and its part is on the plate.
     pub active: Option<JobView>,
     /// Jobs behind it, the next one first.
@@ -187,6 +190,9 @@ pub struct DeviceView {
     /// Why it cannot print on this machine with the default recipe, and what to do.
     #[serde(default)]
     pub misfit: Option<String>,
+    /// It does not put its light off: what to do. Stays until it reports dark.
+    #[serde(default)]
+    pub stays_lit: Option<String>,
     /// What it is and can do; absent where it never answered.
     pub info: Option<DeviceInfo>,
     /// What it was doing when it last said so.

@@ -47,6 +47,7 @@ impl Snapshot {
             machine: self.machine.clone(),
             link: self.link.clone(),
             misfit: self.device.misfit.clone().filter(|_| self.device.connected),
+            stays_lit: self.device.stays_lit.clone(),
             active: self.active().cloned(),
             queue: self.jobs.iter().filter(queued).cloned().collect(),
             last: self.last().cloned(),

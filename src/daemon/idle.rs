@@ -2,7 +2,7 @@
 
 use super::printer::Printer;
 use super::raise::Raise;
-use crate::device::{DlpDriver, DriverEvent, Light, LightWatch};
+use crate::device::{DlpDriver, DriverEvent, Light, LightWatch, STAYS_LIT};
 use crate::link::message::{DeviceState, Urgent};
 
 /// What is known of the device while no job runs.
@@ -51,6 +51,38 @@ impl Printer {
             Light::Dark => self.idle.light.ended(),
             Light::Commanded { until_us } => self.idle.light_due_us = Some(until_us + 1),
             Light::Uncommanded(text) => self.put_light_off(&text),
+        }
+    }
+
+    /// What is known of the device's light, whoever watches it.
+    fn light(&self) -> &LightWatch {
+        self.running.as_ref().map_or(&self.idle.light, |running| running.engine.light())
+    }
+
+    /// Notes whether the device stays lit although it was told to be dark. The operator is told once; what they see of the device
+    /// says so as long as it lasts.
+    pub(super) fn look_at_light(&mut self) {
+        let stays_lit = self.light().stays_lit();
+        match (stays_lit, self.device.stays_lit.is_some()) {
+            (true, false) => {
+                self.device.stays_lit = Some(STAYS_LIT.into());
+                self.notice(STAYS_LIT.into());
+            }
+            (false, true) => {
+                self.device.stays_lit = None;
+                self.tell("the device reports that its light is off".into());
+            }
+            _ => {}
+        }
+    }
+
+    /// Why no job may begin to print: the device shows light that it must not have.
+    pub(super) fn unwanted_light(&self) -> Option<&'static str> {
+        let light = self.light();
+        match (light.stays_lit(), light.is_unwanted()) {
+            (true, _) => Some(STAYS_LIT),
+            (false, true) => Some("the device shows light that no job commanded, and was told to put it off"),
+            (false, false) => None,
         }
     }
 

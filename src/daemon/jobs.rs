@@ -240,8 +240,8 @@ impl Jobs {
         }
     }
 
-    /// Writes into every queued job's view what it waits for; returns those where that changed.
-    pub(super) fn explain(&mut self, holder: Option<u32>) -> Vec<u32> {
+    /// Writes into every queued job's view what it waits for; returns those where that changed. `light` is why none may print.
+    pub(super) fn explain(&mut self, holder: Option<u32>, light: Option<&str>) -> Vec<u32> {
         let mut changed = Vec::new();
         for id in self.queue.clone() {
             let ahead = self.ahead_of(id, holder);
@@ -254,6 +254,7 @@ impl Jobs {
                         "is {verb} as ordered as soon as the device answers; `layerctl abort {id}` does not wait for it"
                     )
                 }),
+                _ if light.is_some() => light.map(|light| format!("waits for a dark device: {light}")),
                 _ if !job.told.is_empty() => Some(plate::text(&job.told, id)),
                 _ if job.awaits_plate => {
                     Some(format!("waits for a clear plate: take the last part off, then `layerctl resume {id}`"))

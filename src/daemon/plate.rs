@@ -193,7 +193,8 @@ impl Printer {
         {
             job.tell(signs);
         }
-        self.jobs.explain(self.holder())
+        let light = self.unwanted_light();
+        self.jobs.explain(self.holder(), light)
     }
 
     /// The operator's word for a queued job. It counts only once the job is next: whoever says it earlier cannot have looked.
@@ -271,9 +272,14 @@ impl Printer {
 }
 
 impl Job {
+    /// Whether it waits for the machine to print, not to end.
+    pub(super) fn is_to_print(&self) -> bool {
+        matches!(self.take_up, TakeUp::Print(_))
+    }
+
     /// Whether the plate must be bare when it begins: it is to print and has had no light.
     pub(super) fn needs_bare_plate(&self) -> bool {
-        matches!(self.take_up, TakeUp::Print(_)) && !self.past.touched && !self.past.unknown
+        self.is_to_print() && !self.past.touched && !self.past.unknown
     }
 
     /// Names signs to the operator. One that was named stays until they answer, though the device shows it no more: a plate that

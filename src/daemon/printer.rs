@@ -272,6 +272,9 @@ impl Printer {
             let signs = || self.unknown_signs(job, self.device_state.as_ref());
             job.needs_bare_plate() && !(job.told.is_empty() && signs().is_empty())
         };
+        if job.is_to_print() && self.unwanted_light().is_some() {
+            return;
+        }
         if job.awaits_plate || (job.awaits_device && !self.device.connected) || waits_for_word() {
             return;
         }
@@ -448,6 +451,7 @@ impl Printer {
 
     /// Writes what subscribers and `status` read.
     pub(super) fn publish(&mut self) {
+        self.look_at_light();
         for id in self.explain_queue() {
             if let Some(job) = self.jobs.get(id) {
                 let _ = self.desk.events.send(News::Job(Box::new(job.view.clone())));

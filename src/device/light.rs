@@ -1,5 +1,6 @@
 //! Whether the light that a device reports is light that was commanded, and for no longer than commanded.
 
+use crate::deadline::Deadline;
 use crate::link::message::{DeviceState, ExposureId};
 
 /// What a device may take beyond the commanded time of an exposure and the round trip of its request: half a second covers the
@@ -8,6 +9,12 @@ const GRACE_US: u64 = 500_000;
 /// A request whose arrival nobody has confirmed counts as arrived after this time. A line that carries nothing for so long is
 /// lost anyway.
 const LONGEST_ROUND_TRIP_US: u64 = 2_000_000;
+/// A device that was told to put its light off must report dark within this time, microseconds: it takes 100 ms, and the rest is
+/// for a line that is just being repaired.
+pub const DARK_LIMIT_US: u64 = 5_000_000;
+/// What the operator is told about a device that is lit for longer than [`DARK_LIMIT_US`] after the order to be dark.
+pub const STAYS_LIT: &str =
+    "WARNING: the device does not put its light off: switch the machine off at its mains and look";
 
 /// What a reported state says about the light.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -28,6 +35,10 @@ pub enum Light {
 pub struct LightWatch {
     exposure: Option<Exposure>,
     put_off: PutOff,
+    /// By when the device must be dark; `None` where it has no unwanted light as far as it has said.
+    dark_due: Option<Deadline>,
+    /// It reported light after that time.
+    stays_lit: bool,
 }
 
 /// The exposure commanded last, until it is known to have ended.
@@ -89,6 +100,38 @@ impl LightWatch {
 
     /// Judges a state that the device reported.
     pub fn observe(&mut self, state: &DeviceState, now_us: u64) -> Light {
+        let light = self.judge(state, now_us);
+        if matches!(light, Light::Uncommanded(_)) {
+            let due = self.dark_due.get_or_insert(Deadline::at(now_us + DARK_LIMIT_US));
+            self.stays_lit |= due.is_over(now_us);
+        } else {
+            self.is_right();
+        }
+        light
+    }
+
+    /// A state came in a welcome that is not judged any further: where it shows no light, there is none.
+    pub fn greeted(&mut self, state: &DeviceState) {
+        if !state.light_on && state.exposing.is_none() {
+            self.is_right();
+        }
+    }
+
+    fn is_right(&mut self) {
+        (self.dark_due, self.stays_lit) = (None, false);
+    }
+
+    /// Whether the device showed unwanted light when it was last heard of.
+    pub fn is_unwanted(&self) -> bool {
+        self.dark_due.is_some()
+    }
+
+    /// Whether the device stays lit although it was told to be dark [`DARK_LIMIT_US`] ago.
+    pub fn stays_lit(&self) -> bool {
+        self.stays_lit
+    }
+
+    fn judge(&mut self, state: &DeviceState, now_us: u64) -> Light {
         let Some(lit) = state.exposing else {
             if state.light_on {
                 return Light::Uncommanded("the device shows light without an exposure".into());

@@ -10,6 +10,6 @@ mod tolerance;
 
 pub use act::{Act, Outcome};
 pub use dlp::{DlpDriver, DriverBusy, DriverEvent};
-pub use light::{Light, LightWatch};
+pub use light::{DARK_LIMIT_US, Light, LightWatch, STAYS_LIT};
 pub use mismatch::{MachineMismatch, Misfit, check_capabilities, check_fit};
 pub use tolerance::Dose;

@@ -31,7 +31,7 @@ pub(super) fn draw(frame: &mut Frame<'_>, view: &View, now: Instant) {
         None => (KEYS.into(), Color::Reset),
     };
     let prompt = Paragraph::new(plain(&prompt)).style(Style::new().fg(colour)).wrap(Wrap { trim: false });
-    let warning = age.map(|age| warning(view, age)).or_else(|| fault(&view.reading.device)).unwrap_or_default();
+    let warning = age.map(|age| warning(view, age)).or_else(|| trouble(&view.reading.device)).unwrap_or_default();
     let warning = Paragraph::new(plain(&warning)).style(Style::new().fg(Color::Red)).wrap(Wrap { trim: false });
     let note = Paragraph::new(plain(view.young_note(now))).wrap(Wrap { trim: false });
 
@@ -100,7 +100,11 @@ fn warning(view: &View, age: Duration) -> String {
     format!("NOT LIVE: what is shown is {} old; {why}", duration_text(age.as_secs()))
 }
 
-fn fault(device: &DeviceView) -> Option<String> {
+/// What is wrong with the device, the light first.
+fn trouble(device: &DeviceView) -> Option<String> {
+    if device.stays_lit.is_some() {
+        return device.stays_lit.clone();
+    }
     let fault = device.state.as_ref()?.fault.as_ref()?;
     Some(format!("FAULT: {fault}"))
 }
@@ -158,6 +162,17 @@ mod tests {
         assert_shown(&shown, &words);
         view.reading.status.active = None;
         assert_shown(&screen(&view, 90, 24, view.reading.at).0, &["no job"]);
+    }
+
+    #[test]
+    fn a_light_that_does_not_go_off_is_shown_before_a_fault() {
+        let mut view = view();
+        let warning = crate::device::STAYS_LIT;
+        view.reading.device.stays_lit = Some(warning.into());
+        view.reading.device.state.as_mut().unwrap().fault = Some("door open".into());
+        assert_shown(&screen(&view, 60, 12, view.reading.at).0, &["LIGHT ON", warning]);
+        view.reading.device.stays_lit = None;
+        assert_shown(&screen(&view, 60, 12, view.reading.at).0, &["FAULT: door open"]);
     }
 
     #[test]

@@ -4,6 +4,7 @@
 use super::ending::URGENT_US;
 use super::{Engine, Phase};
 use crate::deadline::Deadline;
+use crate::device::{DARK_LIMIT_US, STAYS_LIT};
 use crate::job::JobState;
 use crate::link::message::{DeviceState, Urgent};
 
@@ -51,7 +52,7 @@ impl Engine {
     /// Waits until the device reports dark, and has answered the order to be: it is repeated until then.
     pub(super) fn darken(&mut self, now_us: u64) {
         self.out.query = true;
-        self.wait_until(Phase::Darkening { until_us: now_us + URGENT_US }, now_us + ASK_FOR_DARK_US);
+        self.wait_until(Phase::Darkening { until_us: now_us + DARK_LIMIT_US }, now_us + ASK_FOR_DARK_US);
     }
 
     /// The device told its state while dark is waited for.
@@ -75,13 +76,10 @@ impl Engine {
             return;
         }
         if self.device.light_on || self.device.exposing.is_some() {
-            return self.end_unparked(STAYS_LIT.into());
+            return self.end_unparked(format!("{STAYS_LIT}. The plate was not lifted"));
         }
         self.intend_to_end(JobState::Interrupted, "the device did not answer the order to put its light off".into());
         self.light.give_up();
         self.advance(now_us);
     }
 }
-
-const STAYS_LIT: &str = "WARNING: the device does not put its light off: switch the machine off at its mains and look. The plate \
-     was not lifted";

@@ -37,6 +37,7 @@ impl Engine {
         self.max_position_um = max_position_um;
         self.uploads.reset(self.plan.key, &state);
         self.warm = false;
+        self.light.greeted(&state);
         self.notice_state(state);
     }
 
