@@ -347,6 +347,27 @@ fn an_abort_is_repeated_until_it_is_dark() {
     });
 }
 
+/// It goes dark only with its third session, and answers no abort in any.
+#[test]
+fn an_abort_that_is_neither_obeyed_nor_answered_goes_again_in_the_next_session() {
+    let stage = Stage::with(Box::new(|controls, moment| match moment {
+        // Only once the abort came: the order to put the light off must not do its work.
+        Moment::Obeys(Urgent::LightOff, _) => controls.stray = controls.stray.map(|_| Stray { outlasts: 2 }),
+        Moment::Obeys(_, answer) => *answer = None,
+        moment => begin_stray(2, controls, &moment),
+    }));
+    let id = stage.print();
+    stage.wait_until_seen("light beside an exposure", 1, |seen| *seen == Seen::Lied);
+    stage.bench.ok(&["abort", &id.to_string()]);
+    stage.assert_goes_dark();
+    assert!(stage.longest_light_ms() < LONGEST_LIGHT_MS, "{}", stage.story());
+    let aborts = stage.log().iter().filter(|entry| matches!(entry.seen, Seen::Urgent(_, Urgent::Abort))).count();
+    assert!(aborts >= 3, "{aborts} aborts\n{}", stage.story());
+    let job = stage.wait_for(id, &["aborted"]);
+    assert!(reason(&job).contains("switch the machine off at its mains"), "{job}");
+    assert_eq!(stage.after_lie(|seen| matches!(seen, Seen::Lit(_))), None, "{job}\n{}", stage.story());
+}
+
 /// A device that lights `LAYER` well and says another time.
 fn says_it_shone(told_ms: u32) -> Script {
     Box::new(move |controls, moment| {

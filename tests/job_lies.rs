@@ -6,7 +6,7 @@ mod properties;
 
 use job_world::{CLEAR_UM, KEY, LAYERS, Lies, World, world_exposing};
 use layerd::device::{Act, Dose};
-use layerd::job::{Event, History, JobState, Record, ResumeChoice};
+use layerd::job::{Command, Event, History, JobState, Record, ResumeChoice};
 use layerd::link::message::{DeviceState, ExposureId, Urgent};
 use proptest::prelude::*;
 
@@ -149,6 +149,45 @@ fn a_device_that_stays_lit_moves_nothing_and_is_told_in_capitals() {
     assert!(world.now_us - began_us < 20 * SECOND_US, "{} µs", world.now_us - began_us);
     let orders = world.urgents.iter().filter(|(_, urgent)| *urgent == Urgent::LightOff).count();
     assert!(orders > 3, "told again and again: {orders}");
+}
+
+/// An abort that the device neither obeys nor answers goes again in a new session as soon as the device says that it is lit.
+#[test]
+fn an_abort_that_is_not_obeyed_is_repeated_within_a_second() {
+    for ignored in 1..=3u32 {
+        let mut world = world_exposing(2);
+        world.lies.unheard_aborts = ignored;
+        world.device_act = None;
+        let began_us = world.now_us;
+        world.disturb(job_world::Disturbance::Order(Command::Abort));
+        world.carry_out();
+        while world.device.light_on {
+            assert!(world.next_event());
+        }
+        let lit_us = world.now_us - began_us;
+        assert!(lit_us <= u64::from(ignored) * SECOND_US, "{ignored} aborts ignored: {lit_us} µs of light");
+        let orders = world.urgents.iter().filter(|(_, urgent)| *urgent == Urgent::Abort).count();
+        assert_eq!(orders as u32, ignored + 1);
+        world.finish();
+        assert_eq!(world.end().0, JobState::Aborted, "{:?}", world.end());
+        assert_eq!(world.device.position_um, Some(CLEAR_UM), "{:?}", world.end());
+    }
+}
+
+#[test]
+fn an_abort_that_is_never_obeyed_ends_with_the_mains_warning_within_seconds() {
+    let mut world = world_exposing(2);
+    world.lies.unheard_aborts = u32::MAX;
+    world.device_act = None;
+    let (began_us, acts) = (world.now_us, world.acts.len());
+    world.disturb(job_world::Disturbance::Order(Command::Abort));
+    world.carry_out();
+    world.finish();
+    assert_eq!((world.end().0, world.acts.len()), (JobState::Aborted, acts), "{:?}", world.end());
+    assert!(world.end().1.contains("switch the machine off at its mains"), "{:?}", world.end());
+    assert!(world.now_us - began_us < 5 * SECOND_US, "{} µs", world.now_us - began_us);
+    let orders = world.urgents.iter().filter(|(_, urgent)| *urgent == Urgent::Abort).count();
+    assert!(orders >= 5, "one a session: {orders}");
 }
 
 #[test]
@@ -321,6 +360,7 @@ fn any_lies() -> impl Strategy<Value = Lies> {
         stays_lit,
         mute: ear == 1,
         deaf: ear == 2,
+        unheard_aborts: 0,
     })
 }
 

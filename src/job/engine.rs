@@ -124,7 +124,7 @@ enum Phase {
     Asking {
         until_us: u64,
     },
-    /// UrgentDone, Connected.
+    /// UrgentDone, Connected; State, asked for again and again, where the device goes on shining.
     AbortSent,
     /// Connected.
     AbortReconnect,
@@ -173,6 +173,8 @@ pub struct Engine {
     aborting: bool,
     light_known_off: bool,
     abort_sessions: u32,
+    /// When the abort went out in the present session.
+    abort_sent_us: u64,
     /// The device has answered the abort sent last.
     abort_answered: bool,
     act_number: u64,
@@ -220,6 +222,7 @@ impl Engine {
             aborting: false,
             light_known_off: false,
             abort_sessions: 0,
+            abort_sent_us: 0,
             abort_answered: false,
             act_number: 0,
             act_running: None,

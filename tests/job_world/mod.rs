@@ -70,6 +70,8 @@ pub(crate) struct Lies {
     pub(crate) mute: bool,
     /// It takes no act at all.
     pub(crate) deaf: bool,
+    /// So many aborts, one a session, it neither obeys nor answers.
+    pub(crate) unheard_aborts: u32,
 }
 
 /// Engine, device, journal and line, with a clock of their own.
@@ -339,6 +341,12 @@ impl World {
             return;
         }
         self.urgents.push((self.now_us, urgent));
+        if urgent == Urgent::Abort && self.lies.unheard_aborts > 0 {
+            self.lies.unheard_aborts -= 1;
+            // The host repeats it, and the device knows its number until the next session.
+            self.urgent_waits = Some(urgent);
+            return;
+        }
         if self.lies.stays_lit {
             return self.engine.handle(Event::UrgentFailed("the light is on".into()), self.now_us);
         }

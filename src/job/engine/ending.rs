@@ -2,7 +2,7 @@
 
 use super::{Engine, Event, Intent, Phase, SECOND_US};
 use crate::job::{EndOrder, JobState, Record};
-use crate::link::message::{Fault, Refusal, Urgent};
+use crate::link::message::{DeviceState, Fault, Refusal, Urgent};
 use crate::text::plain_line;
 
 /// A running exposure that ends within this time may end when the daemon is told to stop: a layer cut short is in doubt, and
@@ -12,6 +12,9 @@ const SHUTDOWN_EXPOSURE_US: u64 = 30 * SECOND_US;
 pub(super) const URGENT_US: u64 = 5 * SECOND_US;
 /// An aborted device says hello again at once, a restarted one within seconds.
 const ABORT_RECONNECT_US: u64 = 10 * SECOND_US;
+/// A device obeys an abort within 100 ms. One that says after this time that it is lit has not obeyed: within a session it takes
+/// the repeated frame for the one it knows, so that only a new session gives it the order again. Also how often it is asked.
+const ABORT_OBEYED_US: u64 = SECOND_US / 2;
 /// Sessions with a device that does not answer an abort, or goes on showing light or moving after one.
 const MOST_ABORT_SESSIONS: u32 = 5;
 
@@ -291,7 +294,34 @@ impl Engine {
         self.out.journal(Record::Ordered(EndOrder::Abort));
         self.abort_sessions = 1;
         self.intent = Intent::End(JobState::Aborted, "aborted by the operator".into());
-        self.wait_until(Phase::AbortSent, now_us + URGENT_US);
+        self.await_abort(now_us);
+    }
+
+    /// Waits for the answer to the abort that goes out in this session.
+    fn await_abort(&mut self, now_us: u64) {
+        self.abort_sent_us = now_us;
+        self.wait_until(Phase::AbortSent, now_us + ABORT_OBEYED_US);
+    }
+
+    /// The abort is not answered yet: asks whether there is still light, as long as the answer may come.
+    fn on_abort_open(&mut self, now_us: u64) {
+        let until_us = self.abort_sent_us + URGENT_US;
+        if now_us >= until_us {
+            return self.wait_until(Phase::AbortReconnect, now_us + ABORT_RECONNECT_US);
+        }
+        self.out.query = true;
+        self.wait_until(Phase::AbortSent, until_us.min(now_us + ABORT_OBEYED_US));
+    }
+
+    /// The device tells its state while an abort may be open. One that goes on shining gets the order again in a new session.
+    fn on_state_after_abort(&mut self, state: &DeviceState, now_us: u64) {
+        let lit = state.light_on || state.exposing.is_some();
+        let had_time = now_us >= self.abort_sent_us + ABORT_OBEYED_US;
+        if self.line_up && lit && had_time && !self.abort_answered {
+            self.line_up = false;
+            let why = "the device shows light after an abort that it did not answer; the abort is sent again";
+            self.out.end_session = Some(why.into());
+        }
     }
 
     pub(super) fn while_aborting(&mut self, event: Event, now_us: u64) {
@@ -327,8 +357,9 @@ impl Engine {
                     self.out.urgent = Some(Urgent::Abort);
                     self.abort_answered = false;
                 }
-                self.wait_until(Phase::AbortSent, now_us + URGENT_US);
+                self.await_abort(now_us);
             }
+            Event::State(state) => self.on_state_after_abort(&state, now_us),
             Event::LineLost(_) => self.line_up = false,
             Event::Misbehaved(text) => {
                 self.line_up = false;
@@ -337,7 +368,7 @@ impl Engine {
             Event::Fault(fault) => self.immobile = fault.is_some(),
             Event::Timeout if self.deadline.as_mut().is_some_and(|deadline| deadline.is_over(now_us)) => {
                 match self.phase {
-                    Phase::AbortSent => self.wait_until(Phase::AbortReconnect, now_us + ABORT_RECONNECT_US),
+                    Phase::AbortSent => self.on_abort_open(now_us),
                     _ => self.end_aborted(),
                 }
             }
