@@ -35,7 +35,7 @@ fn everything_in(directory: &std::path::Path) -> Vec<std::path::PathBuf> {
 
 #[test]
 fn a_check_changes_nothing_and_warns_of_a_missing_port() {
-    let bench = Bench::prepare(Setup::default());
+    let bench = Bench::prepare(Setup { time_scale: 1, ..Setup::default() });
     let before = everything_in(bench.dir.path());
     let (output, told) = run(&bench, &["--check"]);
     assert!(output.status.success(), "{told}");
@@ -50,7 +50,7 @@ fn a_check_changes_nothing_and_warns_of_a_missing_port() {
 
 #[test]
 fn a_check_beside_a_daemon_that_runs_says_so_and_disturbs_nothing() {
-    let bench = Bench::start(Setup::default());
+    let bench = Bench::start(Setup { time_scale: 1, ..Setup::default() });
     let (output, told) = run(&bench, &["--check"]);
     assert!(output.status.success(), "{told}");
     assert!(told.lines().count() == 1 && told.contains("another layerd uses spool now"), "{told}");
@@ -87,7 +87,7 @@ fn everything_that_is_wrong_is_told_at_once() {
 
 #[test]
 fn machine_and_recipe_are_both_told() {
-    let bench = Bench::prepare(Setup::default());
+    let bench = Bench::prepare(Setup { time_scale: 1, ..Setup::default() });
     edit(&bench, "machine.toml", "width_px = 400", "width_px = 4");
     edit(&bench, "recipe.toml", "exposure_ms = 400", "exposure_ms = 0");
     for arguments in [&["--check"][..], &[]] {
@@ -103,7 +103,7 @@ fn machine_and_recipe_are_both_told() {
 
 #[test]
 fn a_path_too_long_for_a_socket_is_named_with_the_limit() {
-    let bench = Bench::prepare(Setup::default());
+    let bench = Bench::prepare(Setup { time_scale: 1, ..Setup::default() });
     edit(&bench, "layerd.toml", "control.sock", &"s".repeat(150));
     for arguments in [&["--check"][..], &[]] {
         let (output, told) = run(&bench, arguments);
@@ -117,7 +117,7 @@ fn places_that_this_user_may_not_write_are_named() {
     if rustix::process::getuid().is_root() {
         return without_rights();
     }
-    let bench = Bench::prepare(Setup::default());
+    let bench = Bench::prepare(Setup { time_scale: 1, ..Setup::default() });
     for directory in ["spool", "sockets"] {
         fs::create_dir(bench.path(directory)).expect("made");
         fs::set_permissions(bench.path(directory), fs::Permissions::from_mode(0o555)).expect("set");
@@ -129,7 +129,7 @@ fn places_that_this_user_may_not_write_are_named() {
 
 /// The same where this process is root: as the user nobody, if there is a program to become it.
 fn without_rights() {
-    let bench = Bench::prepare(Setup::default());
+    let bench = Bench::prepare(Setup { time_scale: 1, ..Setup::default() });
     fs::set_permissions(bench.dir.path(), fs::Permissions::from_mode(0o755)).expect("set");
     for directory in ["spool", "sockets"] {
         fs::create_dir(bench.path(directory)).expect("made");
@@ -154,7 +154,7 @@ fn assert_not_writable(output: &Output, told: &str) {
 
 #[test]
 fn too_few_file_descriptors_are_told() {
-    let bench = Bench::prepare(Setup::default());
+    let bench = Bench::prepare(Setup { time_scale: 1, ..Setup::default() });
     for check in ["--check", "--config=layerd.toml"] {
         let script = "ulimit -n 100; exec \"$@\"";
         let mut command = Command::new("sh");

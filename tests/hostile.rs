@@ -403,6 +403,27 @@ fn the_time_with_light_is_compared_with_the_commanded_one() {
     });
 }
 
+/// It gives a layer a third of its light and reports the whole.
+#[test]
+fn a_layer_that_ends_too_soon_by_the_hosts_clock_is_in_doubt() {
+    let stage = Stage::with(Box::new(|controls, moment| match moment {
+        Moment::Asked(Some(Request::Expose { id, duration_ms, .. })) if id.layer == LAYER && controls.once() => {
+            *duration_ms /= 3;
+        }
+        Moment::Answers(_, answers) => {
+            if let [(_, Reply::Exposed { duration_ms, .. })] = &mut answers[..] {
+                *duration_ms = EXPOSURE_MS;
+            }
+        }
+        _ => {}
+    }));
+    let job = stage.ended(stage.print());
+    assert_eq!((&job["state"], &job["in_doubt"]), (&"interrupted".into(), &LAYER.into()), "{job}");
+    assert!(reason(&job).contains("have passed since the order"), "{job}");
+    assert_eq!(stage.plate_um(), Some(CLEAR_UM), "{}", stage.story());
+    stage.complete(&job, "exposed");
+}
+
 fn is_in_doubt(stage: &Stage, job: &Value, told_ms: u32) {
     assert_eq!((&job["state"], &job["in_doubt"]), (&"interrupted".into(), &LAYER.into()), "{job}");
     assert!(reason(job).contains(&format!("{told_ms} ms")) && reason(job).contains("300 ms"), "{job}");

@@ -225,6 +225,79 @@ fn a_reported_time_is_compared_with_the_commanded_one() {
     }
 }
 
+/// The time that it reports is right; by the host's clock it cannot be.
+#[test]
+fn an_exposure_that_ends_too_soon_by_the_hosts_clock_is_in_doubt() {
+    let commanded_us = 2 * SECOND_US;
+    let ends_after = |part_us: u64, time_scale: f64| {
+        let mut world = World::scaled(time_scale);
+        world.tell(Event::Ready);
+        while world.device.exposing != Some(ExposureId { job: KEY, layer: 2 }) {
+            assert!(world.next_event());
+        }
+        world.device_act.as_mut().expect("it shines").0 = world.now_us + part_us;
+        world.finish();
+        world
+    };
+    for (part_us, time_scale) in [(0, 1.0), (1_900_000, 1.0), (1_959_000, 1.0), (150_000, 10.0)] {
+        let mut world = ends_after(part_us, time_scale);
+        assert_stopped_safely(&world);
+        let words = format!("layer 2 had its 2000 ms of light, but only {} ms have passed", part_us / 1000);
+        assert!(world.end().1.contains("layer 2 is in doubt") && world.end().1.contains(&words), "{:?}", world.end());
+        assert!(world.end().1.contains("`time_scale`"), "{:?}", world.end());
+        assert_eq!(world.exposed.last(), Some(&2), "nothing more is exposed");
+        world.resume(ResumeChoice::AssumeExposed);
+        world.finish();
+        assert!(world.end().0 == JobState::Completed && world.all_exposed_once(), "{:?}", world.end());
+    }
+    for (part_us, time_scale) in [(1_960_000, 1.0), (commanded_us, 1.0), (196_000, 10.0)] {
+        let world = ends_after(part_us, time_scale);
+        assert_eq!(world.end().0, JobState::Completed, "{part_us} µs, {time_scale}: {:?}", world.end());
+    }
+}
+
+/// It says nothing, and names the layer as exposed in the next session.
+#[test]
+fn an_exposure_that_only_a_state_calls_ended_is_held_to_the_hosts_clock_too() {
+    let mut world = world_exposing(2);
+    world.device_act.as_mut().expect("it shines").0 = world.now_us + 1000;
+    world.drop_line(100_000);
+    world.tell(Event::LineLost("cable".into()));
+    world.finish();
+    assert_stopped_safely(&world);
+    assert!(world.end().1.contains("layer 2 is in doubt: the device says that layer 2 had its"), "{:?}", world.end());
+}
+
+#[test]
+fn a_move_that_ends_too_soon_by_the_hosts_clock_stops_the_print() {
+    for to_um in [150, 5150] {
+        let mut world = world_exposing(if to_um == 150 { 1 } else { 2 });
+        while !matches!(world.device_act, Some((_, Act::Move { position_um, .. })) if position_um == to_um) {
+            assert!(world.next_event());
+        }
+        world.device_act.as_mut().expect("it moves").0 = world.now_us + 1000;
+        let exposed = world.exposed.len();
+        world.finish();
+        assert_stopped_safely(&world);
+        let words = format!("its plate arrived at {to_um} µm 1 ms after the order, which is too soon");
+        assert!(world.end().1.contains(&words), "{:?}", world.end());
+        assert_eq!(world.exposed.len(), exposed, "nothing more is exposed");
+        world.resume(ResumeChoice::None);
+        world.finish();
+        assert!(world.end().0 == JobState::Completed && world.all_exposed_once(), "{:?}", world.end());
+    }
+    // Every move, also the lift clear.
+    let mut world = world_exposing(2);
+    while world.device.exposing.is_some() {
+        assert!(world.next_event());
+    }
+    world.lies.hasty = true;
+    world.finish();
+    assert_eq!(world.end().0, JobState::Interrupted, "{:?}", world.end());
+    assert!(world.end().1.contains("the plate was not lifted: the device says so too soon"), "{:?}", world.end());
+    assert!(world.engine.progress().part_in_vat);
+}
+
 #[test]
 fn a_move_that_ends_elsewhere_stops_the_print_with_the_plate_lifted() {
     // Approach too low, too high; lift too low, too high.
@@ -360,6 +433,7 @@ fn any_lies() -> impl Strategy<Value = Lies> {
         stays_lit,
         mute: ear == 1,
         deaf: ear == 2,
+        hasty: ear == 3,
         unheard_aborts: 0,
     })
 }

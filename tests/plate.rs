@@ -122,8 +122,13 @@ fn a_job_that_was_there_before_the_device_looks_at_its_plate_first() {
 #[test]
 fn a_device_put_in_place_of_another_is_looked_at_before_the_plate_goes_down() {
     let other = part_in_the_vat();
-    // Slow enough to be caught while it homes.
-    let mut bench = Bench::start(Setup { time_scale: 1, ..Setup::default() });
+    // Slow enough to be caught while it homes; the other one is as fast as the machine file says.
+    let mut bench = Bench::prepare(Setup { time_scale: 1, ..Setup::default() });
+    let machine = std::fs::read_to_string(bench.path("machine.toml")).expect("a machine");
+    std::fs::write(bench.path("machine.toml"), machine.replace("time_scale = 1.0", "time_scale = 20.0"))
+        .expect("written");
+    bench.start_device();
+    bench.start_daemon();
     bench.ok(&SMALL);
     let id = bench.start_job("part.layerd");
     wait_until("homing", || bench.json(&["device"])["state"]["moving"] == true);

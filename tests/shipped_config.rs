@@ -79,6 +79,7 @@ fn mistakes_in_machine_and_daemon_files_are_told() {
         ),
         (machine.replace("clear_height_um", "clear_um"), vec!["m.toml", "clear_um", "unknown field"]),
         (machine.replace("[link]", "[mirror]\nz = true\n[link]"), vec!["m.toml", "`z`", "unknown field"]),
+        (format!("time_scale = 0.5\n{machine}"), vec!["m.toml", "time_scale", "0.5", "1 to 1000"]),
         (machine.replace("\"none\"", "\"ack\""), vec!["m.toml", "ack", "rts_cts", "xon_xoff"]),
     ];
     for (text, words) in cases {

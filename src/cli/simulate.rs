@@ -35,7 +35,8 @@ pub struct SimulateArgs {
     /// Seed of faults and identities.
     #[arg(long, value_name = "S", default_value_t = 1)]
     seed: u64,
-    /// How many times faster than real the device's clock runs, 0.001 to 100000: exposures, moves, `t_ms` in the log.
+    /// How many times faster than real the device's clock runs, 0.001 to 100000: exposures, moves, `t_ms` in the log. To print on
+    /// one that is faster, set `time_scale` in the daemon's machine file to the same.
     #[arg(long, value_name = "X", default_value_t = 1.0, value_parser = time_scale)]
     time_scale: f64,
     /// Machine, a name or a path, whose picture and travel the device has; without it 960 × 540 pixels of 40 µm, 60 mm travel.

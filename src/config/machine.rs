@@ -30,6 +30,10 @@ pub struct Machine {
     /// part before. Only for a machine that changes plates by itself, or has none, is it safe to turn off.
     #[serde(default = "yes")]
     pub confirm_plate: bool,
+    /// How much faster than real time the device's clock runs, 1 to 1000: only for simulated devices. The least times that the host
+    /// expects of exposures and moves are divided by it.
+    #[serde(default = "real_time")]
+    pub time_scale: f64,
     /// Whether picture axes run against the build file's.
     #[serde(default)]
     pub mirror: Mirror,
@@ -39,6 +43,10 @@ pub struct Machine {
 
 fn yes() -> bool {
     true
+}
+
+fn real_time() -> f64 {
+    1.0
 }
 
 /// Kinds of machine a configuration can describe.
@@ -102,6 +110,7 @@ impl Machine {
         within("pixel_um[1]", self.pixel_um[1], 1.0, 1000.0)?;
         within("build_height_um", self.build_height_um, 1000.0, 2_000_000.0)?;
         within("clear_height_um", self.clear_height_um, 1000.0, 2_000_000.0)?;
+        within("time_scale", self.time_scale, 1.0, 1000.0)?;
         if self.link.path.as_os_str().is_empty() {
             let allowed = "the path of a serial port".into();
             return Err(OutOfRange { key: "link.path".into(), value: "\"\"".into(), allowed });

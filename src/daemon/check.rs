@@ -120,6 +120,13 @@ impl Findings {
         if let Some(error) = port(machine) {
             self.warnings.push(format!("`link.path` in {place}: {error}; the daemon starts and waits for it"));
         }
+        if machine.time_scale != 1.0 {
+            self.warnings.push(format!(
+                "`time_scale` in {place} is {}: the host takes exposures and moves that are so much too short for right. Only a \
+                 simulated device needs that; remove the line for a real one",
+                machine.time_scale
+            ));
+        }
         let need_bytes = PrintMemory::least_bytes(Depth::Bit, machine.width_px, machine.height_px);
         if need_bytes > config.memory_budget {
             self.warnings.push(format!(

@@ -328,8 +328,10 @@ impl Printer {
             TakeUp::End(command) => Some(command),
         });
         match result {
-            Ok(opened) => {
+            Ok(mut opened) => {
                 tracing::info!(job = id, "job begins");
+                // Of the device that is there now, not of the job: an interrupted one can go on once it is corrected.
+                opened.machine.time_scale = self.setting.machine.time_scale;
                 let mut running =
                     Running::new(id, *opened, std::mem::take(&mut self.idle).light, self.background.clone(), now_us);
                 if let Some(command) = end {

@@ -66,7 +66,13 @@ impl Running {
     ) -> Self {
         let Opened { journal, key, start, recipe, machine, part } = opened;
         let layer_count = part.layer_count();
-        let plan = JobPlan { key, layer_count, recipe: recipe.clone(), clear_height_um: machine.clear_height_um };
+        let plan = JobPlan {
+            key,
+            layer_count,
+            recipe: recipe.clone(),
+            clear_height_um: machine.clear_height_um,
+            time_scale: machine.time_scale,
+        };
         let mut engine = Engine::new(plan, start).watching(light);
         engine.handle(Event::Ready, now_us);
         Self {

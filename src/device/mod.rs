@@ -12,4 +12,4 @@ pub use act::{Act, Outcome};
 pub use dlp::{DlpDriver, DriverBusy, DriverEvent};
 pub use light::{DARK_LIMIT_US, Light, LightWatch, STAYS_LIT};
 pub use mismatch::{MachineMismatch, Misfit, check_capabilities, check_fit};
-pub use tolerance::Dose;
+pub use tolerance::{Dose, least_exposure_us, least_move_us};

@@ -53,7 +53,7 @@ use super::{
     Action, Command, EndOrder, Event, JobPlan, JobState, Progress, Record, ResumeChoice, StartPoint, Unconfirmed,
 };
 use crate::deadline::Deadline;
-use crate::device::{Act, LightWatch};
+use crate::device::{Act, LightWatch, least_move_us};
 use crate::link::message::DeviceState;
 
 const SECOND_US: u64 = 1_000_000;
@@ -181,6 +181,10 @@ pub struct Engine {
     act_running: Option<u64>,
     /// When the act under way was commanded; `None` once the device is known to have it.
     act_sent_us: Option<u64>,
+    /// When the act commanded last was handed out.
+    act_began_us: u64,
+    /// What that act takes at least by this clock, microseconds; 0 where that is not known.
+    act_least_us: u64,
     commands_of_layer: u32,
     losses_in_a_row: u32,
     misbehaviours_in_a_row: u32,
@@ -227,6 +231,8 @@ impl Engine {
             act_number: 0,
             act_running: None,
             act_sent_us: None,
+            act_began_us: 0,
+            act_least_us: 0,
             commands_of_layer: 0,
             losses_in_a_row: 0,
             misbehaviours_in_a_row: 0,
@@ -464,9 +470,12 @@ impl Engine {
     fn start_move(&mut self, position_um: i32, speed_um_s: u32, phase: Phase, now_us: u64) {
         let from_um = self.position_um.unwrap_or(0);
         self.target_um = position_um;
-        let distance_um = u64::from(position_um.abs_diff(from_um));
-        let travel_us = distance_um * SECOND_US / u64::from(speed_um_s.max(1));
+        let distance_um = position_um.abs_diff(from_um);
+        let travel_us = u64::from(distance_um) * SECOND_US / u64::from(speed_um_s.max(1));
         self.start_act(Act::Move { position_um, speed_um_s }, phase, now_us + travel_us + ACT_MARGIN_US, now_us);
+        // It may rightly end so much short of its goal.
+        let least_um = distance_um.saturating_sub(self.plan.position_tolerance_um());
+        self.act_least_us = self.plan.host_us(least_move_us(least_um, speed_um_s));
     }
 
     fn start_act(&mut self, act: Act, phase: Phase, deadline_us: u64, now_us: u64) {
@@ -474,6 +483,7 @@ impl Engine {
         self.act_number += 1;
         self.act_running = Some(self.act_number);
         self.act_sent_us = Some(now_us);
+        (self.act_began_us, self.act_least_us) = (now_us, 0);
         self.out.act = Some((self.act_number, act));
         self.wait_until(phase, deadline_us);
     }

@@ -14,6 +14,8 @@ pub struct JobPlan {
     /// Plate height clear of the resin, micrometres above the bottom of the vat
     /// ([`crate::config::Machine::clear_height_um`]).
     pub clear_height_um: f64,
+    /// How much faster than real time the device's clock runs ([`crate::config::Machine::time_scale`]).
+    pub time_scale: f64,
 }
 
 impl JobPlan {
@@ -21,6 +23,11 @@ impl JobPlan {
     pub fn layer_position_um(&self, layer: u32) -> i32 {
         // `as` saturates: what no plate can reach stays out of reach.
         (f64::from(layer + 1) * self.recipe.layer_height_um).round() as i32
+    }
+
+    /// That time of the device's clock as the host's clock shows it, microseconds.
+    pub fn host_us(&self, device_us: u64) -> u64 {
+        (device_us as f64 / self.time_scale) as u64
     }
 
     /// How far the plate may be from where it was sent, micrometres: half a layer. Beyond that the part would be wrong, and

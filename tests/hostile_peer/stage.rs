@@ -45,6 +45,7 @@ impl Stage {
             layer_height_um: f64::from(LAYER_UM),
             exposure_ms: EXPOSURE_MS,
             plate_speed_um_s: PLATE_SPEED_UM_S,
+            time_scale: 1,
             ..Setup::default()
         });
         bench.ok(&PART);

@@ -31,7 +31,7 @@ pub(crate) fn plan() -> JobPlan {
         light_pwm: 255,
         antialias: false,
     };
-    JobPlan { key: KEY, layer_count: LAYERS, recipe, clear_height_um: f64::from(CLEAR_UM) }
+    JobPlan { key: KEY, layer_count: LAYERS, recipe, clear_height_um: f64::from(CLEAR_UM), time_scale: 1.0 }
 }
 
 pub(crate) fn accepted() -> Record {
@@ -70,6 +70,8 @@ pub(crate) struct Lies {
     pub(crate) mute: bool,
     /// It takes no act at all.
     pub(crate) deaf: bool,
+    /// It says that it is done after a tenth of the time.
+    pub(crate) hasty: bool,
     /// So many aborts, one a session, it neither obeys nor answers.
     pub(crate) unheard_aborts: u32,
 }
@@ -136,6 +138,12 @@ impl World {
             journal_full: false,
             finished: None,
         }
+    }
+
+    /// A world whose device's clock, and nothing else, is said to run so much faster.
+    pub(crate) fn scaled(time_scale: f64) -> Self {
+        let plan = JobPlan { time_scale, ..plan() };
+        Self { engine: Engine::new(plan, StartPoint::default()), ..Self::new() }
     }
 
     pub(crate) fn disturbed(at: Vec<(usize, Disturbance)>) -> Self {
@@ -326,6 +334,7 @@ impl World {
         self.device.moving = !matches!(act, Act::Expose { .. });
         assert!(!self.device.moving || !self.device.light_on, "a move under light: {act:?}");
         self.awaited = Some(number);
+        let duration_us = if self.lies.hasty { duration_us / 10 } else { duration_us };
         self.device_act = Some((self.now_us + duration_us, act));
         self.engine.handle(Event::ActTaken { number }, self.now_us);
     }

@@ -102,10 +102,11 @@ impl Bench {
             memory_budget,
             antialias,
             confirm_plate,
+            time_scale,
             ..
         } = &self.setup;
         let machine = format!(
-            "name = \"bench\"\nkind = \"dlp\"\nwidth_px = {}\nheight_px = {}\nconfirm_plate = {confirm_plate}\npixel_um = [{pixel_um:?}, {pixel_um:?}]\n\
+            "name = \"bench\"\nkind = \"dlp\"\nwidth_px = {}\nheight_px = {}\nconfirm_plate = {confirm_plate}\ntime_scale = {time_scale}.0\npixel_um = [{pixel_um:?}, {pixel_um:?}]\n\
              build_height_um = 200000.0\nclear_height_um = 30000.0\n[link]\npath = \"device\"\nbaud = {baud}\n",
             size_px[0], size_px[1],
         );

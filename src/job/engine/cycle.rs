@@ -2,7 +2,7 @@
 
 use super::{Engine, Intent, LATE_LIMIT_US, Phase, SECOND_US};
 use crate::deadline::Deadline;
-use crate::device::{Act, Dose, Outcome};
+use crate::device::{Act, Dose, Outcome, least_exposure_us};
 use crate::job::{JobState, Record, Unconfirmed};
 use crate::link::message::ExposureId;
 
@@ -95,6 +95,7 @@ impl Engine {
         let light_until_us = now_us + u64::from(duration_ms) * 1000;
         let limit_us = self.light.limit_us().unwrap_or(light_until_us);
         self.start_act(act, Phase::Exposing { light_until_us }, limit_us, now_us);
+        self.act_least_us = self.plan.host_us(least_exposure_us(duration_ms));
     }
 
     /// What names the next layer's exposure.
@@ -119,6 +120,9 @@ impl Engine {
     /// Compares the time with light that the device reports with the one commanded.
     fn on_exposed(&mut self, reported_ms: u32, now_us: u64) {
         let (layer, commanded_ms) = (self.next_layer, self.plan.recipe.layer_exposure_ms(self.next_layer));
+        if let Some(text) = self.exposed_too_soon(now_us) {
+            return self.doubt(&text, now_us);
+        }
         let dose = Dose::of(commanded_ms, reported_ms);
         let text =
             format!("the device reports {reported_ms} ms of light for layer {layer} instead of {commanded_ms} ms");
@@ -130,6 +134,31 @@ impl Engine {
             Dose::Right => {}
         }
         self.confirm(Some(reported_ms), now_us);
+    }
+
+    /// What is wrong where the device says that the exposure commanded last has ended, and by this clock it cannot have.
+    pub(super) fn exposed_too_soon(&self, now_us: u64) -> Option<String> {
+        let (layer, commanded_ms) = (self.next_layer, self.plan.recipe.layer_exposure_ms(self.next_layer));
+        let took_us = self.too_soon_us(now_us)?;
+        Some(format!(
+            "the device says that layer {layer} had its {commanded_ms} ms of light, but only {} ms have passed since the order{}",
+            took_us / 1000,
+            self.time_scale_hint()
+        ))
+    }
+
+    /// How long ago the act commanded last was handed out, microseconds, where it cannot have ended yet.
+    fn too_soon_us(&self, now_us: u64) -> Option<u64> {
+        let took_us = now_us.saturating_sub(self.act_began_us);
+        (took_us < self.act_least_us).then_some(took_us)
+    }
+
+    fn time_scale_hint(&self) -> String {
+        format!(
+            " (a simulated device with `--time-scale` needs the same `time_scale` in the machine file, where it is {} now, and a \
+             restart of layerd)",
+            self.plan.time_scale
+        )
     }
 
     /// The device says that the layer commanded had its light, and for how long where it tells that.
@@ -226,6 +255,9 @@ impl Engine {
         if self.is_off(position_um, self.target_um) {
             return self.on_misplaced(position_um, now_us);
         }
+        if let Some(took_us) = self.too_soon_us(now_us) {
+            return self.on_moved_too_soon(took_us, now_us);
+        }
         match self.phase {
             Phase::Lifting => {
                 self.stuck = false;
@@ -236,6 +268,21 @@ impl Engine {
             Phase::Parking if self.intent != Intent::Print => self.parked(now_us),
             _ => self.advance(now_us),
         }
+    }
+
+    /// The device says that its plate arrived, and by this clock it cannot have. The plate is lifted clear once; where that is the
+    /// move, or no way up is left, the job ends with the plate where it is.
+    fn on_moved_too_soon(&mut self, took_us: u64, now_us: u64) {
+        let text = format!(
+            "the device says that its plate arrived at {} µm {} ms after the order, which is too soon for the way and the speed: \
+             check the axis and the device{}",
+            self.target_um,
+            took_us / 1000,
+            self.time_scale_hint()
+        );
+        self.intend_to_end(self.failed_or_interrupted(), text);
+        let may_lift = self.phase != Phase::Parking && self.position_um < Some(self.parking_um());
+        if may_lift { self.advance(now_us) } else { self.unparked("the device says so too soon", now_us) }
     }
 
     /// A move has not ended in its time.

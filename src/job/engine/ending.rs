@@ -54,9 +54,14 @@ impl Engine {
         self.advance(now_us);
     }
 
+    /// Where the plate is clear of the resin, micrometres.
+    pub(super) fn parking_um(&self) -> i32 {
+        self.plan.parked_position_um(self.next_layer).min(self.max_position_um)
+    }
+
     /// Brings the plate clear of the resin.
     pub(super) fn park(&mut self, now_us: u64) {
-        let target_um = self.plan.parked_position_um(self.next_layer).min(self.max_position_um);
+        let target_um = self.parking_um();
         match self.position_um {
             Some(position_um) if position_um < target_um && !self.immobile => {
                 self.start_move(target_um, self.plan.recipe.lift_speed_um_s, Phase::Parking, now_us);

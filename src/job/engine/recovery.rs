@@ -206,7 +206,13 @@ impl Engine {
         let choice = std::mem::take(&mut self.choice);
         if self.unconfirmed.is_some() || self.in_doubt.is_some() {
             match fate(self.exposure_id(), self.unconfirmed, shone, &self.device) {
-                Fate::Exposed => return self.confirm(None, now_us),
+                Fate::Exposed => {
+                    let too_soon = self.unconfirmed.and_then(|_| self.exposed_too_soon(now_us));
+                    return match too_soon {
+                        Some(text) => self.doubt(&text, now_us),
+                        None => self.confirm(None, now_us),
+                    };
+                }
                 Fate::NotExposed => self.deny(),
                 Fate::Unknown(why) => return self.settle_doubt(choice, &why, now_us),
             }
