@@ -108,6 +108,26 @@ fn a_device_of_another_kind_is_told_when_it_connects_and_no_job_is_taken_for_it(
 }
 
 #[test]
+fn another_device_that_comes_in_mid_print_interrupts_the_job_at_once() {
+    let mut bench = Bench::start(Setup { exposure_ms: 4_000, time_scale: 10, ..Setup::default() });
+    bench.ok(&SMALL);
+    let id = bench.start_job("part.layerd");
+    wait_until("light", || bench.acts().iter().any(|act| act["event"] == "exposed"));
+    bench.kill_device();
+    with_device(&mut bench, laser(), |bench| {
+        wait_until("the device", || bench.json(&["status"])["link"]["state"] == "connected");
+        let began = Instant::now();
+        let job = bench.wait_for(id, &["interrupted", "failed", "completed"]);
+        assert!(began.elapsed() < Duration::from_secs(20), "at once, not after the minute for a lost line");
+        let reason = job["reason"].as_str().expect("a reason");
+        assert!(job["state"] == "interrupted" && reason.contains("connect the right device"), "{job}");
+        assert!(reason.contains("the plate was not lifted"), "{job}");
+    });
+    let job = bench.job(id);
+    assert_eq!(job["state"], "interrupted", "it waits for the right device: {job}");
+}
+
+#[test]
 fn a_recipe_longer_than_the_device_allows_is_refused_before_the_job_has_a_number() {
     let mut bench = Bench::prepare(Setup::default());
     bench.ok(&SMALL);

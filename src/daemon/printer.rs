@@ -190,8 +190,12 @@ impl Printer {
         if let Some(event) = self.driver().and_then(|driver| driver.handle_timeout(now_us)) {
             self.driver_event(event, now_us);
         }
+        let hindrance = self.link.hindrance();
         match &mut self.running {
-            Some(running) => running.engine.handle(Event::Timeout, now_us),
+            Some(running) => {
+                running.engine.hindered(hindrance.map(|hindrance| hindrance.to_string()));
+                running.engine.handle(Event::Timeout, now_us);
+            }
             None => self.idle_timeout(now_us),
         }
     }

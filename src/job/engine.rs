@@ -67,6 +67,11 @@ pub const ACT_MARGIN_US: u64 = 15 * SECOND_US;
 const LATE_LIMIT_US: u64 = 600 * SECOND_US;
 /// A device that breaks the protocol so many times without one layer printed in between will do so again.
 const MOST_MISBEHAVIOURS: u32 = 3;
+/// Each break of the protocol is made good by so many layers printed. Each costs a session and some seconds, in which a layer
+/// stays in the resin for longer than the others: one in an hour or so is bearable, one a layer makes bad parts.
+const LAYERS_A_MISBEHAVIOUR: u32 = 50;
+/// So many that are not made good end the job: a few in a row are a bad moment, more are how the device is.
+const MOST_MISBEHAVIOURS_OPEN: u32 = 8;
 
 /// Why the engine does not simply print on.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -188,6 +193,14 @@ pub struct Engine {
     commands_of_layer: u32,
     losses_in_a_row: u32,
     misbehaviours_in_a_row: u32,
+    /// Layers still to be printed until all breaks of the protocol are made good.
+    layers_of_misbehaviour: u32,
+    /// What the line says keeps data from getting through.
+    hindrance: Option<String>,
+    /// The highest layer of this job that a state named as exposed last.
+    told_exposed: Option<u32>,
+    /// A state named a lower one after that: what is wrong.
+    went_back: Option<String>,
     loss: String,
     pace: Pace,
     /// Time with light that the device reported for the layer confirmed last, milliseconds.
@@ -236,6 +249,10 @@ impl Engine {
             commands_of_layer: 0,
             losses_in_a_row: 0,
             misbehaviours_in_a_row: 0,
+            layers_of_misbehaviour: 0,
+            hindrance: None,
+            told_exposed: None,
+            went_back: None,
             loss: String::new(),
             pace: Pace::default(),
             light_ms: None,
@@ -254,6 +271,11 @@ impl Engine {
         &self.light
     }
 
+    /// What keeps data from getting through on the line now, if anything: told with an answer that is overdue.
+    pub fn hindered(&mut self, by: Option<String>) {
+        self.hindrance = by;
+    }
+
     /// Takes an event in. Events that mean nothing in the present state are ignored.
     pub fn handle(&mut self, event: Event, now_us: u64) {
         match event {
@@ -267,8 +289,7 @@ impl Engine {
             _ if self.phase == Phase::Ending || self.phase == Phase::Done => {}
             _ if matches!(self.phase, Phase::AbortSent | Phase::AbortReconnect) => self.while_aborting(event, now_us),
             Event::Ready => self.on_ready(now_us),
-            Event::Unfit(text) if self.phase == Phase::Checking => self.end_unbegun(&text),
-            Event::Unfit(text) => self.wind_down(self.failed_or_interrupted(), text, now_us),
+            Event::Unfit(text) => self.on_unfit(text, now_us),
             Event::Connected { state, max_position_um } => self.on_connected(state, max_position_um, now_us),
             Event::LineLost(reason) => self.on_line_lost(reason, now_us),
             Event::Misbehaved(text) => self.on_misbehaved(&text, now_us),
@@ -460,7 +481,10 @@ impl Engine {
             Phase::Asking { until_us } => self.ask_again(until_us, now_us),
             Phase::Darkening { until_us } => self.ask_for_dark(until_us, now_us),
             Phase::Exposing { .. } => self.on_overdue_light(now_us),
-            Phase::CuttingShort => self.end_session("the device did not say how the exposure ended", now_us),
+            Phase::CuttingShort => {
+                let text = self.with_cause("the device did not say how the exposure ended");
+                self.end_session(&text, now_us);
+            }
             Phase::Homing | Phase::Lifting | Phase::Approaching | Phase::Parking => self.on_overdue_move(now_us),
             Phase::Checking | Phase::Lost => self.on_no_device(),
             _ => {}

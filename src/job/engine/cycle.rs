@@ -185,6 +185,7 @@ impl Engine {
         self.commands_of_layer = 0;
         self.losses_in_a_row = 0;
         self.misbehaviours_in_a_row = 0;
+        self.layers_of_misbehaviour = self.layers_of_misbehaviour.saturating_sub(1);
     }
 
     /// The layer commanded certainly had no light.
@@ -288,14 +289,19 @@ impl Engine {
     /// A move has not ended in its time.
     pub(super) fn on_overdue_move(&mut self, now_us: u64) {
         let text = if self.act_sent_us.is_some() {
-            "the order to move the plate did not reach the device in time: check the line".into()
+            "the order to move the plate did not reach the device in time: check the line"
         } else {
-            format!(
+            &format!(
                 "the device did not say in time that its plate arrived at {} µm: check the axis and the device",
                 self.target_um
             )
         };
-        self.on_misbehaved(&text, now_us);
+        self.on_misbehaved(&self.with_cause(text), now_us);
+    }
+
+    /// A device that seems not to answer may not have been reached: adds what keeps data from getting through.
+    pub(super) fn with_cause(&self, text: &str) -> String {
+        self.hindrance.as_ref().map_or(text.to_owned(), |hindrance| format!("{text}; {hindrance}"))
     }
 
     fn is_off(&self, position_um: i32, target_um: i32) -> bool {

@@ -1,6 +1,8 @@
 //! Finding out where the device stands: at the start, after a lost line, after a crash of the host.
 
-use super::{Engine, Intent, MOST_MISBEHAVIOURS, Phase, RECONNECT_US, SECOND_US};
+use super::{
+    Engine, Intent, LAYERS_A_MISBEHAVIOUR, MOST_MISBEHAVIOURS, MOST_MISBEHAVIOURS_OPEN, Phase, RECONNECT_US, SECOND_US,
+};
 use crate::deadline::Deadline;
 use crate::device::Light;
 use crate::job::{Fate, JobState, Record, ResumeChoice, fate};
@@ -15,6 +17,8 @@ const MOST_LOSSES: u32 = 20;
 
 /// A reason this long gets no further ones added: it goes into the journal, whose records are limited.
 const LONGEST_REASON_BYTES: usize = 1000;
+
+const WENT_BACK_REMEDY: &str = "look at the device and the part, then resume";
 
 impl Engine {
     pub(super) fn on_connected(&mut self, state: DeviceState, max_position_um: i32, now_us: u64) {
@@ -41,7 +45,33 @@ impl Engine {
         self.notice_state(state);
     }
 
+    /// Compares the layer that the device names as exposed last with those it named before: it can only become higher.
+    fn compare_exposed(&mut self, state: &DeviceState) {
+        let Some(told) = state.last_exposed.filter(|id| id.job == self.plan.key).map(|id| id.layer) else { return };
+        let before = *self.told_exposed.get_or_insert(told);
+        self.told_exposed = Some(before.max(told));
+        if told < before && self.went_back.is_none() {
+            self.went_back = Some(format!(
+                "the device named layer {before} of this job as exposed last, and now it names layer {told}: it was reset, or what \
+                 it says is wrong"
+            ));
+        }
+    }
+
+    /// The device at the line is another machine, or cannot print the recipe.
+    pub(super) fn on_unfit(&mut self, text: String, now_us: u64) {
+        match self.phase {
+            Phase::Checking => self.end_unbegun(&text),
+            // The plate is clear.
+            Phase::Resting => self.wind_down(JobState::Interrupted, text, now_us),
+            // Nothing is commanded of a device that is not this job's, not even the lift.
+            _ if self.touched => self.end_unparked(format!("{text}; the plate was not lifted")),
+            _ => self.end_unparked(text),
+        }
+    }
+
     pub(super) fn notice_state(&mut self, state: DeviceState) {
+        self.compare_exposed(&state);
         self.position_um = state.position_um;
         self.device = state;
     }
@@ -82,12 +112,19 @@ impl Engine {
     /// The device broke the protocol. A new session may set it right; a device that does it again and again ends the job.
     pub(super) fn on_misbehaved(&mut self, text: &str, now_us: u64) {
         self.misbehaviours_in_a_row += 1;
+        self.layers_of_misbehaviour += LAYERS_A_MISBEHAVIOUR;
         if self.misbehaviours_in_a_row > MOST_MISBEHAVIOURS {
             // Not even the lift.
             return self.end_unparked(format!("{text}; the plate was not lifted"));
         }
         if self.misbehaviours_in_a_row == MOST_MISBEHAVIOURS {
             let reason = format!("{text} ({MOST_MISBEHAVIOURS} times without a layer printed in between)");
+            self.intend_to_end(self.failed_or_interrupted(), reason);
+        } else if self.layers_of_misbehaviour > MOST_MISBEHAVIOURS_OPEN * LAYERS_A_MISBEHAVIOUR {
+            let reason = format!(
+                "{text} (it has broken the protocol more than {MOST_MISBEHAVIOURS_OPEN} times, more often than once in \
+                 {LAYERS_A_MISBEHAVIOUR} layers)"
+            );
             self.intend_to_end(self.failed_or_interrupted(), reason);
         }
         self.end_session(text, now_us);
@@ -136,6 +173,12 @@ impl Engine {
             return;
         }
         let light = self.light.observe(&state, now_us);
+        let knew = self.went_back.is_some();
+        self.compare_exposed(&state);
+        let waits = matches!(self.phase, Phase::Checking | Phase::Asking { .. } | Phase::Darkening { .. });
+        if let Some(text) = self.went_back.as_ref().filter(|_| !knew && !waits) {
+            self.wind_down(JobState::Interrupted, format!("{text}: {WENT_BACK_REMEDY}"), now_us);
+        }
         match (self.phase, light) {
             (_, Light::Uncommanded(text)) => {
                 self.notice_state(state);
@@ -200,13 +243,23 @@ impl Engine {
             let text = "the device has exposed layers of another job since: this job's part is no longer where it was. Abort it";
             return self.end_unparked(text.into());
         }
+        if let Some(text) = &self.went_back {
+            let text = format!("{text}: {WENT_BACK_REMEDY}");
+            self.intend_to_end(JobState::Interrupted, text);
+        }
         let shone = self.light.has_shone(self.exposure_id());
         self.light.ended();
         // It was said of this layer, as it is now, and of no later one.
         let choice = std::mem::take(&mut self.choice);
         if self.unconfirmed.is_some() || self.in_doubt.is_some() {
-            match fate(self.exposure_id(), self.unconfirmed, shone, &self.device) {
+            let fate = fate(self.exposure_id(), self.unconfirmed, shone, &self.device);
+            match fate {
+                // It forgot what it exposed before, and with it perhaps this one.
+                Fate::NotExposed if self.went_back.is_some() => {
+                    self.doubt("the device denies that it exposed it", now_us)
+                }
                 Fate::Exposed => {
+                    self.tell_exposed_whole(choice);
                     let too_soon = self.unconfirmed.and_then(|_| self.exposed_too_soon(now_us));
                     return match too_soon {
                         Some(text) => self.doubt(&text, now_us),
@@ -227,6 +280,19 @@ impl Engine {
             return self.wind_down_at_rest(JobState::Failed, text, now_us);
         }
         self.advance(now_us);
+    }
+
+    /// The device names a layer as exposed that was in doubt: its word counts, for it would refuse the layer.
+    fn tell_exposed_whole(&mut self, choice: ResumeChoice) {
+        let layer = self.next_layer;
+        if choice == ResumeChoice::Repeat {
+            self.out.notice(format!("layer {layer} is not repeated: the device reports that it exposed it whole"));
+        }
+        // Of this run, which ends for it.
+        if let (Some(why), Intent::End(JobState::Interrupted, _)) = (self.in_doubt.clone(), &self.intent) {
+            let text = format!("{why}; since then the device reports that it exposed layer {layer} whole");
+            self.intend_to_end(JobState::Interrupted, text);
+        }
     }
 
     /// Only the operator can tell; perhaps they did already.
