@@ -256,7 +256,7 @@ impl Engine {
             match fate {
                 // It forgot what it exposed before, and with it perhaps this one.
                 Fate::NotExposed if self.went_back.is_some() => {
-                    self.doubt("the device denies that it exposed it", now_us)
+                    return self.doubt("the device denies that it exposed it", now_us);
                 }
                 Fate::Exposed => {
                     self.tell_exposed_whole(choice);
