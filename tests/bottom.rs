@@ -1,34 +1,19 @@
 //! Where a part begins: the height that a build file says for its lowest solid point, against plain mathematics.
 
 mod properties;
+mod support;
 
 use std::path::Path;
 
-use layerd::buildfile::{Blend, BuildFile, Cap, Caps, Header, Placement, Strut, Writer, WriterSettings};
+use layerd::buildfile::{Blend, Cap, Caps, Header, Strut};
 use layerd::solid::reference::beam_field;
 use layerd::solid::{self, Beam, ISOVALUE};
 use proptest::prelude::*;
+use support::part::write_part;
 
-/// Writes struts, in any order, at a quantum of 1 µm; the header read back.
+/// Writes struts in that directory; the header read back.
 fn packed(directory: &Path, struts: &[Strut], blend: Blend) -> Header {
-    let path = directory.join("part.layerd");
-    let mut struts = struts.to_vec();
-    struts.sort_by_key(|strut| [strut.a, strut.b].map(|[x, y, z]| [z, y, x]));
-    let settings = WriterSettings {
-        quantum_um: 1.0,
-        blend,
-        largest_radius: struts.iter().map(|strut| strut.radius_a.max(strut.radius_b)).max().expect("struts"),
-        placement: Placement::Centred,
-        source_digest: [0; 32],
-        source_name: "test".into(),
-    };
-    let mut writer = Writer::create(&path, settings).expect("can be created");
-    struts.iter().for_each(|strut| writer.push(*strut).expect("in order"));
-    let written = writer.finish().expect("is whole");
-    let file = BuildFile::open(&path).expect("is whole");
-    file.verify().expect("is true");
-    assert_eq!(&written, file.header());
-    written
+    write_part(&directory.join("part.layerd"), struts, blend)
 }
 
 fn strut(a: [i32; 3], b: [i32; 3], radius_a: u32, radius_b: u32, caps: Caps) -> Strut {

@@ -14,30 +14,18 @@ use layerd::link::message::{Capabilities, DeviceKind, DeviceMessage, DeviceState
 use layerd::link::session::{DeviceEvent, DeviceSession, DeviceSettings, SendError};
 use layerd::link::wire::{FrameDecoder, FrameKind, HelloRefused, encode_frame};
 use serialport::{SerialPort, TTYPort};
-use support::{Bench, Setup, wait_until};
+use support::{Bench, Setup, bench_device, wait_until};
 
 const SMALL: [&str; 8] = ["generate", "bcc", "--struts", "100", "--box", "8,8,1", "-o", "part.layerd"];
 
 /// A device of the bench's size that is a laser machine by its own word.
 fn laser() -> Capabilities {
-    Capabilities {
-        kind: DeviceKind::Slm,
-        name: "laser".into(),
-        width_px: 400,
-        height_px: 300,
-        pixel_nm: [50_000; 2],
-        layer_slots: 2,
-        window_bytes: 4096,
-        largest_frame_bytes: 1024,
-        encodings: vec![Encoding::RawBit, Encoding::Group4],
-        max_exposure_ms: 10_000,
-        max_position_um: 100_000,
-    }
+    Capabilities { kind: DeviceKind::Slm, name: "laser".into(), max_exposure_ms: 10_000, ..bench_device() }
 }
 
 /// The machine that the bench is configured for. It reads raw layers alone: a layer takes several windows.
 fn raw_dlp() -> Capabilities {
-    Capabilities { kind: DeviceKind::Dlp, name: "raw".into(), encodings: vec![Encoding::RawBit], ..laser() }
+    Capabilities { name: "raw".into(), encodings: vec![Encoding::RawBit], ..bench_device() }
 }
 
 /// Runs a simulated device with these capabilities on the bench's line as long as `host` runs.

@@ -6,10 +6,11 @@ use std::f64::consts::PI;
 use std::fs;
 use std::sync::Arc;
 
-use layerd::buildfile::{Blend, BuildFile, Cap, Caps, Placement, Strut, Writer, WriterSettings};
+use layerd::buildfile::{Blend, BuildFile, Cap, Caps, Strut};
 use layerd::slice::{Estimate, Volume};
 use layerd::solid::reference::beam_field;
 use layerd::solid::{self, Beam, ISOVALUE};
+use support::part::write_part;
 use support::{Bench, Setup, real_data};
 
 const FLAT: Caps = Caps { a: Cap::Butt, b: Cap::Butt };
@@ -22,17 +23,7 @@ fn strut(a: [i32; 3], b: [i32; 3], radius_a: u32, radius_b: u32, caps: Caps) -> 
 fn sampled(struts: &[Strut], blend: Blend, threads: usize) -> Volume {
     let directory = tempfile::tempdir().expect("temporary directory");
     let path = directory.path().join("part.layerd");
-    let settings = WriterSettings {
-        quantum_um: 1.0,
-        blend,
-        largest_radius: struts.iter().map(|strut| strut.radius_a.max(strut.radius_b)).max().expect("struts"),
-        placement: Placement::Centred,
-        source_digest: [0; 32],
-        source_name: "test".into(),
-    };
-    let mut writer = Writer::create(&path, settings).expect("can be created");
-    struts.iter().for_each(|strut| writer.push(*strut).expect("in order"));
-    writer.finish().expect("is whole");
+    write_part(&path, struts, blend);
     Volume::sample(Arc::new(BuildFile::open(&path).expect("is whole")), threads).expect("can be sampled")
 }
 

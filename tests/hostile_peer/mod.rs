@@ -15,12 +15,12 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use layerd::device::sim::{CoreAction, DlpCore};
-use layerd::link::message::{
-    Capabilities, DeviceKind, DeviceMessage, DeviceState, Encoding, HostMessage, Reply, Request, Urgent,
-};
+use layerd::link::message::{Capabilities, DeviceMessage, DeviceState, HostMessage, Reply, Request, Urgent};
 use layerd::link::session::{DeviceEvent, DeviceSession, DeviceSettings, SendError};
 use line::Line;
 pub use stage::{CLEAR_UM, EXPOSURE_MS, LAYER_UM, LIFT_UM, PATIENCE, Stage, side_by_side};
+
+use crate::support::bench_device;
 
 /// As the bench's machine file states it.
 const BAUD: u32 = 3_000_000;
@@ -152,19 +152,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 fn capabilities() -> Capabilities {
-    Capabilities {
-        kind: DeviceKind::Dlp,
-        name: "hostile".into(),
-        width_px: 400,
-        height_px: 300,
-        pixel_nm: [50_000; 2],
-        layer_slots: 2,
-        window_bytes: 4096,
-        largest_frame_bytes: 1024,
-        encodings: vec![Encoding::RawBit, Encoding::Group4],
-        max_exposure_ms: 600_000,
-        max_position_um: 100_000,
-    }
+    Capabilities { name: "hostile".into(), ..bench_device() }
 }
 
 /// A firmware that has found its zero position and waits above the resin.
