@@ -48,6 +48,17 @@ fn a_check_changes_nothing_and_warns_of_a_missing_port() {
     assert_eq!(after.iter().filter(|path| !path.ends_with("daemon.log")).count(), before.len(), "{after:?}");
 }
 
+/// Such a setting in the file of a real machine would take exposures for right that are too short.
+#[test]
+fn a_clock_that_is_not_real_time_is_warned_of_by_a_check_and_a_start() {
+    let bench = Bench::start(Setup { time_scale: 50, ..Setup::default() });
+    let (output, told) = run(&bench, &["--check"]);
+    let words = "`time_scale` in machine.toml is 50: ";
+    assert!(output.status.success() && told.contains(&format!("warning: {words}")), "{told}");
+    let log = fs::read_to_string(bench.path("daemon.log")).expect("a log");
+    assert!(log.lines().any(|line| line.contains("WARN") && line.contains(words)), "{log}");
+}
+
 #[test]
 fn a_check_beside_a_daemon_that_runs_says_so_and_disturbs_nothing() {
     let bench = Bench::start(Setup { time_scale: 1, ..Setup::default() });
