@@ -243,7 +243,7 @@ fn what_cannot_be_sliced_is_an_error() {
     let budget = MemoryBudget::new(64 << 20);
     assert!(matches!(
         Slicer::new(part.source.clone(), part.plan.clone(), 0, 0, &budget),
-        Err(SliceError::BadThreads(0))
+        Err(SliceError::BadThreads { threads: 0, max: Slicer::MAX_THREADS })
     ));
     let mut slicer = Slicer::new(part.source.clone(), part.plan.clone(), 1, 0, &budget).expect("a slicer");
     let mut wrong = Bitmap::new(WIDTH, HEIGHT, Depth::Grey);

@@ -46,7 +46,7 @@ pub struct SliceArgs {
     #[arg(long)]
     pub antialias: bool,
     /// Threads that compute; default one for each core
-    #[arg(long, value_name = "N", value_parser = RangedU64ValueParser::<usize>::new().range(1..=Slicer::MOST_THREADS as u64))]
+    #[arg(long, value_name = "N", value_parser = RangedU64ValueParser::<usize>::new().range(1..=Slicer::MAX_THREADS as u64))]
     pub threads: Option<usize>,
     /// Directory for layer_000000.png and on (8 bits a pixel: 0 and 255, or grey) and manifest.json; made where it is missing
     #[arg(long, short)]

@@ -8,7 +8,7 @@ use crate::config::{ConfigError, DaemonConfig, MAX_THREADS, Machine, Recipe};
 use crate::slice::Slicer;
 
 // Every number of threads that a configuration may ask for can be had.
-const _: () = assert!(MAX_THREADS <= Slicer::MOST_THREADS);
+const _: () = assert!(MAX_THREADS <= Slicer::MAX_THREADS);
 
 /// What does not change while the daemon runs.
 pub struct Setting {

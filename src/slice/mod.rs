@@ -4,18 +4,18 @@
 //! the active set and draws layer after layer, band by band, on as many threads as it is given. A layer depends on part and
 //! plan alone: not on threads, on which of a processor's instruction sets is used, or on the layer the sweep began with.
 
-mod active;
-mod draw;
+mod band;
+mod body;
+mod error;
 mod footing;
 mod plan;
 mod slicer;
-mod source;
-mod sweep;
 mod volume;
 mod workers;
 
+pub use body::lattice::{ChunkSpan, MemoryStruts, StrutSource};
+pub use error::SliceError;
 pub use footing::Footing;
 pub use plan::{PlanError, SlicePlan};
-pub use slicer::{SliceError, Slicer};
-pub use source::{ChunkSpan, MemoryStruts, StrutSource};
+pub use slicer::Slicer;
 pub use volume::{Estimate, Volume};

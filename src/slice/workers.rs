@@ -22,8 +22,12 @@ impl Workers {
 
     /// Calls `work` for each item, whichever thread is free.
     pub(super) fn each<T: Send>(&self, items: impl Iterator<Item = T> + Send, work: impl Fn(T) + Sync) {
-        let threads = 1 + self.helpers.as_ref().map_or(0, rayon::ThreadPool::current_num_threads);
-        self.run(items, &mut vec![(); threads], |(), item| work(item));
+        self.run(items, &mut vec![(); self.count()], |(), item| work(item));
+    }
+
+    /// How many threads, the calling one included.
+    pub(super) fn count(&self) -> usize {
+        1 + self.helpers.as_ref().map_or(0, rayon::ThreadPool::current_num_threads)
     }
 
     /// The same, where each thread has one of `states` to itself.

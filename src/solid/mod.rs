@@ -77,7 +77,7 @@ pub trait Shape: Send + Sync + Sized {
     /// What a strip holds for each pixel while struts are drawn.
     type Cell: Copy + Default + Send;
 
-    /// Rows above and below a band, and columns beside it, that [`Shape::coverage`] must know.
+    /// Rows above and below a band, and columns beside it, that [`Shape::merge_coverage`] must know.
     const HALO: usize;
 
     /// What a [`Record`] keeps of radii, in quanta and at most [`LARGEST_RADIUS`], and caps. `quantum` is a quantum's length
@@ -87,10 +87,11 @@ pub trait Shape: Send + Sync + Sized {
     /// Draws the records of blocks, in their order, on the rows of `strip`.
     fn draw<'a>(path: Path, blocks: impl Iterator<Item = &'a Block>, plane: &Plane, strip: &mut Strip<Self::Cell>);
 
-    /// Packs one row's pixels, lit or not at their centres, the first pixel of a byte in its highest bit, beginning with
-    /// pixel `8 × first_byte`; `row` counts from the band's first.
-    fn pack_bits(path: Path, strip: &Strip<Self::Cell>, row: usize, first_byte: usize, out: &mut [u8]);
+    /// Sets the bits of one row's pixels that are solid at their centres, the first pixel of a byte in its highest bit, beginning
+    /// with pixel `8 × first_byte`, and leaves all others as they are; `row` counts from the band's first.
+    fn merge_bits(path: Path, strip: &Strip<Self::Cell>, row: usize, first_byte: usize, out: &mut [u8]);
 
-    /// The covered shares, 0 to 255, of one row's pixels from `first_pixel` on; `row` counts from the band's first.
-    fn coverage(path: Path, strip: &Strip<Self::Cell>, row: usize, first_pixel: usize, out: &mut [u8]);
+    /// Raises one row's pixels from `first_pixel` on to their covered shares, 0 to 255, where they are less; `row` counts from
+    /// the band's first.
+    fn merge_coverage(path: Path, strip: &Strip<Self::Cell>, row: usize, first_pixel: usize, out: &mut [u8]);
 }

@@ -3,7 +3,7 @@
 use super::path::Work;
 use super::vector::{greater, lesser};
 
-/// Packs whether fields reach the isovalue, the first pixel of a byte in its highest bit.
+/// Sets the bits of pixels whose fields reach the isovalue, the first pixel of a byte in its highest bit.
 pub(super) struct PackBits<'a> {
     /// At least eight for each byte.
     pub(super) cells: &'a [f32],
@@ -15,7 +15,7 @@ impl Work for PackBits<'_> {
     #[inline(always)]
     fn run<const FUSED: bool>(self) {
         for (byte, cells) in self.out.iter_mut().zip(self.cells.as_chunks::<8>().0) {
-            *byte = packed(cells);
+            *byte |= packed(cells);
         }
     }
 }
@@ -65,7 +65,7 @@ fn packed(cells: &[f32; 8]) -> u8 {
     cells.iter().fold(0, |bits, field| bits << 1 | u8::from(*field >= isovalue))
 }
 
-/// Covered shares of a row's pixels.
+/// Raises a row's pixels to their covered shares.
 ///
 /// The half-plane that the field's mean over the pixel and its gradient (central differences, in pixels) describe, cut with
 /// the pixel. The mean, to second order the value plus a 24th of the Laplacian, allows for what a half-plane cannot show:
@@ -91,7 +91,7 @@ impl Work for Coverage<'_> {
             let excess = here[pixel] + laplacian * (1.0 / 24.0) - super::ISOVALUE as f32;
             let (gx, gy) = ((right - left).abs() * 0.5, (below - above).abs() * 0.5);
             let share = half_plane_coverage(excess, greater(gx, gy), lesser(gx, gy));
-            *grey = (share * 255.0 + INTEGERS).to_bits() as u8;
+            *grey = (*grey).max((share * 255.0 + INTEGERS).to_bits() as u8);
         }
     }
 }

@@ -107,7 +107,8 @@ impl PlaneProbe {
             let bytes = pixels.start / 8..pixels.end.div_ceil(8);
             for row in 0..TILE_ROWS {
                 let bits = &mut self.bits[bytes.clone()];
-                Convolution::pack_bits(path, &self.strip, row, bytes.start, bits);
+                bits.fill(0);
+                Convolution::merge_bits(path, &self.strip, row, bytes.start, bits);
                 if bits.iter().any(|byte| *byte != 0) {
                     return true;
                 }

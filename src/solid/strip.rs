@@ -49,6 +49,17 @@ pub struct Effort {
     pub evaluations: u64,
 }
 
+impl std::iter::Sum for Effort {
+    fn sum<I: Iterator<Item = Self>>(each: I) -> Self {
+        each.fold(Self::default(), |sum, one| Self {
+            looks: sum.looks + one.looks,
+            drawn: sum.drawn + one.drawn,
+            rows: sum.rows + one.rows,
+            evaluations: sum.evaluations + one.evaluations,
+        })
+    }
+}
+
 /// Some rows of cells, `halo` more columns on each side than the grid has.
 #[derive(Debug)]
 pub struct Strip<Cell> {

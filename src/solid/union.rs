@@ -59,16 +59,16 @@ impl Shape for Union {
         }
     }
 
-    fn pack_bits(_: Path, strip: &Strip<u64>, row: usize, first_byte: usize, out: &mut [u8]) {
+    fn merge_bits(_: Path, strip: &Strip<u64>, row: usize, first_byte: usize, out: &mut [u8]) {
         let pixels = strip.pixels(row, first_byte * 8).as_chunks::<8>().0;
         for (byte, pixels) in out.iter_mut().zip(pixels) {
-            *byte = pixels.iter().fold(0, |bits, cell| bits << 1 | u8::from(*cell != 0));
+            *byte |= pixels.iter().fold(0, |bits, cell| bits << 1 | u8::from(*cell != 0));
         }
     }
 
-    fn coverage(_: Path, strip: &Strip<u64>, row: usize, first_pixel: usize, out: &mut [u8]) {
+    fn merge_coverage(_: Path, strip: &Strip<u64>, row: usize, first_pixel: usize, out: &mut [u8]) {
         for (grey, cell) in out.iter_mut().zip(strip.pixels(row, first_pixel)) {
-            *grey = ((cell.count_ones() * 255 + 32) / 64) as u8;
+            *grey = (*grey).max(((cell.count_ones() * 255 + 32) / 64) as u8);
         }
     }
 }

@@ -44,11 +44,11 @@ impl Shape for Convolution {
         path.run(Draw { blocks, plane, strip });
     }
 
-    fn pack_bits(path: Path, strip: &Strip<f32>, row: usize, first_byte: usize, out: &mut [u8]) {
+    fn merge_bits(path: Path, strip: &Strip<f32>, row: usize, first_byte: usize, out: &mut [u8]) {
         path.run(PackBits { cells: strip.pixels(row, first_byte * 8), out });
     }
 
-    fn coverage(path: Path, strip: &Strip<f32>, row: usize, first_pixel: usize, out: &mut [u8]) {
+    fn merge_coverage(path: Path, strip: &Strip<f32>, row: usize, first_pixel: usize, out: &mut [u8]) {
         path.run(Coverage { around: strip.around(row, first_pixel), out });
     }
 }

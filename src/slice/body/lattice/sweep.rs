@@ -1,10 +1,11 @@
 //! The sweep plane (Liu et al. 2021, §4): struts come in ascending order, join the active set when the plane comes within
 //! reach and leave it when the plane is past them.
 
+use super::StrutSource;
 use super::active::ActiveSet;
-use super::workers::Workers;
-use super::{SliceError, SlicePlan, StrutSource};
 use crate::buildfile::{CHUNK_STRUTS, Strut};
+use crate::slice::workers::Workers;
+use crate::slice::{SliceError, SlicePlan};
 use crate::solid::{self, LARGEST_RADIUS, Record, Shape};
 use crate::stream::{Charge, MemoryBudget};
 

@@ -1,0 +1,56 @@
+//! Some rows of a layer while bodies are drawn into them.
+
+use crate::layer::Depth;
+
+/// Successive rows of a layer. Every body is merged into what the others have drawn: bits by or, grey by maximum.
+pub(super) enum Band<'a> {
+    /// One bit a pixel, the first pixel of a byte in its highest bit.
+    Bits(Rows<'a>),
+    /// One byte a pixel, the covered share of the pixel.
+    Grey(Rows<'a>),
+}
+
+/// The bytes of a band.
+pub(super) struct Rows<'a> {
+    /// The layer's row that comes first.
+    pub(super) first: usize,
+    bytes: &'a mut [u8],
+    stride_bytes: usize,
+}
+
+impl<'a> Band<'a> {
+    /// Dark rows from `first` on, over whatever `bytes` hold.
+    pub(super) fn dark(depth: Depth, first: usize, bytes: &'a mut [u8], stride_bytes: usize) -> Self {
+        bytes.fill(0);
+        let rows = Rows { first, bytes, stride_bytes };
+        match depth {
+            Depth::Bit => Self::Bits(rows),
+            Depth::Grey => Self::Grey(rows),
+        }
+    }
+
+    /// Clears what was drawn beyond `width_px` into the last byte of each row of bits.
+    pub(super) fn finish(self, width_px: usize) {
+        if let Self::Bits(mut rows) = self
+            && !width_px.is_multiple_of(8)
+        {
+            for row in rows.each_mut() {
+                if let Some(last) = row.last_mut() {
+                    *last &= 0xff << (8 - width_px % 8);
+                }
+            }
+        }
+    }
+}
+
+impl Rows<'_> {
+    /// How many rows.
+    pub(super) fn count(&self) -> usize {
+        self.bytes.len() / self.stride_bytes
+    }
+
+    /// The bytes of each row.
+    pub(super) fn each_mut(&mut self) -> impl Iterator<Item = &mut [u8]> {
+        self.bytes.chunks_exact_mut(self.stride_bytes)
+    }
+}
