@@ -7,6 +7,13 @@ use bincode::{Decode, Encode};
 
 use crate::solid;
 
+/// Lengths a quantum may have, micrometres: from what no printer can tell to what no part can spare, and coordinates of 2³⁰ of
+/// them still reach 1 m.
+pub(super) const QUANTA_UM: std::ops::RangeInclusive<f64> = 1e-3..=1e3;
+
+/// Support R as a multiple of the largest radius where none is named: keeps every radius at or below 2R/3.
+pub(super) const SUPPORT_FACTOR: f64 = 1.5;
+
 /// How overlapping struts become one solid.
 #[derive(Clone, Copy, Debug, PartialEq, Encode, Decode)]
 pub enum Blend {
@@ -81,6 +88,11 @@ impl Strut {
             caps: [self.caps.a.into(), self.caps.b.into()],
         }
     }
+}
+
+/// Nodes in the file's order: z first, so that ascending nodes ascend in z.
+pub(super) fn node_key(node: [i32; 3]) -> [i32; 3] {
+    [node[2], node[1], node[0]]
 }
 
 /// An axis-aligned box in quanta, both corners inside.

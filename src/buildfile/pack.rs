@@ -1,104 +1,16 @@
 //! From sources of any size and order to one build file.
 
-use std::num::NonZero;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-use super::collect::{Collector, Rules, check_options};
-use super::import::Source;
-use super::merge::Merge;
-use super::model::{Blend, Caps, Header, Placement, Strut};
-use super::sort;
-use super::writer::{WriteError, Writer, WriterSettings};
+use super::error::PackError;
+use super::import::{Collector, Rules, Source, check_options};
+use super::model::{Blend, Caps, Header, Strut};
+use super::options::{BlendChoice, PackOptions};
+use super::progress::PackProgress;
+use super::sort::{self, Merge};
+use super::store::{EXPECTED_STRUT_BYTES, WriteError, Writer, WriterSettings};
 use crate::output::{self, Output};
-
-/// Bytes of a strut in a build file: what a large file takes at most in practice.
-pub(super) const EXPECTED_STRUT_BYTES: u64 = 10;
-
-/// How to pack.
-#[derive(Clone, Debug, PartialEq)]
-pub struct PackOptions {
-    /// Leave out what is not a lattice instead of refusing it.
-    pub lattice_only: bool,
-    /// How struts are joined; `None` is what the format of the sources means: union for 3MF, convolution for edge text.
-    pub blend: Option<BlendChoice>,
-    /// Degrees about x, then y, then z.
-    pub rotate_deg: [f64; 3],
-    /// Factors, greater than 0, on lengths along x, y and z, after turning. Radii get the mean of least and largest factor,
-    /// where that leaves no surface more than 25 µm off the stretched one.
-    pub scale: [f64; 3],
-    /// Where the part stands.
-    pub placement: Placement,
-    /// Length of one quantum, micrometres, 0.001 to 1000: coordinates and radii are rounded to whole ones.
-    pub quantum_um: f64,
-    /// Bytes the out-of-core sort may take.
-    pub memory_bytes: u64,
-    /// Threads that parse and sort, and as many, up to 4, that compress. The file does not depend on their number.
-    pub threads: NonZero<usize>,
-}
-
-impl Default for PackOptions {
-    /// Taken as it stands, joined as its format means it, in the middle of the plate; 256 MiB of memory, one thread.
-    fn default() -> Self {
-        Self {
-            lattice_only: false,
-            blend: None,
-            rotate_deg: [0.0; 3],
-            scale: [1.0; 3],
-            placement: Placement::Centred,
-            quantum_um: 1.0,
-            memory_bytes: 256 << 20,
-            threads: NonZero::<usize>::MIN,
-        }
-    }
-}
-
-/// The blend as it is asked for.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum BlendChoice {
-    /// A convolution surface; where no support R is named it is 1.5 times the largest radius.
-    Convolution {
-        /// R in millimetres, after scaling.
-        support_mm: Option<f64>,
-    },
-    /// The exact union.
-    Union,
-}
-
-/// How far packing has come.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum PackProgress {
-    /// Said before each source whose struts, with those of the sources before it, may not fit memory.
-    Space {
-        /// Temporary space needed beside the build file, at most; without what the sources before it have taken.
-        temporary_bytes: u64,
-        /// Space needed for the build file itself, about.
-        output_bytes: u64,
-        /// Space that is free there.
-        free_bytes: u64,
-    },
-    /// Source bytes read, of all.
-    Reading {
-        /// Bytes read.
-        done: u64,
-        /// Bytes in all.
-        total: u64,
-    },
-    /// Bytes of sorted runs joined to longer ones, of all: only where memory is little for so many struts.
-    Joining {
-        /// Bytes joined.
-        done: u64,
-        /// Bytes in all.
-        total: u64,
-    },
-    /// Struts written, of all.
-    Writing {
-        /// Struts written.
-        done: u64,
-        /// Struts in all.
-        total: u64,
-    },
-}
 
 /// What packing did.
 #[derive(Clone, Debug, PartialEq)]
@@ -107,48 +19,6 @@ pub struct PackReport {
     pub header: Header,
     /// Everything that was left out, merged or not taken as the source says, one sentence each.
     pub notes: Vec<String>,
-}
-
-/// Why packing failed. Nothing half-written stays behind.
-#[derive(Debug, thiserror::Error)]
-pub enum PackError {
-    /// A source cannot be read.
-    #[error("cannot read {}: {source}", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
-    /// A source holds what cannot be printed.
-    #[error("{place}: {problem}")]
-    Input {
-        /// File, and line or object.
-        place: String,
-        /// What was found, what is allowed, and the remedy.
-        problem: String,
-    },
-    /// An option is out of range.
-    #[error("{0}")]
-    Option(String),
-    /// Sorting out of core failed.
-    #[error("cannot write beside the build file, in {}: {source}", directory.display())]
-    Sort {
-        /// Where runs are spilled: beside the build file.
-        directory: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
-    /// The build file could not be written.
-    #[error(transparent)]
-    Write(#[from] WriteError),
-}
-
-impl PackError {
-    /// An [`PackError::Input`].
-    pub(super) fn input(place: impl Into<String>, problem: impl Into<String>) -> Self {
-        Self::Input { place: place.into(), problem: problem.into() }
-    }
 }
 
 /// Joins `inputs` into the build file `output`.

@@ -3,7 +3,7 @@
 
 use super::grid::{Grid, Radii};
 use super::{GenerateOptions, Height, QUANTUM_UM};
-use crate::buildfile::pack::PackError;
+use crate::buildfile::error::PackError;
 
 /// Strut radius in grid steps where none is given, a tenth of a cell's edge: slender, yet four pixels wide in a 2 mm cell at
 /// 50 µm.

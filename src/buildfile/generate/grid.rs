@@ -1,8 +1,8 @@
 //! The struts of a lattice, by hash: node and strut are known from their place in the grid, so none is held in memory.
 
 use super::Kind;
-use crate::buildfile::chunk::node_key;
-use crate::buildfile::collect::SUPPORT_FACTOR;
+use crate::buildfile::model::SUPPORT_FACTOR;
+use crate::buildfile::model::node_key;
 use crate::buildfile::model::{Caps, Strut};
 
 /// How far a node of [`Kind::Random`] leaves its grid point along each axis, in grid steps: below a half, so that struts of

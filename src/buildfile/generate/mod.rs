@@ -10,10 +10,10 @@ use std::path::Path;
 use sha2::{Digest, Sha256};
 
 use self::fit::fit;
+use super::error::PackError;
 use super::model::{Blend, Header, Placement};
-use super::pack::PackError;
 use super::sort::Sorter;
-use super::writer::{Writer, WriterSettings};
+use super::store::{Writer, WriterSettings};
 use crate::output;
 
 /// Memory for sorting one layer of nodes; a wider layer is sorted out of core.

@@ -1,12 +1,16 @@
 //! Readers of sources. Each streams its file and hands beams and balls to the [`Collector`].
 
+mod collect;
 mod edge_text;
+mod stretch;
 mod three_mf;
 
 use std::path::Path;
 
-use super::collect::Collector;
-use super::pack::{BlendChoice, PackError, PackOptions, PackProgress};
+use super::error::PackError;
+use super::options::{BlendChoice, PackOptions};
+use super::progress::PackProgress;
+pub(super) use collect::{Collector, Rules, check_options};
 
 /// A kind of source.
 #[derive(Clone, Copy, Debug)]

@@ -5,7 +5,7 @@ use std::io::Read;
 use std::path::Path;
 
 use super::line::{LINE_LIMIT_BYTES, LineError};
-use crate::buildfile::pack::PackError;
+use crate::buildfile::error::PackError;
 
 /// Length of a block: enough that handing it to a thread costs nothing, little beside the memory of the sort.
 const BLOCK_BYTES: usize = 256 << 10;

@@ -4,9 +4,9 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use crate::buildfile::collect::Beam;
+use crate::buildfile::error::PackError;
+use crate::buildfile::import::collect::Beam;
 use crate::buildfile::model::Caps;
-use crate::buildfile::pack::PackError;
 
 /// Longest line: seven numbers of 17 digits take 175 bytes.
 pub(super) const LINE_LIMIT_BYTES: usize = 1024;

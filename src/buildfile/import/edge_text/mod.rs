@@ -15,8 +15,9 @@ use sha2::Digest;
 
 use self::blocks::{Block, Blocks};
 use self::line::{Header, LINE_LIMIT_BYTES, LineError, Numbers, is_blank, line_length, lines, place};
-use crate::buildfile::collect::{Collector, Lane};
-use crate::buildfile::pack::{PackError, PackProgress};
+use crate::buildfile::error::PackError;
+use crate::buildfile::import::collect::{Collector, Lane};
+use crate::buildfile::progress::PackProgress;
 
 /// Blocks that wait for each thread: one, so that none idles while another is read.
 const WAITING_BLOCKS: usize = 1;

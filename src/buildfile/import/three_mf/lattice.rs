@@ -9,9 +9,9 @@ use super::resources::Object;
 use super::space::Space;
 use super::structure::{Structure, ball_attribute};
 use super::xml::{Element, Xml, quote};
-use crate::buildfile::collect::{Beam, Collector};
+use crate::buildfile::error::PackError;
+use crate::buildfile::import::collect::{Beam, Collector};
 use crate::buildfile::model::{Cap, Caps};
-use crate::buildfile::pack::PackError;
 
 /// Beams and balls that share one walk over the places of their object, in some 400 KiB.
 const BLOCK_PIECES: usize = 4096;

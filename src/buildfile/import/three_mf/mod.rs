@@ -26,8 +26,10 @@ use sha2::Digest;
 use self::lattice::LatticeReader;
 use self::package::Package;
 use self::structure::Structure;
-use crate::buildfile::collect::Collector;
-use crate::buildfile::pack::{PackError, PackOptions, PackProgress};
+use crate::buildfile::error::PackError;
+use crate::buildfile::import::collect::Collector;
+use crate::buildfile::options::PackOptions;
+use crate::buildfile::progress::PackProgress;
 
 /// Reads one package.
 ///

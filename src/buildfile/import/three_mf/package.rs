@@ -13,7 +13,7 @@ use zip::result::ZipError;
 use super::part_name;
 use super::space::Space;
 use super::xml::{Xml, quote};
-use crate::buildfile::pack::PackError;
+use crate::buildfile::error::PackError;
 
 /// Unpacked bytes of all parts for each byte of the file: ten times what the most regular lattices reach; deflate itself ends
 /// at 1032.

@@ -15,7 +15,7 @@ use super::part_name;
 use super::resources::{LeftOut, Object, ObjectId, Resources};
 use super::space::Space;
 use super::xml::{Element, Xml, quote};
-use crate::buildfile::pack::PackError;
+use crate::buildfile::error::PackError;
 
 /// Most model parts that are read: each is opened twice, and slicing programs write one for each object of a plate.
 const PART_LIMIT: usize = 1024;

@@ -2,7 +2,7 @@
 //!
 //! `docs/build-file.md` draws every byte.
 
-use super::model::{Blend, Header};
+use crate::buildfile::model::{Blend, Header, Placement, QUANTA_UM};
 use crate::codec;
 use crate::solid::{LARGEST_RADIUS, LARGEST_RADIUS_SHARE};
 
@@ -18,10 +18,6 @@ pub(super) const VERSION: u32 = 2;
 /// The version before, which this code reads, too: a print that it began must end with the same layers. Its header ends before
 /// `bottom_um`.
 pub(super) const OLD_VERSION: u32 = 1;
-
-/// Lengths a quantum may have, micrometres: from what no printer can tell to what no part can spare, and coordinates of 2³⁰ of
-/// them still reach 1 m.
-pub(super) const QUANTA_UM: std::ops::RangeInclusive<f64> = 1e-3..=1e3;
 
 /// Magic, version, header length, header CRC.
 pub(super) const PRELUDE_BYTES: usize = 20;
@@ -168,7 +164,7 @@ pub(super) fn check_header(header: &Header) -> Result<(), String> {
             high_um + bulge_um
         ));
     }
-    if let super::model::Placement::At { x_mm, y_mm } = placement
+    if let Placement::At { x_mm, y_mm } = placement
         && !(x_mm.is_finite() && y_mm.is_finite())
     {
         return Err(format!("placement at {x_mm}, {y_mm} mm is no place"));

@@ -6,8 +6,8 @@ use std::ops::Range;
 use std::os::unix::fs::FileExt;
 use std::sync::Arc;
 
-use super::model::Strut;
-use super::sort_key::SortKey;
+use super::key::SortKey;
+use crate::buildfile::model::Strut;
 
 /// One sorted run as it is read: records in memory, then what is left of it in a file.
 struct Run {
@@ -19,7 +19,7 @@ struct Run {
 }
 
 /// Merges runs through a tree of losers (Knuth, The Art of Computer Programming 3, §5.4.1): one comparison a level a record.
-pub(super) struct Merge {
+pub(in crate::buildfile) struct Merge {
     file: Option<Arc<File>>,
     runs: Vec<Run>,
     /// Each run's least record that was not taken yet; [`SortKey::END`] behind its last.

@@ -1,6 +1,6 @@
 //! A strut as the sort keeps it, all of it a key: 32 bytes, in memory and in runs, whose order as numbers is the order of struts in a file.
 
-use super::model::{Cap, Caps, Strut};
+use crate::buildfile::model::{Cap, Caps, Strut};
 use crate::solid::LARGEST_RADIUS;
 
 // Two radii and two caps share eight bytes.

@@ -5,16 +5,14 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DVec3};
 use sha2::{Digest, Sha256};
 
-use super::chunk::node_key;
-use super::format::QUANTA_UM;
-use super::model::{Blend, Caps, Strut};
-use super::pack::{BlendChoice, EXPECTED_STRUT_BYTES, PackError, PackOptions, PackProgress};
-use super::sort::{self, Sorter};
 use super::stretch::{ROUND_TOLERANCE_UM, Stretch};
+use crate::buildfile::error::PackError;
+use crate::buildfile::model::{Blend, Caps, QUANTA_UM, SUPPORT_FACTOR, Strut, node_key};
+use crate::buildfile::options::{BlendChoice, PackOptions};
+use crate::buildfile::progress::PackProgress;
+use crate::buildfile::sort::{self, Sorter};
+use crate::buildfile::store::EXPECTED_STRUT_BYTES;
 use crate::solid::{LARGEST_RADIUS, LARGEST_RADIUS_SHARE};
-
-/// Support R as a multiple of the largest radius where none is named: keeps every radius at or below 2R/3.
-pub(super) const SUPPORT_FACTOR: f64 = 1.5;
 
 /// R as a multiple of the mean radius beyond which it is told: a strut's field then falls so slowly (to 0.7 C at twice its
 /// radius) that all within R of it swells it.
@@ -37,7 +35,7 @@ pub(super) struct Beam {
 }
 
 /// What every beam goes through: the same for all threads.
-pub(super) struct Rules {
+pub(in crate::buildfile) struct Rules {
     quantum_um: f64,
     blend: BlendChoice,
     /// Turns and scales.
@@ -71,7 +69,7 @@ struct Tally {
 }
 
 /// Takes beams and balls of all inputs.
-pub(super) struct Collector<'a> {
+pub(in crate::buildfile) struct Collector<'a> {
     rules: &'a Rules,
     lanes: Vec<Lane<'a>>,
     hasher: Sha256,
@@ -87,13 +85,13 @@ pub(super) struct Collector<'a> {
 }
 
 /// Everything a build file is written from.
-pub(super) struct Collected {
-    pub(super) sorters: Vec<Sorter>,
-    pub(super) blend: Blend,
-    pub(super) largest_radius: u32,
-    pub(super) count: u64,
-    pub(super) source_digest: [u8; 32],
-    pub(super) notes: Vec<String>,
+pub(in crate::buildfile) struct Collected {
+    pub(in crate::buildfile) sorters: Vec<Sorter>,
+    pub(in crate::buildfile) blend: Blend,
+    pub(in crate::buildfile) largest_radius: u32,
+    pub(in crate::buildfile) count: u64,
+    pub(in crate::buildfile) source_digest: [u8; 32],
+    pub(in crate::buildfile) notes: Vec<String>,
 }
 
 impl Tally {
@@ -106,7 +104,7 @@ impl Tally {
 impl Rules {
     /// # Errors
     /// Where the factors flatten the part.
-    pub(super) fn new(options: &PackOptions, blend: BlendChoice) -> Result<Self, PackError> {
+    pub(in crate::buildfile) fn new(options: &PackOptions, blend: BlendChoice) -> Result<Self, PackError> {
         let PackOptions { quantum_um, scale, rotate_deg, .. } = *options;
         let to_quanta = DMat3::from_diagonal(DVec3::from(scale.map(|factor| factor * 1000.0 / quantum_um)));
         let turn = turn(rotate_deg);
@@ -235,7 +233,7 @@ impl Lane<'_> {
 
 impl<'a> Collector<'a> {
     /// A collector of as many lanes as `options` asks for threads; runs are spilled to `directory`.
-    pub(super) fn new(rules: &'a Rules, options: &PackOptions, directory: &Path) -> Self {
+    pub(in crate::buildfile) fn new(rules: &'a Rules, options: &PackOptions, directory: &Path) -> Self {
         let threads = options.threads.get();
         let lane = |sorter| Lane { rules, sorter, directory: directory.into(), tally: Tally::default() };
         Self {
@@ -317,7 +315,7 @@ impl<'a> Collector<'a> {
     ///
     /// # Errors
     /// Where no strut was found.
-    pub(super) fn finish(mut self, inputs: &[PathBuf]) -> Result<Collected, PackError> {
+    pub(in crate::buildfile) fn finish(mut self, inputs: &[PathBuf]) -> Result<Collected, PackError> {
         let Tally { largest_radius, least_radius, radius_sum, count, short_count, capped_count, most_off_um } =
             self.tally();
         let quantum_mm = self.rules.quantum_um / 1000.0;
@@ -431,7 +429,7 @@ fn factors(scale: [f64; 3]) -> String {
 
 /// # Errors
 /// Where an option is out of range.
-pub(super) fn check_options(options: &PackOptions) -> Result<(), PackError> {
+pub(in crate::buildfile) fn check_options(options: &PackOptions) -> Result<(), PackError> {
     if options.scale.iter().any(|factor| !(1e-6..=1e6).contains(factor)) {
         return Err(PackError::Option(format!("--scale {}: allowed is 0.000001 to 1000000", factors(options.scale))));
     }

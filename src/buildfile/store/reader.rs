@@ -9,8 +9,8 @@ use super::chunk::{self, CHUNK_STRUTS, UNPACKED_LIMIT_BYTES};
 use super::format::{self, Footer, HEADER_LIMIT_BYTES, OLD_VERSION, PRELUDE_BYTES, VERSION, check_beginning};
 use super::index::ChunkEntry;
 use super::lowest::LowestOfUnion;
-use super::model::{Blend, Bounds, Header, Strut};
 use super::profile::{self, ProfileBuilder};
+use crate::buildfile::model::{Blend, Bounds, Header, Strut};
 use crate::codec;
 
 /// A build file that cannot be used; every text names the file.

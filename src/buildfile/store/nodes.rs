@@ -3,8 +3,8 @@
 use std::collections::HashSet;
 use std::hash::{BuildHasher, Hasher, RandomState};
 
-use super::chunk::node_key;
-use super::model::Strut;
+use crate::buildfile::model::Strut;
+use crate::buildfile::model::node_key;
 
 /// Most upper nodes remembered, about 8 MB. Then those below the sweep are forgotten; where more than half as many stay, the
 /// count is left unknown, as the rest would be filled and searched again too soon.

@@ -11,7 +11,7 @@
 
 use super::columns;
 use super::index::ChunkEntry;
-use super::model::{Bounds, Cap, Caps, Header, Strut};
+use crate::buildfile::model::{Bounds, Cap, Caps, Header, Strut, node_key};
 
 /// Most struts in one chunk. Few enough that a chunk decodes within a second-level cache and the index bounds the active set
 /// tightly, enough that a chunk's own cost (40 bytes of index, 38 of head, the compressor's tables) vanishes.
@@ -25,11 +25,6 @@ const HEAD_BYTES: usize = 38;
 const FLAG_SECOND_RADIUS: u8 = 1;
 const FLAG_CAPS: u8 = 2;
 const CAPS: [Cap; 3] = [Cap::Sphere, Cap::Hemisphere, Cap::Butt];
-
-/// Nodes in the file's order: z first, so that ascending nodes ascend in z.
-pub(super) fn node_key(node: [i32; 3]) -> [i32; 3] {
-    [node[2], node[1], node[0]]
-}
 
 /// Buffers of [`decode`], kept from chunk to chunk.
 #[derive(Debug, Default)]

@@ -7,8 +7,8 @@ use crossbeam::channel::{Receiver, Sender, bounded};
 
 use super::chunk::{self, Unpacked};
 use super::index::ChunkEntry;
-use super::model::Strut;
 use super::packer::Packer;
+use crate::buildfile::model::Strut;
 
 /// Chunks on their way through each thread: one under way, one waiting, so that no thread waits for the writer.
 const CHUNKS_PER_THREAD: usize = 2;

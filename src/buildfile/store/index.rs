@@ -2,7 +2,7 @@
 
 use bincode::{Decode, Encode};
 
-use super::model::Strut;
+use crate::buildfile::model::Strut;
 
 /// Where one chunk lies and what it holds; z in quanta. Encoded in 40 bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]

@@ -6,21 +6,26 @@ use std::num::NonZero;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
-use super::chunk::{CHUNK_STRUTS, node_key};
+use super::bottom::lowest_of_convolution;
+use super::chunk::CHUNK_STRUTS;
 use super::encoders::{Encoded, Encoders};
 use super::format::{self, Footer};
 use super::index::ChunkEntry;
-use super::lowest::{self, LowestOfUnion};
-use super::model::{Blend, Bounds, Header, Placement, Strut};
+use super::lowest::LowestOfUnion;
 use super::nodes::NodeCounter;
 use super::profile::ProfileBuilder;
 use super::reader::BuildFile;
+use crate::buildfile::model::node_key;
+use crate::buildfile::model::{Blend, Bounds, Header, Placement, Strut};
 use crate::codec;
 use crate::output::Output;
 use crate::solid::LARGEST_RADIUS;
 
 /// Compression level of the profile, of which there is one in a file.
 const PROFILE_LEVEL: i32 = 9;
+
+/// Bytes of a strut in a build file: what a large file takes at most in practice.
+pub(in crate::buildfile) const EXPECTED_STRUT_BYTES: u64 = 10;
 
 /// What a writer must know before the first strut.
 #[derive(Clone, Debug, PartialEq)]
@@ -90,7 +95,7 @@ impl Writer {
     }
 
     /// As [`Writer::create`], with so many threads that compress; the file does not depend on their number.
-    pub(super) fn with_threads(
+    pub(in crate::buildfile) fn with_threads(
         path: &Path,
         settings: WriterSettings,
         threads: NonZero<usize>,
@@ -175,7 +180,7 @@ impl Writer {
         if let Blend::Convolution { support_um } = header.blend {
             let refused = |problem: String| WriteError::Refused { path: path.clone(), problem };
             let whole = BuildFile::of(&path, output.file().try_clone().map_err(io_error)?);
-            let bottom_um = whole.and_then(|file| lowest::of_convolution(&file, support_um));
+            let bottom_um = whole.and_then(|file| lowest_of_convolution(&file, support_um));
             if let Some(bottom_um) = bottom_um.map_err(|error| refused(error.to_string()))? {
                 header.bottom_um = bottom_um;
             }

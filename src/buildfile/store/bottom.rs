@@ -1,12 +1,11 @@
-//! Where a part begins: the height of its lowest solid point, which is to stand on the plate.
+//! The lowest solid point of a convolution surface: where the summed field first reaches the isovalue.
 //!
-//! Of a union it is exact, found strut by strut as they go by. A convolution surface begins where the summed field first reaches
-//! the isovalue: planes are drawn from below until a point is solid, and the step between the last dark plane and that one is
-//! halved. Only struts within reach of these planes are read.
+//! Planes are drawn from below until a point is solid. Then the step between the last dark plane and that one is halved. Only
+//! struts within reach of these planes are read.
 
-use super::model::Strut;
 use super::reader::{BuildFile, BuildFileError};
-use crate::solid::{Convolution, PlaneProbe, Record, Shape, lowest_z};
+use crate::buildfile::model::Strut;
+use crate::solid::{Convolution, PlaneProbe, Record, Shape};
 
 /// Planes and points are at most this share of R apart: the field changes by less than one per cent over half of it.
 const LARGEST_STEP_SHARE: f64 = 1.0 / 16.0;
@@ -22,37 +21,11 @@ const PATIENT_PLANES: u32 = 512;
 /// Halvings of the last step: to less than a thousandth of it.
 const HALVINGS: u32 = 10;
 
-/// The lowest solid point of struts under exact union, quanta.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct LowestOfUnion(f64);
-
-impl Default for LowestOfUnion {
-    /// Of nothing.
-    fn default() -> Self {
-        Self(f64::INFINITY)
-    }
-}
-
-impl LowestOfUnion {
-    /// Takes in one strut more.
-    pub(super) fn add(&mut self, strut: &Strut) {
-        // Most struts of a part are far above its bottom.
-        if f64::from(strut.a[2]) - f64::from(strut.radius_a.max(strut.radius_b)) < self.0 {
-            self.0 = self.0.min(lowest_z(&strut.beam()));
-        }
-    }
-
-    /// Micrometres.
-    pub(super) fn um(self, quantum_um: f64) -> f64 {
-        self.0 * quantum_um
-    }
-}
-
 /// The lowest solid point of a convolution of support R, micrometres; `None` where nothing is solid.
 ///
 /// # Errors
 /// Where a chunk cannot be read.
-pub(super) fn of_convolution(file: &BuildFile, support_um: f64) -> Result<Option<f64>, BuildFileError> {
+pub(super) fn lowest_of_convolution(file: &BuildFile, support_um: f64) -> Result<Option<f64>, BuildFileError> {
     let header = file.header();
     let least_radius_um = f64::from(header.radius_range[0]) * header.quantum_um;
     let top_um = f64::from(header.bounds.max[2]) * header.quantum_um + header.bulge_um();

@@ -4,6 +4,9 @@
 //! at once, each with its own [`Sorter`] of a team that shares the file; which run holds which strut does not change the
 //! result, as the order is total.
 
+mod key;
+mod merge;
+
 use std::fs::File;
 use std::io;
 use std::ops::Range;
@@ -11,9 +14,9 @@ use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::merge::Merge;
-use super::model::Strut;
-use super::sort_key::SortKey;
+use self::key::SortKey;
+pub(super) use self::merge::Merge;
+use crate::buildfile::model::Strut;
 
 /// Least buffer for each run of a merge: below it, seeking costs more than reading. Sets how many runs are merged at once.
 const RUN_BUFFER_BYTES: usize = 16 << 10;
