@@ -9,6 +9,8 @@ use layerd::job::{Command, EndOrder, Engine, Event, History, JobState, Record, R
 use layerd::link::message::{DeviceState, ExposureId, Fault, Urgent};
 use proptest::prelude::*;
 
+const SECOND_US: u64 = 1_000_000;
+
 /// What an abort says that nobody confirmed.
 const LIGHT_UNCONFIRMED: &str = "did not confirm that its light is off";
 
@@ -502,6 +504,89 @@ fn a_job_ordered_to_end_cannot_be_resumed() {
     }
     let refused = History::replay(&world.journal).expect("true").start(ResumeChoice::None);
     assert_eq!(refused, Err(ResumeError::Ordered(EndOrder::Stop)));
+}
+
+/// A disk that hangs for an hour: whatever ends or pauses the print, the plate comes clear within seconds, and every record is
+/// written once the disk answers.
+#[test]
+fn a_disk_that_hangs_keeps_no_plate_in_the_resin() {
+    const HANGS_US: u64 = 3600 * SECOND_US;
+    let orders = [Command::Abort, Command::Stop, Command::Pause];
+    // The record that hangs: that of the order itself, of a layer exposed, of one commanded.
+    for (order, hanging) in orders.iter().flat_map(|order| (0..3).map(move |hanging| (*order, hanging))) {
+        let mut world = world_exposing(1);
+        match hanging {
+            0 => {}
+            1 => {
+                while !matches!(world.flushing, Some((_, Record::Confirmed { layer: 1 }))) {
+                    assert!(world.next_event());
+                }
+            }
+            _ => {
+                while !matches!(world.flushing, Some((_, Record::Commanded { layer: 2, .. }))) {
+                    assert!(world.next_event());
+                }
+            }
+        }
+        world.flush_us = HANGS_US;
+        if let Some((until_us, _)) = &mut world.flushing {
+            *until_us = world.now_us + HANGS_US;
+        }
+        let ordered_us = world.now_us;
+        world.tell(Event::Command(order));
+        while world.device.position_um != Some(CLEAR_UM) {
+            assert!(world.next_event());
+        }
+        // The exposure under way, 2 s for the disk and for a new session, and the lift.
+        let took_us = world.now_us - ordered_us;
+        assert!(took_us < 40 * SECOND_US, "{order:?} {hanging}: {took_us} µs");
+        assert!(world.flushing.is_some(), "{order:?} {hanging}: the disk still hangs");
+        assert!(world.notices.iter().any(|text| text.contains("the disk has not taken")), "{:?}", world.notices);
+        let exposed = world.exposed.clone();
+        // It answers at last.
+        world.flush_us = 5000;
+        world.flushing.as_mut().expect("hangs").0 = world.now_us;
+        while world.finished.is_none() && world.engine.state() != JobState::Paused {
+            assert!(world.next_event());
+        }
+        assert_eq!(world.exposed, exposed, "{order:?} {hanging}");
+        if order == Command::Pause {
+            while world.flushing.is_some() {
+                assert!(world.next_event());
+            }
+            world.tell(Event::Command(Command::Resume));
+            world.finish();
+            assert_eq!(world.end().0, JobState::Completed);
+            assert!(world.all_exposed_once(), "{order:?} {hanging}: {:?}", world.exposed);
+        }
+        let history = History::replay(&world.journal).expect("true");
+        let state = match order {
+            Command::Abort => JobState::Aborted,
+            Command::Stop => JobState::Stopped,
+            _ => JobState::Completed,
+        };
+        assert!(history.state == state && history.lifted, "{order:?} {hanging}: {:?}", world.journal);
+    }
+}
+
+#[test]
+fn a_disk_that_hangs_lights_nothing_and_is_told() {
+    let mut world = world_exposing(1);
+    while !matches!(world.flushing, Some((_, Record::Commanded { layer: 2, .. }))) {
+        assert!(world.next_event());
+    }
+    let until_us = world.now_us + 600 * SECOND_US;
+    world.flushing.as_mut().expect("on its way").0 = until_us;
+    while world.now_us < until_us {
+        assert!(!world.device.light_on, "light before its record");
+        assert!(world.next_event());
+        let waits_us = world.now_us + 600 * SECOND_US - until_us;
+        let reason = world.engine.progress().reason;
+        let is_told = reason.contains("waiting for the disk");
+        assert_eq!(is_told, (2 * SECOND_US..600 * SECOND_US).contains(&waits_us), "{waits_us} µs: {reason}");
+    }
+    world.finish();
+    assert!(world.all_exposed_once(), "{:?}", world.exposed);
 }
 
 /// The journal keeps room for its last records: they are tried although one before them was refused.

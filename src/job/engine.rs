@@ -29,7 +29,8 @@
 //! [`Engine::next_timeout_us`] has come. Times are microseconds of any clock that never goes back.
 //!
 //! What it keeps true, whatever comes in whichever order:
-//! - no light without a `Commanded` record on disk before it; one act at a time;
+//! - no light without a `Commanded` record on disk before it; one act at a time; no act before the records that precede it, but the
+//!   lift that clears the plate where the disk takes too long;
 //! - light that was not commanded, or lasts longer than commanded, is put off at once, and nothing else is commanded until the
 //!   device reports dark;
 //! - what the device reports, time with light and position, is what was commanded, or the print stops;
@@ -38,6 +39,7 @@
 //! - every wait for somebody else has an end, but that of a pause.
 
 mod cycle;
+mod disk;
 mod ending;
 mod light;
 mod outbox;
@@ -45,6 +47,7 @@ mod pace;
 mod recovery;
 mod uploads;
 
+use disk::{DiskWatch, WAITS_FOR_DISK};
 use outbox::Outbox;
 use pace::Pace;
 use uploads::Uploads;
@@ -203,6 +206,7 @@ pub struct Engine {
     went_back: Option<String>,
     loss: String,
     pace: Pace,
+    disk: DiskWatch,
     /// Time with light that the device reported for the layer confirmed last, milliseconds.
     light_ms: Option<u32>,
 }
@@ -255,6 +259,7 @@ impl Engine {
             went_back: None,
             loss: String::new(),
             pace: Pace::default(),
+            disk: DiskWatch::default(),
             light_ms: None,
         }
     }
@@ -278,6 +283,11 @@ impl Engine {
 
     /// Takes an event in. Events that mean nothing in the present state are ignored.
     pub fn handle(&mut self, event: Event, now_us: u64) {
+        match &event {
+            Event::Journalled | Event::JournalFailed(_) => self.disk.answered(),
+            Event::Timeout => self.look_at_disk(now_us),
+            _ => {}
+        }
         match event {
             Event::Command(Command::Abort) => self.abort(now_us),
             Event::Journalled => {
@@ -326,6 +336,7 @@ impl Engine {
                 }
             }
         }
+        self.lift_without_disk(now_us);
         self.pump_uploads();
     }
 
@@ -336,7 +347,7 @@ impl Engine {
 
     /// When [`Event::Timeout`] is due.
     pub fn next_timeout_us(&self) -> Option<u64> {
-        self.deadline.map(Deadline::at_us)
+        self.deadline.map(Deadline::at_us).into_iter().chain(self.disk.due_us()).min()
     }
 
     /// Where the job stands.
@@ -420,6 +431,7 @@ impl Engine {
                 texts.into_iter().filter(|text| !text.is_empty()).collect::<Vec<_>>().join("; ")
             }
             (_, Phase::Lost) => format!("waiting for the device: {}", self.loss),
+            (_, Phase::Commanding | Phase::Confirming | Phase::Resting) if self.disk.is_slow() => WAITS_FOR_DISK.into(),
             (_, Phase::Checking) if self.ready => "waiting for the device".into(),
             (_, Phase::Darkening { .. }) => "waiting for the device to report dark".into(),
             (_, Phase::Asking { .. }) => "waiting for the device to come to rest".into(),
@@ -484,6 +496,10 @@ impl Engine {
             Phase::CuttingShort => {
                 let text = self.with_cause("the device did not say how the exposure ended");
                 self.end_session(&text, now_us);
+            }
+            Phase::Homing | Phase::Lifting | Phase::Approaching | Phase::Parking if self.out.act.is_some() => {
+                // It waits for the disk, not for the device.
+                self.deadline = Some(Deadline::at(now_us + ACT_MARGIN_US));
             }
             Phase::Homing | Phase::Lifting | Phase::Approaching | Phase::Parking => self.on_overdue_move(now_us),
             Phase::Checking | Phase::Lost => self.on_no_device(),

@@ -108,7 +108,7 @@ pub enum Action {
     /// void.
     EndSession(String),
     /// Append to the journal and flush. Answer [`Event::Journalled`] or [`Event::JournalFailed`]; until then only urgent
-    /// actions, ends of sessions and notices are given.
+    /// actions, ends of sessions and notices are given; after 2 s also the move that lifts the plate clear.
     Journal(Record),
     /// Have the device do something; answer [`Event::ActDone`]. Never given while another act runs.
     Act {

@@ -107,6 +107,8 @@ pub(crate) struct World {
     pub(crate) disturb_at: Vec<(usize, Disturbance)>,
     pub(crate) aborted: bool,
     pub(crate) journal_full: bool,
+    /// How long the disk takes for a record.
+    pub(crate) flush_us: u64,
     pub(crate) finished: Option<(JobState, String)>,
 }
 
@@ -136,6 +138,7 @@ impl World {
             disturb_at: Vec::new(),
             aborted: false,
             journal_full: false,
+            flush_us: 5000,
             finished: None,
         }
     }
@@ -263,13 +266,19 @@ impl World {
 
     pub(crate) fn perform(&mut self, action: Action) {
         let may_overtake = matches!(action, Action::Urgent(_) | Action::EndSession(_) | Action::Notice(_));
-        assert!(may_overtake || self.flushing.is_none(), "{action:?} before the journal is on disk");
+        let clears = matches!(action, Action::Act { act: Act::Move { position_um: CLEAR_UM, .. }, .. });
+        let waited =
+            self.flushing.as_ref().is_none_or(|(until_us, _)| self.now_us + self.flush_us >= until_us + 2_000_000);
+        assert!(
+            may_overtake || self.flushing.is_none() || (clears && waited),
+            "{action:?} before the journal is on disk"
+        );
         match action {
             Action::Journal(_) if self.journal_full => {
                 self.engine.handle(Event::JournalFailed("no space left".into()), self.now_us);
             }
             Action::Journal(record) => {
-                self.flushing = Some((self.now_us + 5000, record));
+                self.flushing = Some((self.now_us + self.flush_us, record));
             }
             Action::Act { number, act } => self.begin_act(number, act),
             Action::QueryState => {

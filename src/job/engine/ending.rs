@@ -1,5 +1,6 @@
 //! Every way out of printing: pause and stop, failures and faults, shutdown, abort.
 
+use super::disk::WAITS_FOR_DISK;
 use super::{Engine, Event, Intent, Phase, SECOND_US};
 use crate::job::{EndOrder, JobState, Record};
 use crate::link::message::{DeviceState, Fault, Refusal, Urgent};
@@ -178,7 +179,7 @@ impl Engine {
         texts.join("; ")
     }
 
-    /// What a job that is to end waits for where no device answers; empty where one does.
+    /// What a job that is to end waits for where device or disk do not answer; empty where they do.
     pub(super) fn wait_before_end(&self) -> String {
         match self.phase {
             // A device that took the abort begins a new session: it is dark meanwhile.
@@ -186,6 +187,7 @@ impl Engine {
             Phase::AbortReconnect if !self.light_known_off => ABORT_WAITS.into(),
             Phase::Lost => format!("waiting for the device: {}", self.loss),
             Phase::Checking if !self.line_up => "waiting for the device".into(),
+            Phase::Commanding | Phase::Confirming | Phase::Ending if self.disk.is_slow() => WAITS_FOR_DISK.into(),
             _ => String::new(),
         }
     }

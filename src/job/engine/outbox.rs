@@ -9,7 +9,7 @@ use crate::link::message::Urgent;
 /// Notices kept for a caller that does not fetch them; older ones are dropped.
 const MOST_NOTICES: usize = 64;
 
-/// Urgent first; then the journal; nothing else before the journal is on disk.
+/// Urgent first; then the journal; nothing else before the journal is on disk, but for a lift that waits too long for it.
 #[derive(Debug, Default)]
 pub(super) struct Outbox {
     pub(super) urgent: Option<Urgent>,
@@ -22,6 +22,8 @@ pub(super) struct Outbox {
     /// Set once a record could not be written: nothing more begins. The last records are tried all the same.
     pub(super) journal_broken: bool,
     pub(super) act: Option<(u64, Act)>,
+    /// The act goes although records are on their way to the disk.
+    pub(super) act_overtakes: bool,
     pub(super) query: bool,
     pub(super) need_from: Option<u32>,
     pub(super) upload: Option<(u32, u8)>,
@@ -39,6 +41,11 @@ impl Outbox {
         }
         if let Some(text) = self.notices.pop_front() {
             return Some(Action::Notice(text));
+        }
+        if self.act_overtakes
+            && let Some((number, act)) = self.act.take()
+        {
+            return Some(Action::Act { number, act });
         }
         if self.record_in_flight {
             return None;
@@ -72,6 +79,11 @@ impl Outbox {
     /// Whether an order of the operator is still on its way to the disk.
     pub(super) fn order_unwritten(&self) -> bool {
         self.order_in_flight || self.records.iter().any(|record| matches!(record, Record::Ordered(_)))
+    }
+
+    /// Whether any record is not on disk yet.
+    pub(super) fn has_unwritten(&self) -> bool {
+        self.record_in_flight || !self.records.is_empty()
     }
 
     /// Notes that a record is on disk; whether that was the last one wanted.

@@ -1,0 +1,69 @@
+//! A disk that does not take the journal's records. No layer is exposed before it does; a plate that is to be lifted clear is lifted
+//! all the same, since a part must not stay in the resin for a disk, and no record can make a lift wrong.
+
+use super::{Engine, Intent, Phase, SECOND_US};
+use crate::deadline::Deadline;
+
+/// The slowest memory cards flush within a second; an operator who stops or aborts is not kept waiting longer for the plate.
+const SLOW_DISK_US: u64 = 2 * SECOND_US;
+
+pub(super) const SLOW_DISK: &str = "the disk has not taken the journal's last record for 2 s: no layer is exposed before it is on \
+     disk. For a pause or an end the plate is lifted all the same";
+pub(super) const WAITS_FOR_DISK: &str = "waiting for the disk, which has not taken the journal's last record";
+
+/// How long a record has been on its way to the disk.
+#[derive(Debug, Default)]
+pub(super) struct DiskWatch {
+    /// By when it must be there.
+    due: Option<Deadline>,
+    is_slow: bool,
+    /// The operator was told so.
+    told: bool,
+}
+
+impl DiskWatch {
+    /// The disk took a record, or refused it.
+    pub(super) fn answered(&mut self) {
+        (self.due, self.is_slow) = (None, false);
+    }
+
+    /// Whether the disk has taken a record for too long.
+    pub(super) fn is_slow(&self) -> bool {
+        self.is_slow
+    }
+
+    /// When the record on its way is overdue.
+    pub(super) fn due_us(&self) -> Option<u64> {
+        self.due.map(Deadline::at_us)
+    }
+}
+
+impl Engine {
+    /// Time has passed: the record on its way may be overdue.
+    pub(super) fn look_at_disk(&mut self, now_us: u64) {
+        if !self.disk.due.as_mut().is_some_and(|due| due.is_over(now_us)) {
+            return;
+        }
+        (self.disk.due, self.disk.is_slow) = (None, true);
+        if !std::mem::replace(&mut self.disk.told, true) {
+            self.out.notice(SLOW_DISK);
+        }
+    }
+
+    /// After every event: lifts the plate where only a slow disk keeps it in the resin.
+    pub(super) fn lift_without_disk(&mut self, now_us: u64) {
+        if self.disk.is_slow && self.intent != Intent::Print {
+            match self.phase {
+                Phase::Confirming => self.advance(now_us),
+                Phase::Commanding => self.withdraw(now_us),
+                Phase::Parking => {}
+                _ if self.out.act.is_some() => self.withdraw(now_us),
+                _ => {}
+            }
+        }
+        self.out.act_overtakes = self.disk.is_slow && self.phase == Phase::Parking;
+        if self.out.has_unwritten() && !self.disk.is_slow {
+            self.disk.due.get_or_insert(Deadline::at(now_us + SLOW_DISK_US));
+        }
+    }
+}
