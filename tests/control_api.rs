@@ -83,6 +83,7 @@ fn empty_snapshot() -> Snapshot {
         budget: Default::default(),
         line: Default::default(),
         jobs_ended: 0,
+        fit: None,
         jobs: Vec::new(),
     }
 }

@@ -5,6 +5,7 @@ mod support;
 use std::collections::VecDeque;
 use std::io::{Read, Write};
 use std::os::unix::fs::symlink;
+use std::os::unix::net::UnixStream;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -59,6 +60,20 @@ fn refused_start(bench: &Bench, arguments: &[&str]) -> String {
     String::from_utf8(output.stderr).expect("UTF-8")
 }
 
+/// The answer to an upload of which nothing comes but its headers.
+fn answer_to_headers(bench: &Bench, headers: &str) -> String {
+    let mut stream = UnixStream::connect(bench.path("control.sock")).expect("connected");
+    let head = format!(
+        "POST /v1/jobs HTTP/1.1\r\nhost: layerd\r\nx-layerd-name: big\r\ncontent-length: 1073741824\r\n{headers}\r\n"
+    );
+    stream.write_all(head.as_bytes()).expect("written");
+    // A daemon that waits for the body gives up after 30 s.
+    stream.set_read_timeout(Some(Duration::from_secs(25))).expect("a timeout");
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).expect("an answer before the body");
+    answer
+}
+
 fn log_lines(bench: &Bench, part: &str) -> usize {
     let log = std::fs::read_to_string(bench.path("daemon.log")).expect("a log");
     log.lines().filter(|line| line.contains(part)).count()
@@ -80,6 +95,9 @@ fn a_device_of_another_kind_is_told_when_it_connects_and_no_job_is_taken_for_it(
         is_named(&bench.ok(&["status"]));
         is_named(&bench.ok(&["device"]));
         is_named(&refused_start(bench, &[]));
+        let answer = answer_to_headers(bench, "");
+        assert!(answer.starts_with("HTTP/1.1 409"), "{answer}");
+        is_named(&answer);
         assert_eq!(bench.json(&["jobs"])["jobs"].as_array().map(Vec::len), Some(0), "nothing was taken");
         assert_eq!(log_lines(bench, "the device does not fit"), 1, "told once, when it connected");
     });
@@ -129,6 +147,11 @@ fn a_recipe_longer_than_the_device_allows_is_refused_before_the_job_has_a_number
         assert_eq!(bench.json(&["status"])["misfit"], serde_json::Value::Null, "the default recipe fits");
         let text = refused_start(bench, &["--recipe", "slow.toml"]);
         assert!(text.contains("10001 ms") && text.contains("at most 10000 ms"), "{text}");
+        // Such a recipe is refused before its part comes.
+        let slow = std::fs::read(bench.path("slow.toml")).expect("a recipe");
+        let encoded: String = slow.iter().map(|byte| format!("%{byte:02X}")).collect();
+        let answer = answer_to_headers(bench, &format!("x-layerd-recipe: {encoded}\r\n"));
+        assert!(answer.starts_with("HTTP/1.1 422") && answer.contains("at most 10000 ms"), "{answer}");
         let id = bench.start_job("part.layerd");
         assert_eq!(id, 1, "the refused one took no number");
         bench.wait_for(id, &["completed"]);

@@ -5,6 +5,8 @@ use tokio::sync::{broadcast, mpsc, oneshot, watch};
 
 use super::api::{BudgetView, DeviceView, Event, InDoubt, JobView, LineView, LinkView, RaiseView, RemovedView, Status};
 use super::caller::Caller;
+use super::fit::Fit;
+use super::upload;
 use crate::job::JobState;
 use crate::text::short_name;
 
@@ -34,6 +36,8 @@ pub struct Snapshot {
     pub line: LineView,
     /// Jobs that have ended since the daemon started. Whoever looked at the plate before one more did has not seen its part.
     pub jobs_ended: u64,
+    /// What new jobs are checked against; `None` before the printer has looked.
+    pub fit: Option<Fit>,
     /// Every job that is remembered, in the order of their acceptance. The printer bounds their number.
     pub jobs: Vec<JobView>,
 }
@@ -270,9 +274,17 @@ impl Handle {
         if matches!(command, Command::Abort(_)) {
             self.aborts.send(Order { command, reply }).await.map_err(|_| ending())?;
         } else {
-            self.orders.try_send(Order { command, reply }).map_err(|refused| match refused {
-                mpsc::error::TrySendError::Full(_) => CommandError::new(503, "too many orders wait already; try again"),
-                mpsc::error::TrySendError::Closed(_) => ending(),
+            self.orders.try_send(Order { command, reply }).map_err(|refused| {
+                let (order, error) = match refused {
+                    mpsc::error::TrySendError::Full(order) => {
+                        (order, CommandError::new(503, "too many orders wait already; try again"))
+                    }
+                    mpsc::error::TrySendError::Closed(order) => (order, ending()),
+                };
+                if let Command::Submit(submission) = order.command {
+                    upload::discard(submission);
+                }
+                error
             })?;
         }
         answer.await.unwrap_or_else(|_| Err(ending()))

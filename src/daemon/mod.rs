@@ -10,6 +10,7 @@ mod connections;
 mod descriptors;
 mod doubt;
 mod faults;
+mod fit;
 pub mod handle;
 mod idle;
 mod jobs;
@@ -40,6 +41,7 @@ mod view;
 
 pub(crate) use body::ChannelBody;
 pub use check::{Findings, check};
+pub use fit::Fit;
 pub(crate) use part::PrintMemory;
 pub(crate) use percent::encode as percent_encode;
 pub use run::run;

@@ -6,6 +6,7 @@ use super::jobs::{Job, TakeUp};
 use super::printer::Printer;
 use super::settle::Change;
 use super::unwritten::Unwritten;
+use super::upload;
 use crate::job::{Command as EngineCommand, EndOrder, JobState, ResumeChoice, ResumeError};
 use crate::link::message::Urgent;
 
@@ -27,6 +28,9 @@ impl Printer {
         let Order { command, reply } = order;
         if self.shutting_down && matches!(command, Command::Submit(_) | Command::Resume { .. } | Command::Remove(_)) {
             let _ = reply.send(Err(CommandError::new(503, "the daemon is ending and begins nothing more")));
+            if let Command::Submit(submission) = command {
+                upload::discard(submission);
+            }
             return;
         }
         let step = match command {

@@ -141,7 +141,12 @@ impl Printer {
                     self.begin_shutdown();
                 }
                 () = sleep_until(self.clock, give_up_us) => {
-                    break Err(anyhow!("the machine could not be made safe in time; the device's own limits must do it"));
+                    let is_over = self.running.as_ref().is_some_and(|running| running.engine.is_over());
+                    break Err(if is_over {
+                        anyhow!("the disk did not take the job's last records in time; the machine is at rest")
+                    } else {
+                        anyhow!("the machine could not be made safe in time; the device's own limits must do it")
+                    });
                 }
                 _ = heartbeat.tick() => self.heartbeat(),
                 () = sleep_until(self.clock, timeout_us) => self.timeout(),
@@ -465,12 +470,13 @@ impl Printer {
         }
         let line = view::line(&self.link.statistics(), self.link.hindrance(), self.reconnects, self.link.busy_share());
         let budget = view::budget(&self.budget);
-        let (device, jobs, jobs_ended) = (self.device.clone(), self.jobs.views(), self.jobs_ended);
+        let (device, jobs, jobs_ended, fit) = (self.device.clone(), self.jobs.views(), self.jobs_ended, self.fit());
         self.desk.snapshot.send_modify(|snapshot| {
             snapshot.line = line;
             snapshot.budget = budget;
             snapshot.device = device;
             snapshot.jobs_ended = jobs_ended;
+            snapshot.fit = Some(fit);
             snapshot.jobs = jobs;
         });
     }

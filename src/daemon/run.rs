@@ -3,6 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 use std::thread::JoinHandle;
+use std::time::Duration;
 
 use anyhow::Context;
 use tokio::net::UnixListener;
@@ -24,6 +25,8 @@ use crate::stream::MemoryBudget;
 /// The runtime's own threads: one moves the line's bytes while the other runs the printer. Layers and each of the two control
 /// sockets have threads of their own, so that no number of connections holds up an order on its way to the device.
 const RUNTIME_THREADS: usize = 2;
+/// What is still being written at the end is waited for no longer: a disk that hangs must not keep the daemon from ending.
+const LONGEST_WRITE: Duration = Duration::from_secs(2);
 
 /// Runs the daemon until SIGTERM, SIGINT, SIGQUIT or SIGHUP; returns once the machine is safe. It logs to stderr.
 ///
@@ -35,13 +38,15 @@ pub fn run(config: &Path) -> anyhow::Result<()> {
         .enable_all()
         .build()
         .context("cannot start the runtime")?;
-    runtime.block_on(async {
+    let ended = runtime.block_on(async {
         // Before anything else: from here on no signal ends this process in the middle of something.
         let signals = Signals::take_over().context("cannot wait for signals")?;
         // Dropped last: what waits to be written is written before the error that ends the daemon is told.
         let _log = log::to_stderr().context("cannot start the log")?;
         serve(load(config)?, signals).await
-    })
+    });
+    runtime.shutdown_timeout(LONGEST_WRITE);
+    ended
 }
 
 /// Reads the configuration and looks at what it names.
@@ -116,6 +121,7 @@ fn serve_in_thread<F: Future<Output = ()>>(
                 Err(error) => tracing::error!(%error, "a control socket cannot be served"),
             }
         });
+        runtime.shutdown_timeout(LONGEST_WRITE);
     };
     std::thread::Builder::new().name(name.into()).spawn(run).context("cannot start a thread")
 }
@@ -129,6 +135,7 @@ fn first_snapshot(setting: &Setting, jobs: &Jobs) -> Snapshot {
         budget: BudgetView::default(),
         line: LineView::default(),
         jobs_ended: 0,
+        fit: None,
         jobs: jobs.views(),
     }
 }

@@ -248,6 +248,8 @@ impl Running {
     pub(super) async fn release(self) {
         drop(self.sending);
         drop(self.driver);
+        // A disk that hangs may keep even that waiting.
+        tokio::task::spawn_blocking(move || drop(self.journal));
         self.layers.stop().await;
     }
 }

@@ -12,7 +12,7 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
 use axum::{Json, Router};
 use tokio::net::UnixListener;
-use tokio::sync::{OwnedSemaphorePermit, Semaphore, SemaphorePermit, broadcast, mpsc, watch};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, broadcast, mpsc, watch};
 use tokio::time::timeout;
 
 use super::api::{ErrorBody, Event, JobList, ResumeBody};
@@ -43,7 +43,7 @@ pub async fn serve(listener: UnixListener, handle: Handle, incoming: PathBuf, sh
         handle,
         incoming,
         subscribers: Arc::new(Semaphore::new(MOST_SUBSCRIBERS)),
-        uploads: Semaphore::new(MOST_UPLOADS),
+        uploads: Arc::new(Semaphore::new(MOST_UPLOADS)),
         shutdown: shutdown.clone(),
     };
     let shared = Arc::new(shared);
@@ -63,16 +63,15 @@ struct Shared {
     handle: Handle,
     incoming: PathBuf,
     subscribers: Arc<Semaphore>,
-    uploads: Semaphore,
+    uploads: Arc<Semaphore>,
     shutdown: watch::Receiver<bool>,
 }
 
 impl Shared {
     /// A place for an upload, as long as it and those under way find room in the queue.
-    fn begin_upload(&self) -> Result<SemaphorePermit<'_>, CommandError> {
-        let place = self
-            .uploads
-            .try_acquire()
+    fn begin_upload(&self) -> Result<OwnedSemaphorePermit, CommandError> {
+        let place = Arc::clone(&self.uploads)
+            .try_acquire_owned()
             .map_err(|_| CommandError::new(503, format!("{MOST_UPLOADS} uploads are under way already; try again")))?;
         let others = MOST_UPLOADS - 1 - self.uploads.available_permits();
         self.handle.snapshot().check_queue(others)?;
@@ -143,10 +142,13 @@ async fn submit(
     headers: HeaderMap,
     mut body: Body,
 ) -> Answer {
-    let jobs_ended = shared.handle.snapshot().jobs_ended;
+    let (jobs_ended, fit) = {
+        let snapshot = shared.handle.snapshot();
+        (snapshot.jobs_ended, snapshot.fit.clone())
+    };
     let received = match shared.begin_upload() {
         // Held until the job is in the queue, so that several uploads cannot overfill it together.
-        Ok(place) => upload::receive(&shared.incoming, &headers, &mut body, jobs_ended).await.map(|new| (new, place)),
+        Ok(place) => upload::receive(&shared.incoming, &headers, &mut body, jobs_ended, fit, place).await,
         Err(refusal) => Err(refusal),
     };
     let (submission, _place) = match received {

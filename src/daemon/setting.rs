@@ -11,6 +11,7 @@ use crate::slice::Slicer;
 const _: () = assert!(MAX_THREADS <= Slicer::MAX_THREADS);
 
 /// What does not change while the daemon runs.
+#[derive(Debug)]
 pub struct Setting {
     /// The daemon's settings.
     pub config: DaemonConfig,

@@ -1,10 +1,10 @@
 //! A new job: checked against machine, recipe and device, and put into the spool.
 
-use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::background::{Background, Reply};
 use super::clock::unix_ms;
+use super::fit::Fit;
 use super::handle::{CommandError, Submission};
 use super::jobs::Job;
 use super::part::Part;
@@ -12,9 +12,7 @@ use super::printer::Printer;
 use super::setting::Setting;
 use crate::buildfile::BuildFile;
 use crate::config::Recipe;
-use crate::device::{Misfit, check_fit};
 use crate::job::{JournalError, NewJob, Record, Spool, SpoolError};
-use crate::link::message::Capabilities;
 use crate::random;
 
 impl Printer {
@@ -23,16 +21,24 @@ impl Printer {
         let (setting, spool) = (Arc::clone(&self.setting), Arc::clone(&self.spool));
         let jobs_ended = submission.jobs_ended;
         let (background, limit_bytes) = (self.background.clone(), self.budget.limit_bytes());
-        let device = self.capabilities.clone().filter(|_| self.device.connected);
+        let fit = self.fit();
         // Beside a print there is no memory for it; the job is looked at before it begins in any case.
         let looks = self.is_idle();
         tokio::task::spawn_blocking(move || {
-            let fits = check_device(&setting, &submission, device.as_ref());
-            let verified = fits.and_then(|()| verify(&submission));
-            let result =
-                verified.and_then(|()| accept(&setting, &spool, &submission, limit_bytes, looks)).map(Box::new);
+            let result = fit
+                .check(submission.recipe_text.as_deref(), submission.recipe_name.as_deref())
+                .and_then(|recipe| verify(&submission).map(|()| recipe))
+                .and_then(|recipe| accept(&setting, &spool, &submission, &recipe, limit_bytes, looks))
+                .map(Box::new);
+            // What is left of a refused part is gone before the answer.
+            drop(submission);
             let _ = background.blocking_send(Background::Accepted { result, jobs_ended, reply });
         });
+    }
+
+    /// What new jobs are checked against at present.
+    pub(super) fn fit(&self) -> Fit {
+        Fit::new(Arc::clone(&self.setting), self.capabilities.clone().filter(|_| self.device.connected))
     }
 
     /// A new job is in the spool, or not.
@@ -54,25 +60,6 @@ impl Printer {
     }
 }
 
-/// Checks that the connected device can print the new job; without one that is left to the job's beginning.
-fn check_device(setting: &Setting, submission: &Submission, device: Option<&Capabilities>) -> Result<(), CommandError> {
-    let (recipe, _) = recipe_of(setting, submission)?;
-    let Some(device) = device else { return Ok(()) };
-    check_fit(&setting.machine, &recipe, device).map(|_| ()).map_err(|misfit| {
-        // Another device will do, or another recipe.
-        let status = if matches!(misfit, Misfit::Machine(_)) { 409 } else { 422 };
-        CommandError::new(status, misfit.to_string())
-    })
-}
-
-/// The recipe of a new job, and its text.
-fn recipe_of<'a>(setting: &'a Setting, submission: &'a Submission) -> Result<(Recipe, &'a str), CommandError> {
-    let text = submission.recipe_text.as_deref().unwrap_or(&setting.recipe_text);
-    let place = submission.recipe_name.as_deref().unwrap_or("recipe");
-    let recipe = Recipe::parse(Path::new(place), text).map_err(|error| CommandError::new(422, error.to_string()))?;
-    Ok((recipe, text))
-}
-
 /// Checks a new part from its first byte to its last. Blocks.
 fn verify(submission: &Submission) -> Result<(), CommandError> {
     let verified = BuildFile::open(&submission.part).and_then(|file| file.verify());
@@ -89,14 +76,14 @@ fn accept(
     setting: &Setting,
     spool: &Mutex<Spool>,
     submission: &Submission,
+    recipe: &Recipe,
     limit_bytes: u64,
     looks: bool,
 ) -> Result<Job, CommandError> {
-    let (recipe, recipe_text) = recipe_of(setting, submission)?;
-    let part = Part::open(&submission.part, &setting.machine, &recipe, setting.threads, limit_bytes)
+    let part = Part::open(&submission.part, &setting.machine, recipe, setting.threads, limit_bytes)
         .map_err(|error| unprintable(submission, &error.to_string()))?;
     if looks {
-        part.check_footing(&recipe, limit_bytes).map_err(|problem| unprintable(submission, &problem))?;
+        part.check_footing(recipe, limit_bytes).map_err(|problem| unprintable(submission, &problem))?;
     }
     // 0 names no job.
     let key = random::bits().max(1);
@@ -104,7 +91,7 @@ fn accept(
     let accepted = Record::Accepted { key, layer_count, name: submission.name.clone() };
     let job = NewJob {
         part: &submission.part,
-        recipe: recipe_text,
+        recipe: submission.recipe_text.as_deref().unwrap_or(&setting.recipe_text),
         machine: &setting.machine_text,
         accepted,
         at_unix_ms: unix_ms(),
@@ -119,7 +106,7 @@ fn accept(
             "the spool's file system sets no room aside (fallocate): a full disk can keep the job's end from being written"
         );
     }
-    Ok(Job::accepted(directory, key, layer_count, submission.name.clone(), recipe.name))
+    Ok(Job::accepted(directory, key, layer_count, submission.name.clone(), recipe.name.clone()))
 }
 
 fn spool_error(error: &SpoolError) -> CommandError {

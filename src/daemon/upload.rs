@@ -1,15 +1,20 @@
 //! Takes a build file from a request to the spool, never holding more than one part of it in memory.
 
-use std::path::Path;
+use std::fs::File;
+use std::io::Write;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use axum::body::Body;
 use axum::http::{HeaderMap, header};
 use http_body_util::BodyExt;
-use tokio::io::AsyncWriteExt;
+use tempfile::TempPath;
+use tokio::sync::OwnedSemaphorePermit;
+use tokio::task::spawn_blocking;
 use tokio::time::timeout;
 
 use super::api::{LARGEST_RECIPE_BYTES, LONGEST_NAME_BYTES, NAME_HEADER, RECIPE_HEADER, RECIPE_NAME_HEADER};
+use super::fit::Fit;
 use super::handle::{CommandError, Submission};
 use super::percent;
 use crate::buildfile::{BEGINNING_BYTES, check_beginning};
@@ -17,12 +22,15 @@ use crate::disk;
 
 /// A sender that is silent for longer has gone away without closing; its half file is removed.
 const LONGEST_SILENCE: Duration = Duration::from_secs(30);
+/// Written at once: large enough that handing it to a thread costs nothing, small enough beside the memory budget.
+const PIECE_BYTES: usize = 256 << 10;
 /// [`drain`]: a local sender that still sends is never still for so long.
 const LONGEST_PAUSE: Duration = Duration::from_millis(300);
 /// [`drain`]: several gigabytes pass a Unix socket in this time.
 const LONGEST_DRAIN: Duration = Duration::from_secs(10);
 
-/// Writes the request's body into `incoming` and flushes it.
+/// Writes the request's body into `incoming` and flushes it, where `fit` has nothing against the job's recipe: that is looked at
+/// before the body. `place` is given back with the new job.
 ///
 /// `jobs_ended` is how many had when the request began.
 ///
@@ -33,7 +41,9 @@ pub(super) async fn receive(
     headers: &HeaderMap,
     body: &mut Body,
     jobs_ended: u64,
-) -> Result<Submission, CommandError> {
+    fit: Option<Fit>,
+    place: OwnedSemaphorePermit,
+) -> Result<(Submission, OwnedSemaphorePermit), CommandError> {
     let name =
         text(headers, NAME_HEADER, LONGEST_NAME_BYTES)?.filter(|name| !name.trim().is_empty()).ok_or_else(|| {
             CommandError::new(400, format!("the header {NAME_HEADER} is missing: how is the job called?"))
@@ -42,13 +52,12 @@ pub(super) async fn receive(
     let name = name.replace(char::is_control, " ");
     let recipe_text = text(headers, RECIPE_HEADER, LARGEST_RECIPE_BYTES)?;
     let recipe_name = text(headers, RECIPE_NAME_HEADER, LONGEST_NAME_BYTES)?;
-    let space = Space::of(incoming)?;
-    let announced = headers.get(header::CONTENT_LENGTH).and_then(|length| length.to_str().ok()?.parse::<u64>().ok());
-    if announced.is_some_and(|length| length > space.for_parts()) {
-        return Err(space.too_little(incoming, announced));
+    if let Some(fit) = fit {
+        fit.check(recipe_text.as_deref(), recipe_name.as_deref())?;
     }
-    let part = store(incoming, &name, body, space).await?;
-    Ok(Submission { part, name, recipe_text, recipe_name, jobs_ended })
+    let announced = headers.get(header::CONTENT_LENGTH).and_then(|length| length.to_str().ok()?.parse::<u64>().ok());
+    let (part, place) = store(incoming, &name, announced, body, place).await?;
+    Ok((Submission { part, name, recipe_text, recipe_name, jobs_ended }, place))
 }
 
 /// Reads what a refused sender still sends, so that it comes to read the answer: many clients read none before they have
@@ -58,20 +67,28 @@ pub(super) async fn drain(body: &mut Body) {
     let _ = timeout(LONGEST_DRAIN, rest).await;
 }
 
-async fn store(incoming: &Path, name: &str, body: &mut Body, space: Space) -> Result<tempfile::TempPath, CommandError> {
-    let failed = |error: std::io::Error| {
-        let status = if error.kind() == std::io::ErrorKind::StorageFull { 507 } else { 500 };
-        CommandError::new(status, format!("cannot write the build file into {}: {error}", incoming.display()))
-    };
-    let (file, part) = tempfile::Builder::new()
-        .prefix("upload-")
-        .suffix(".layerd")
-        .tempfile_in(incoming)
-        .map_err(failed)?
-        .into_parts();
-    let mut file = tokio::fs::File::from_std(file);
+/// Writes the body into a file of its own and flushes it.
+async fn store(
+    incoming: &Path,
+    name: &str,
+    announced: Option<u64>,
+    body: &mut Body,
+    place: OwnedSemaphorePermit,
+) -> Result<(TempPath, OwnedSemaphorePermit), CommandError> {
+    let mut target = Target::create(incoming, announced, place).await?;
+    match fill(&mut target, name, body).await {
+        Ok(()) => target.finish().await,
+        Err(error) => {
+            target.remove().await;
+            Err(error)
+        }
+    }
+}
+
+async fn fill(target: &mut Target, name: &str, body: &mut Body) -> Result<(), CommandError> {
     let mut received: u64 = 0;
     let mut beginning = Vec::with_capacity(BEGINNING_BYTES);
+    let mut piece = Vec::with_capacity(PIECE_BYTES);
     loop {
         let frame = timeout(LONGEST_SILENCE, body.frame()).await.map_err(|_| {
             CommandError::new(408, format!("no data for {} s: upload given up", LONGEST_SILENCE.as_secs()))
@@ -80,22 +97,119 @@ async fn store(incoming: &Path, name: &str, body: &mut Body, space: Space) -> Re
         let frame = frame.map_err(|error| CommandError::new(400, format!("the upload broke off: {error}")))?;
         let Ok(bytes) = frame.into_data() else { continue };
         received += bytes.len() as u64;
-        if received > space.for_parts() {
-            return Err(space.too_little(incoming, None));
+        if received > target.space.for_parts() {
+            return Err(target.space.too_little(&target.incoming, None));
         }
         if beginning.len() < BEGINNING_BYTES {
             // What is no build file is refused before gigabytes of it have come.
             beginning.extend_from_slice(&bytes[..bytes.len().min(BEGINNING_BYTES - beginning.len())]);
             check_beginning(&beginning).map_err(|problem| CommandError::new(422, format!("{name}: {problem}")))?;
         }
-        file.write_all(&bytes).await.map_err(failed)?;
+        piece.extend_from_slice(&bytes);
+        if piece.len() >= PIECE_BYTES {
+            piece = target.write(piece).await?;
+        }
     }
     if received == 0 {
         return Err(CommandError::new(400, "the body is empty: send the build file's bytes"));
     }
-    file.flush().await.map_err(failed)?;
-    file.sync_all().await.map_err(failed)?;
-    Ok(part)
+    target.write(piece).await?;
+    Ok(())
+}
+
+/// A file that is being received. Whatever touches the disk does so on a thread that may wait for it: a disk that hangs must not
+/// keep the API from answering. The upload keeps its place until that thread is done, though the sender may have gone: so no
+/// number of tries makes more than a few such threads.
+struct Target {
+    incoming: PathBuf,
+    space: Space,
+    /// `None` while a thread works on it, and once that thread has failed.
+    file: Option<TargetFile>,
+}
+
+struct TargetFile {
+    file: File,
+    path: TempPath,
+    place: OwnedSemaphorePermit,
+}
+
+impl Target {
+    async fn create(
+        incoming: &Path,
+        announced: Option<u64>,
+        place: OwnedSemaphorePermit,
+    ) -> Result<Self, CommandError> {
+        let incoming = incoming.to_path_buf();
+        on_disk(move || {
+            let space = Space::of(&incoming)?;
+            if announced.is_some_and(|length| length > space.for_parts()) {
+                return Err(space.too_little(&incoming, announced));
+            }
+            let named = tempfile::Builder::new().prefix("upload-").suffix(".layerd").tempfile_in(&incoming);
+            let (file, path) = named.map_err(|error| failed(&incoming, &error))?.into_parts();
+            Ok(Self { incoming, space, file: Some(TargetFile { file, path, place }) })
+        })
+        .await
+    }
+
+    /// Appends a piece; gives its memory back.
+    async fn write(&mut self, mut piece: Vec<u8>) -> Result<Vec<u8>, CommandError> {
+        let Some(mut target) = self.file.take() else { return Err(CommandError::new(500, "the upload has ended")) };
+        let incoming = self.incoming.clone();
+        let (target, piece) = on_disk(move || {
+            target.file.write_all(&piece).map_err(|error| failed(&incoming, &error))?;
+            piece.clear();
+            Ok((target, piece))
+        })
+        .await?;
+        self.file = Some(target);
+        Ok(piece)
+    }
+
+    /// Flushes the file.
+    async fn finish(mut self) -> Result<(TempPath, OwnedSemaphorePermit), CommandError> {
+        let Some(target) = self.file.take() else { return Err(CommandError::new(500, "the upload has ended")) };
+        let incoming = self.incoming.clone();
+        on_disk(move || {
+            target.file.sync_all().map_err(|error| failed(&incoming, &error))?;
+            Ok((target.path, target.place))
+        })
+        .await
+    }
+
+    /// Deletes the file, and waits for that.
+    async fn remove(&mut self) {
+        if let Some(target) = self.file.take() {
+            // A panic there was told when it happened.
+            let _ = spawn_blocking(move || drop(target)).await;
+        }
+    }
+}
+
+impl Drop for Target {
+    fn drop(&mut self) {
+        // The sender has gone.
+        if let Some(target) = self.file.take() {
+            spawn_blocking(move || drop(target));
+        }
+    }
+}
+
+/// Does something on a thread that may wait for the disk.
+async fn on_disk<T: Send + 'static>(
+    work: impl FnOnce() -> Result<T, CommandError> + Send + 'static,
+) -> Result<T, CommandError> {
+    spawn_blocking(work).await.map_err(|panic| CommandError::new(500, format!("the upload failed: {panic}")))?
+}
+
+fn failed(incoming: &Path, error: &std::io::Error) -> CommandError {
+    let status = if error.kind() == std::io::ErrorKind::StorageFull { 507 } else { 500 };
+    CommandError::new(status, format!("cannot write the build file into {}: {error}", incoming.display()))
+}
+
+/// Drops a new job that nobody takes, and with it its file, on a thread that may wait for the disk.
+pub(super) fn discard(submission: Submission) {
+    spawn_blocking(move || drop(submission));
 }
 
 /// Room on the spool's disk.

@@ -1,0 +1,43 @@
+//! Whether the connected device can print a job by its recipe: told before the part is sent, and again when it has come.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use super::handle::CommandError;
+use super::setting::Setting;
+use crate::config::Recipe;
+use crate::device::{Misfit, check_fit};
+use crate::link::message::Capabilities;
+
+/// What a new job's recipe is checked against.
+#[derive(Clone, Debug)]
+pub struct Fit {
+    setting: Arc<Setting>,
+    /// `None` without a device: then it is checked when the job begins.
+    device: Option<Capabilities>,
+}
+
+impl Fit {
+    /// Checks against the machine, and against the device where one is connected.
+    pub(super) fn new(setting: Arc<Setting>, device: Option<Capabilities>) -> Self {
+        Self { setting, device }
+    }
+
+    /// Checks a recipe, the default one where no text is given; returns it.
+    ///
+    /// # Errors
+    /// 422 for a recipe that is wrong or that the device cannot print, 409 for a device that is another machine.
+    pub(super) fn check(&self, text: Option<&str>, name: Option<&str>) -> Result<Recipe, CommandError> {
+        let place = Path::new(name.unwrap_or("recipe"));
+        let recipe = Recipe::parse(place, text.unwrap_or(&self.setting.recipe_text))
+            .map_err(|error| CommandError::new(422, error.to_string()))?;
+        if let Some(device) = &self.device {
+            check_fit(&self.setting.machine, &recipe, device).map_err(|misfit| {
+                // Another device will do, or another recipe.
+                let status = if matches!(misfit, Misfit::Machine(_)) { 409 } else { 422 };
+                CommandError::new(status, misfit.to_string())
+            })?;
+        }
+        Ok(recipe)
+    }
+}
