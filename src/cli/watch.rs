@@ -261,11 +261,17 @@ impl Order {
         match given {
             Ok(job) => {
                 let absence = absence(client, &job).await;
-                (answer(self.order, &job, absence.as_deref()), Some((job.id, job.state)))
+                (taken(self.order, &job, absence.as_deref()), Some((job.id, job.state)))
             }
             Err(error) => (not_taken(self.order, &error), None),
         }
     }
+}
+
+/// What became of an order that was taken, and what went wrong although it is carried out.
+fn taken(order: &str, job: &JobView, absence: Option<&str>) -> String {
+    let answer = answer(order, job, absence);
+    job.warning.as_ref().map_or_else(|| answer.clone(), |warning| format!("{answer}. WARNING: {warning}"))
 }
 
 /// Why an order was not taken, in few words: there may be little room. Where nobody took an abort, with what to do by hand first.
@@ -359,6 +365,19 @@ mod tests {
 
     fn ordered(id: Option<&str>, order: &'static str) -> Option<Order> {
         Some(Order { id: id.map(Into::into), order })
+    }
+
+    #[test]
+    fn an_order_that_is_not_on_disk_says_so() {
+        let mut job = view().reading.status.active.unwrap();
+        job.state = JobState::Aborting;
+        assert!(!taken("abort", &job, None).contains("WARNING"));
+        job.warning = Some("the order is carried out, but its record could not be written".into());
+        let text = taken("abort", &job, None);
+        assert!(
+            text.contains("job 7 is being aborted") && text.contains("WARNING: the order is carried out"),
+            "{text}"
+        );
     }
 
     #[test]
