@@ -80,7 +80,7 @@ fn everything_that_is_wrong_is_told_at_once() {
         "error: `socket` in layerd.toml: the control socket's directory ",
         "none does not exist: make it, or give layerd another `socket`",
         "error: `spool` in layerd.toml: ",
-        "warning: `link.path` in ",
+        "error: `link.path` in ",
         "not a serial port or pseudo-terminal",
         "warning: `memory_budget` of 8388608 bytes is less than",
     ] {

@@ -118,7 +118,12 @@ impl Findings {
         let (config, machine) = (&setting.config, &setting.machine);
         let place = config.machine.display();
         if let Some(error) = port(machine) {
-            self.warnings.push(format!("`link.path` in {place}: {error}; the daemon starts and waits for it"));
+            let text = format!("`link.path` in {place}: {error}");
+            match error {
+                // No wait makes a port of it.
+                OpenError::NotATerminal(_) => self.errors.push(text),
+                _ => self.warnings.push(format!("{text}; the daemon starts and waits for it")),
+            }
         }
         if machine.time_scale != 1.0 {
             self.warnings.push(format!(
