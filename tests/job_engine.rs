@@ -506,6 +506,31 @@ fn a_job_ordered_to_end_cannot_be_resumed() {
     assert_eq!(refused, Err(ResumeError::Ordered(EndOrder::Stop)));
 }
 
+#[test]
+fn a_job_ordered_to_end_is_not_told_to_be_resumed() {
+    let fault = || Event::Fault(Some(Fault { code: 9, text: "cover open".into() }));
+    for order in [Command::Abort, Command::Stop] {
+        for fault_first in [false, true] {
+            let mut world = world_exposing(1);
+            if fault_first {
+                world.tell(fault());
+            }
+            world.tell(Event::Command(order));
+            // On its way up.
+            while !fault_first && !world.device.moving {
+                assert!(world.next_event());
+            }
+            if !fault_first {
+                world.tell(fault());
+            }
+            world.finish();
+            let (_, reason) = world.end();
+            assert!(!reason.contains("resume"), "{order:?}, fault first: {fault_first}: {reason}");
+            assert_eq!(reason.contains("cover open"), order == Command::Stop || !fault_first, "{order:?}: {reason}");
+        }
+    }
+}
+
 /// A disk that hangs for an hour: whatever ends or pauses the print, the plate comes clear within seconds, and every record is
 /// written once the disk answers.
 #[test]

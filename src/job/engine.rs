@@ -179,6 +179,8 @@ pub struct Engine {
     /// A fault forbids moving.
     immobile: bool,
     aborting: bool,
+    /// The operator ordered the job's end: it is not resumed.
+    ordered: bool,
     light_known_off: bool,
     abort_sessions: u32,
     /// When the abort went out in the present session.
@@ -241,6 +243,7 @@ impl Engine {
             warm: false,
             immobile: false,
             aborting: false,
+            ordered: false,
             light_known_off: false,
             abort_sessions: 0,
             abort_sent_us: 0,
@@ -454,6 +457,7 @@ impl Engine {
     }
 
     fn command(&mut self, command: Command, now_us: u64) {
+        self.ordered |= command == Command::Stop;
         match (command, &self.intent) {
             (Command::Pause, Intent::Print) => self.intent = Intent::Pause,
             (Command::Resume, Intent::Pause) => {

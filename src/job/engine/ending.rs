@@ -168,15 +168,11 @@ impl Engine {
     pub(super) fn end_reason(&self) -> String {
         let Intent::End(_, reason) = &self.intent else { return String::new() };
         let layer = self.next_layer;
-        let doubt = self.in_doubt.as_ref().map(|why| {
-            format!(
-                "layer {layer} is in doubt: {why}. Look at the part, then resume with `--in-doubt exposed` or `--in-doubt \
-                 repeat`"
-            )
-        });
+        let doubt = self.in_doubt.as_ref().map(|why| format!("layer {layer} is in doubt: {why}{DECIDE}"));
         let texts: Vec<_> =
             doubt.iter().chain(Some(reason).filter(|reason| !reason.is_empty())).map(String::as_str).collect();
-        texts.join("; ")
+        let text = texts.join("; ");
+        if self.ordered { text.replace(DECIDE, "").replace(THEN_RESUME, "") } else { text }
     }
 
     /// What a job that is to end waits for where device or disk do not answer; empty where they do.
@@ -270,7 +266,7 @@ impl Engine {
         if self.phase == Phase::Ending {
             return self.finish();
         }
-        let reason = format!("the journal cannot be written: {text}. Once that is mended, resume");
+        let reason = format!("the journal cannot be written: {text}. Mend that, then resume");
         self.intend_to_end(JobState::Interrupted, reason);
         match self.phase {
             Phase::Commanding => {
@@ -297,7 +293,7 @@ impl Engine {
         self.out.forget_session();
         self.uploads.cancel();
         self.act_running = None;
-        self.aborting = true;
+        (self.aborting, self.ordered) = (true, true);
         self.out.journal(Record::Ordered(EndOrder::Abort));
         self.abort_sessions = 1;
         self.intent = Intent::End(JobState::Aborted, "aborted by the operator".into());
@@ -402,6 +398,9 @@ impl Engine {
     }
 }
 
+/// What to do about a layer in doubt, and the end of many a reason: for a job that can be resumed.
+const DECIDE: &str = ". Look at the part, then resume with `--in-doubt exposed` or `--in-doubt repeat`";
+const THEN_RESUME: &str = ", then resume";
 const ABORT_WAITS: &str = "waiting for the device, which does not answer: if there is light or the plate moves, switch the printer off \
      at the mains";
 const LIGHT_UNKNOWN: &str = "WARNING: the device did not confirm that its light is off, and the plate was not lifted: switch the \
