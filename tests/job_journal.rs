@@ -88,6 +88,18 @@ fn a_journal_cut_at_any_byte_keeps_every_whole_record_and_can_be_gone_on_with() 
 }
 
 #[test]
+fn a_pipe_in_place_of_a_journal_is_refused_and_not_waited_for() {
+    let directory = TempDir::new().expect("directory");
+    let path = directory.path().join("journal");
+    let made = std::process::Command::new("mkfifo").arg(&path).status().expect("mkfifo runs");
+    assert!(made.success());
+    for error in [read_journal(&path).map(|_| ()), Journal::open(&path).map(|_| ())].map(Result::err) {
+        let error = error.expect("no journal");
+        assert!(error.may_be_mended() && error.to_string().contains("it is not a file"), "{error}");
+    }
+}
+
+#[test]
 fn a_flipped_bit_is_never_read_as_a_record() {
     let directory = TempDir::new().expect("temp");
     let path = directory.path().join("journal");

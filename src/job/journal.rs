@@ -143,6 +143,7 @@ impl Journal {
     /// [`JournalError`] where the file cannot be read, is damaged, or contradicts itself.
     pub fn open(path: &Path) -> Result<(Self, History), JournalError> {
         let io = |source| JournalError::Io { what: "open", path: path.into(), source };
+        check_kind(path).map_err(io)?;
         let mut file = OpenOptions::new().read(true).write(true).open(path).map_err(io)?;
         let (entries, length_bytes) = parse(path, &contents(path, &mut file)?)?;
         let history = replay(path, &entries)?;
@@ -261,10 +262,19 @@ impl Journal {
 /// # Errors
 /// As [`Journal::open`].
 pub fn read_journal(path: &Path) -> Result<(Vec<Entry>, History), JournalError> {
-    let mut file = File::open(path).map_err(|source| JournalError::Io { what: "open", path: path.into(), source })?;
+    let open = || check_kind(path).and_then(|()| File::open(path));
+    let mut file = open().map_err(|source| JournalError::Io { what: "open", path: path.into(), source })?;
     let (entries, _) = parse(path, &contents(path, &mut file)?)?;
     let history = replay(path, &entries)?;
     Ok((entries, history))
+}
+
+/// To open a pipe would wait for its other end.
+fn check_kind(path: &Path) -> std::io::Result<()> {
+    match std::fs::metadata(path)?.is_file() {
+        true => Ok(()),
+        false => Err(std::io::Error::other("it is not a file")),
+    }
 }
 
 fn replay(path: &Path, entries: &[Entry]) -> Result<History, JournalError> {
