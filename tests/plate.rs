@@ -181,6 +181,38 @@ fn a_plate_that_nothing_else_lifts_is_raised_and_its_part_still_asked_for() {
     assert!(told.contains("the plate was raised from") && !told.contains("below the clear height"), "{told}");
 }
 
+/// The device lost its power as well: nothing but the spool knows that something hangs there.
+#[test]
+fn a_raised_plate_is_asked_about_after_a_restart_until_it_is_said_to_be_clear() {
+    let mut bench = part_in_the_vat();
+    fs::remove_dir_all(bench.path("spool")).expect("the spool");
+    bench.start_daemon();
+    wait_until("the device", || bench.json(&["device"])["connected"] == true);
+    bench.ok(&["raise"]);
+    wait_until("the plate above", || plate_um(&bench) == Some(CLEAR_UM));
+    wait_until("the note", || bench.path("spool/raised").exists());
+    bench.kill_daemon();
+    bench.kill_device();
+    bench.start_device();
+    bench.start_daemon();
+    wait_until("the device", || bench.json(&["device"])["connected"] == true);
+    let id = bench.start_job("part.layerd");
+    wait_until("the question", || reason(&bench.job(id)).contains("waits for a clear plate"));
+    let told = reason(&bench.job(id));
+    assert!(told.contains("the plate was raised from") && !told.contains("last exposed"), "{told}");
+    bench.ok(&["resume", &id.to_string()]);
+    wait_until("its beginning", || bench.job(id)["state"] != "queued");
+    wait_until("the note is gone", || !bench.path("spool/raised").exists());
+    bench.ok(&["abort"]);
+    bench.wait_for(id, &["aborted"]);
+    // What cannot be read is asked about, too.
+    fs::write(bench.path("spool/raised"), "high").expect("written");
+    bench.kill_daemon();
+    bench.start_daemon();
+    let next = bench.start_job("part.layerd");
+    wait_until("the question", || reason(&bench.job(next)).contains("the plate was raised from"));
+}
+
 #[test]
 fn the_plate_is_not_raised_beside_a_job_or_from_an_unknown_height() {
     let bench = Bench::start(Setup { time_scale: 4, exposure_ms: 4000, ..Setup::default() });

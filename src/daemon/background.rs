@@ -54,6 +54,8 @@ pub(super) enum Background {
         /// Who asked.
         reply: Reply,
     },
+    /// The spool notes whether a plate was raised, or why it cannot.
+    RaisedNoted(Result<(), String>),
     /// The job that ended has given its memory back, and the spool is tidy again.
     Released {
         /// Jobs whose records were deleted, or why that failed.

@@ -160,7 +160,7 @@ impl Printer {
             signs.extend(traces(state).into_iter().filter_map(unaccounted));
             signs.extend(self.low_plate(state));
         }
-        signs.extend(self.raised);
+        signs.extend(self.raised_from_um.map(|from_um| Sign::Raised { from_um }));
         signs.retain(|sign| !sign.is_known(&job.cleared, state));
         signs
     }
@@ -206,7 +206,7 @@ impl Printer {
         let job = self.waiting(id)?;
         job.awaits_plate = false;
         job.clear_told();
-        self.raised = None;
+        self.set_raised(None);
         self.publish_job(id);
         Ok(Step::Done(id))
     }

@@ -19,12 +19,11 @@ use super::jobs::{Jobs, TakeUp};
 use super::line::Line;
 use super::opened::{Opened, Unopened};
 use super::part::EncodedLayer;
-use super::plate::Sign;
 use super::running::{Running, Task};
 use super::setting::Setting;
 use super::settle::Change;
 use super::unwritten::Unwritten;
-use super::{notify, view};
+use super::{notify, raise, view};
 use crate::device::DlpDriver;
 use crate::job::{Command, Event, JobState, Progress, Spool};
 use crate::link::message::{Capabilities, DeviceState, HostMessage, Request, Urgent};
@@ -55,8 +54,10 @@ pub(super) struct Printer {
     pub(super) link: Line,
     pub(super) capabilities: Option<Capabilities>,
     pub(super) idle: Idle,
-    /// The plate was raised from below its clear height, and nobody has said since that it is bare.
-    pub(super) raised: Option<Sign>,
+    /// From where the plate was raised, below its clear height, micrometres; nobody has said since that it is bare.
+    pub(super) raised_from_um: Option<i32>,
+    /// The same, for the spool: writes may overtake each other, and each writes what stands here.
+    pub(super) raised_note: Arc<Mutex<Option<i32>>>,
     pub(super) device: DeviceView,
     pub(super) faults: FaultNews,
     /// The device as last heard of in this session; `None` without one.
@@ -86,6 +87,7 @@ impl Printer {
         link: Line,
     ) -> Self {
         let (background, finished_background) = mpsc::channel(BACKGROUND_EVENTS);
+        let raised_from_um = raise::noted(&spool);
         Self {
             setting,
             spool: Arc::new(Mutex::new(spool)),
@@ -101,7 +103,8 @@ impl Printer {
             link,
             capabilities: None,
             idle: Idle::default(),
-            raised: None,
+            raised_from_um,
+            raised_note: Arc::new(Mutex::new(raised_from_um)),
             device: DeviceView::default(),
             faults: FaultNews::default(),
             device_state: None,
@@ -317,6 +320,7 @@ impl Printer {
             Background::Opened { job, result } => self.opened(job, result, now_us),
             Background::Accepted { result, jobs_ended, reply } => self.accepted(result, jobs_ended, reply),
             Background::Changed { job, result, reply } => self.changed(job, result, reply),
+            Background::RaisedNoted(result) => self.raised_noted(result),
             Background::Removed { job, result, reply } => self.removed(job, result, reply),
             Background::Released { forgotten } => {
                 self.releasing = false;
@@ -449,10 +453,13 @@ impl Printer {
 
     /// Tells that a job changed.
     pub(super) fn publish_job(&mut self, id: u32) {
+        // First: it fills in what a queued job waits for.
+        let told = self.publish();
         let Some(job) = self.jobs.get(id) else { return };
-        let _ = self.desk.events.send(News::Job(Box::new(job.view.clone())));
+        if !told.contains(&id) {
+            let _ = self.desk.events.send(News::Job(Box::new(job.view.clone())));
+        }
         notify::status(&view::status_line(&job.view));
-        self.publish();
     }
 
     /// The job that has the machine, or is about to.
@@ -460,11 +467,12 @@ impl Printer {
         self.running.as_ref().map(|running| running.job).or(self.opening)
     }
 
-    /// Writes what subscribers and `status` read.
-    pub(super) fn publish(&mut self) {
+    /// Writes what subscribers and `status` read. Gives the jobs that wait for something else than before, which is told.
+    pub(super) fn publish(&mut self) -> Vec<u32> {
         self.look_at_light();
-        for id in self.explain_queue() {
-            if let Some(job) = self.jobs.get(id) {
+        let told = self.explain_queue();
+        for id in &told {
+            if let Some(job) = self.jobs.get(*id) {
                 let _ = self.desk.events.send(News::Job(Box::new(job.view.clone())));
             }
         }
@@ -479,6 +487,7 @@ impl Printer {
             snapshot.fit = Some(fit);
             snapshot.jobs = jobs;
         });
+        told
     }
 }
 

@@ -1,12 +1,15 @@
 //! `layerctl raise`: lifts the plate clear of the resin while no job runs. Upward only, whatever hangs on it.
 
+use std::sync::{Arc, PoisonError};
+
 use super::api::RaiseView;
+use super::background::Background;
 use super::handle::{Answer, CommandError};
-use super::plate::{CLEAR_TOLERANCE_UM, Sign};
+use super::plate::CLEAR_TOLERANCE_UM;
 use super::printer::Printer;
 use crate::deadline::Deadline;
 use crate::device::{Act, Outcome, check_capabilities};
-use crate::job::ACT_MARGIN_US;
+use crate::job::{ACT_MARGIN_US, Spool};
 use crate::link::message::DeviceState;
 
 /// The plate is on its way up.
@@ -42,17 +45,41 @@ impl Printer {
         if view.to_um == from_um {
             return Ok(Answer::Raise(view));
         }
-        let raised = self.low_plate(state).map(|_| Sign::Raised { from_um });
+        let raised = self.low_plate(state).map(|_| from_um);
         let now_us = self.clock.now_us();
         let driver = self.idle.driver.as_mut().ok_or_else(absent)?;
         let act = Act::Move { position_um: view.to_um, speed_um_s };
         driver.act(act, now_us).map_err(|error| CommandError::new(409, error.to_string()))?;
         // Where it is then it shows no more that something may hang on it.
-        self.raised = raised.or(self.raised);
+        self.set_raised(raised.or(self.raised_from_um));
         let travel_us = u64::from(view.to_um.abs_diff(from_um)) * 1_000_000 / u64::from(speed_um_s.max(1));
         self.idle.raise = Some(Raise { view, deadline: Deadline::at(now_us + travel_us + ACT_MARGIN_US) });
         tracing::info!(from_um, to_um = view.to_um, "the plate is raised");
         Ok(Answer::Raise(view))
+    }
+
+    /// Remembers from where the plate was raised, or that it is known to be bare, here and in the spool.
+    pub(super) fn set_raised(&mut self, from_um: Option<i32>) {
+        if std::mem::replace(&mut self.raised_from_um, from_um) == from_um {
+            return;
+        }
+        *self.raised_note.lock().unwrap_or_else(PoisonError::into_inner) = from_um;
+        let (spool, note, background) =
+            (Arc::clone(&self.spool), Arc::clone(&self.raised_note), self.background.clone());
+        tokio::task::spawn_blocking(move || {
+            let spool = spool.lock().unwrap_or_else(PoisonError::into_inner);
+            let from_um = *note.lock().unwrap_or_else(PoisonError::into_inner);
+            let result = spool.set_raised(from_um).map_err(|error| error.to_string());
+            let _ = background.blocking_send(Background::RaisedNoted(result));
+        });
+    }
+
+    pub(super) fn raised_noted(&self, result: Result<(), String>) {
+        if let Err(text) = result {
+            self.notice(format!(
+                "the spool cannot note whether the plate was raised with something on it: {text}. After a restart of layerd,                  look at the plate before the next job"
+            ));
+        }
     }
 
     /// The move has ended.
@@ -100,6 +127,14 @@ impl Printer {
             self.link.reconnect();
         }
     }
+}
+
+/// What an earlier process noted. A note that cannot be read is taken for one: somebody must look.
+pub(super) fn noted(spool: &Spool) -> Option<i32> {
+    spool.raised_from_um().unwrap_or_else(|error| {
+        tracing::warn!("{error}; the plate is taken to have been raised with something on it");
+        Some(0)
+    })
 }
 
 /// Where the plate starts from, or why it must not move.

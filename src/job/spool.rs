@@ -3,6 +3,7 @@
 //! ```text
 //! SPOOL/lock                      held by the daemon that owns the spool
 //! SPOOL/incoming/…                parts being received; deleted at the next opening
+//! SPOOL/raised                  from where a plate was raised that nobody has called bare since, micrometres
 //! SPOOL/jobs/00000001/part.layerd
 //!                    /recipe.toml  as it was when the job was accepted
 //!                    /machine.toml
@@ -16,6 +17,8 @@
 //! its directory tells for a while what must still be known: its number, which is not given again, its key, by which a device
 //! may speak of it, and whether its part was left in the vat (`-left` or `-clear` behind
 //! the key). A rename needs no room on a full disk.
+
+mod raised;
 
 use std::fs::{self, File, OpenOptions};
 use std::io::Write;
