@@ -202,16 +202,65 @@ fn an_order_that_cannot_be_written_is_carried_out_and_says_so() {
 
 #[test]
 fn a_spool_that_vanishes_under_a_job_interrupts_it_with_the_plate_clear() {
-    let bench = Bench::start(Setup { exposure_ms: 2000, time_scale: 20, ..Setup::default() });
-    bench.ok(&SMALL);
-    let id = bench.start_job("part.layerd");
-    wait_until("some layers", || bench.job(id)["layers_done"].as_u64() >= Some(2));
-    let done = bench.exposed_layers().len();
-    fs::remove_dir_all(bench.path("spool")).expect("the spool");
-    let job = bench.wait_for(id, &["interrupted", "completed", "failed"]);
-    assert!(job["state"] == "interrupted" && reason(&job).contains("is no longer there"), "{job}");
-    assert!(bench.exposed_layers().len() <= done + 2, "it is noticed at the next record");
-    assert!(plate_um(&bench.acts()) >= Some(CLEAR_UM), "{:?}", bench.acts().last());
+    for (order, state) in [("stop", "stopped"), ("abort", "aborted")] {
+        let bench = Bench::start(Setup { exposure_ms: 2000, time_scale: 20, ..Setup::default() });
+        bench.ok(&SMALL);
+        let id = bench.start_job("part.layerd");
+        wait_until("some layers", || bench.job(id)["layers_done"].as_u64() >= Some(2));
+        let done = bench.exposed_layers().len();
+        fs::remove_dir_all(bench.path("spool")).expect("the spool");
+        let job = bench.wait_for(id, &["interrupted", "completed", "failed"]);
+        assert!(job["state"] == "interrupted" && reason(&job).contains("is no longer there"), "{job}");
+        assert!(bench.exposed_layers().len() <= done + 2, "it is noticed at the next record");
+        assert!(plate_um(&bench.acts()) >= Some(CLEAR_UM), "{:?}", bench.acts().last());
+        // Without its journal it can still be ended, and what is known of its plate is said.
+        let answer = bench.json(&[order]);
+        assert!(answer["warning"].as_str().is_some_and(|text| text.contains("could not be written")), "{answer}");
+        let job = bench.wait_for(id, &[state]);
+        assert!(reason(&job).contains("its plate was lifted clear"), "{job}");
+        assert!(!reason(&job).contains("not lifted"), "{job}");
+    }
+}
+
+#[test]
+fn a_stop_without_a_journal_leaves_no_part_in_the_vat() {
+    let (mut bench, id) = under_light();
+    bench.kill_daemon();
+    // Its plate stands in the resin, and its journal cannot be read.
+    let journal = bench.path("spool/jobs/00000001/journal");
+    fs::rename(&journal, bench.path("journal")).expect("renamed");
+    fs::create_dir(&journal).expect("a directory instead");
+    bench.start_daemon();
+    assert_eq!(bench.job(id)["state"], "interrupted", "{}", bench.job(id));
+    let text = refusal(&bench, &["stop", &id.to_string()]);
+    assert!(text.contains("nobody knows whether its plate was lifted") && text.contains("layerctl abort"), "{text}");
+    let answer = bench.json(&["abort", &id.to_string()]);
+    assert!(answer["state"] == "aborted" && reason(&answer).contains("nobody knows"), "{answer}");
+    assert!(answer["warning"].as_str().is_some_and(|text| text.contains("could not be written")), "{answer}");
+}
+
+#[test]
+fn no_news_of_a_queued_job_comes_without_its_reason() {
+    let (bench, first) = under_light();
+    let news = fs::File::create(bench.path("news")).expect("a file");
+    let mut watch = bench.layerctl_command(&["watch", "--json"]).stdout(news).spawn().expect("layerctl starts");
+    let told = || fs::read_to_string(bench.path("news")).expect("news");
+    wait_until("the first event", || told().contains('\n'));
+    let second = bench.start_job("part.layerd").to_string();
+    let news_of = |text: &str| -> Vec<Value> {
+        let whole = text.rsplit_once('\n').map_or("", |(whole, _)| whole);
+        let events = whole.lines().map(|line| serde_json::from_str::<Value>(line).expect("JSON"));
+        events.filter(|event| event["event"] == "job" && event["id"] == second.as_str()).collect()
+    };
+    wait_until("news of the job", || !news_of(&told()).is_empty());
+    watch.kill().expect("killed");
+    watch.wait().expect("waited");
+    for job in news_of(&told()) {
+        assert!(reason(&job).contains(&format!("waits for the end of job {first}")), "{job}");
+    }
+    bench.ok(&["abort", &second]);
+    bench.ok(&["abort"]);
+    bench.wait_for(first, &["aborted"]);
 }
 
 #[test]

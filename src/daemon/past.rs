@@ -43,6 +43,16 @@ impl Past {
         };
     }
 
+    /// Where its plate is, for a job that ends without being given the machine.
+    pub(super) fn plate_text(&self) -> &'static str {
+        match (self.unknown, self.touched, self.lifted) {
+            (true, ..) => "nobody knows whether its plate was lifted; see to plate and light",
+            (_, true, true) => "its plate was lifted clear when it was interrupted",
+            (_, true, false) => "the plate was not lifted; see to plate and light",
+            (_, false, _) => "it had no light",
+        }
+    }
+
     /// What it tells about the plate after it.
     pub(super) fn plate_after(&self) -> PlateAfter {
         match (self.unknown, self.touched, self.lifted) {

@@ -7,9 +7,10 @@ use super::clock::unix_ms;
 use super::handle::CommandError;
 use super::jobs::TakeUp;
 use super::orders::{no_such_job, refused};
+use super::past::Past;
 use super::printer::Printer;
 use super::unwritten::UNWRITTEN;
-use crate::job::{EndOrder, JobState, Journal, JournalError, Record, ResumeChoice, read_journal};
+use crate::job::{EndOrder, JobState, Journal, JournalError, PlateAfter, Record, ResumeChoice, read_journal};
 
 /// What an operator wants of a job that does not hold the machine, where its journal has a say.
 #[derive(Clone, Copy, Debug)]
@@ -47,8 +48,6 @@ fn unbegun(order: EndOrder) -> &'static str {
 }
 
 const ENDED: &str = "ended by the operator";
-const CLOSED: &str =
-    "ended by the operator; the part could not be opened, so the plate was not lifted: see to plate and light";
 
 impl Printer {
     /// Asks or tells the journal of a job that does not hold the machine, in the background.
@@ -58,9 +57,9 @@ impl Printer {
             return;
         };
         job.ordered = true;
-        let (journal, background) = (job.directory.journal(), self.background.clone());
+        let (journal, past, background) = (job.directory.journal(), job.past.clone(), self.background.clone());
         tokio::task::spawn_blocking(move || {
-            let result = settle_in_journal(id, &journal, change);
+            let result = settle_in_journal(id, &journal, &past, change);
             let _ = background.blocking_send(Background::Changed { job: id, result, reply });
         });
     }
@@ -107,18 +106,30 @@ impl Printer {
 }
 
 /// Checks a change against the job's journal and writes there what must be known after a crash. An order to end is carried out
-/// whether or not that can be written. Blocks.
-fn settle_in_journal(id: u32, path: &Path, change: Change) -> Result<Settled, CommandError> {
+/// whether or not that can be written; `past` is what is known without the journal. Blocks.
+fn settle_in_journal(id: u32, path: &Path, past: &Past, change: Change) -> Result<Settled, CommandError> {
     let ended = |state, reason: String| Settled { outcome: Outcome::Ended(state, reason), warning: None };
     let unreadable = |error: JournalError| CommandError::new(500, error.to_string());
     let history = match read_journal(path) {
         Ok((_, history)) => history,
-        // The operator must get rid of it; after a restart it comes back for as long as it cannot be read.
-        Err(error) if matches!(change, Change::End(EndOrder::Abort) | Change::Close) => {
-            let reason = format!("{ENDED}, but {error}: the plate was not lifted; see to plate and light");
-            return Ok(ended(JobState::Aborted, reason));
+        Err(error) => {
+            let state = match change {
+                Change::End(EndOrder::Abort) | Change::Close => JobState::Aborted,
+                // A part in the vat keeps the machine, unless it is aborted.
+                Change::End(EndOrder::Stop) if past.plate_after() == PlateAfter::Left => {
+                    return Err(CommandError::new(
+                        409,
+                        format!("{error}; {}. `layerctl abort {id}` ends the job all the same", past.plate_text()),
+                    ));
+                }
+                Change::End(EndOrder::Stop) => JobState::Stopped,
+                Change::Resume(_) => return Err(unreadable(error)),
+            };
+            // The operator must get rid of it; after a restart it comes back for as long as it cannot be read.
+            let reason = format!("{ENDED}, but {error}: {}", past.plate_text());
+            let warning = Some(format!("the order {UNWRITTEN} ({error})"));
+            return Ok(Settled { outcome: Outcome::Ended(state, reason), warning });
         }
-        Err(error) => return Err(unreadable(error)),
     };
     if history.state.is_final() {
         // It could not be read when the daemon started.
@@ -136,10 +147,13 @@ fn settle_in_journal(id: u32, path: &Path, change: Change) -> Result<Settled, Co
             let warning = warning(if history.ordered == Some(order) { Ok(()) } else { write(Record::Ordered(order)) });
             return Ok(Settled { outcome: Outcome::TakenUp(TakeUp::End(order.into())), warning });
         }
-        Change::End(order) => (order, unbegun(order)),
-        Change::Close => (EndOrder::Abort, CLOSED),
+        Change::End(order) => (order, unbegun(order).to_owned()),
+        Change::Close => {
+            let plate = Past::from(&history).plate_text();
+            (EndOrder::Abort, format!("{ENDED}; the part could not be opened: {plate}"))
+        }
     };
     let state = if order == EndOrder::Abort { JobState::Aborted } else { JobState::Stopped };
-    let warning = warning(write(Record::Ended { state, reason: reason.into() }));
-    Ok(Settled { outcome: Outcome::Ended(state, reason.into()), warning })
+    let warning = warning(write(Record::Ended { state, reason: reason.clone() }));
+    Ok(Settled { outcome: Outcome::Ended(state, reason), warning })
 }
