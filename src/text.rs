@@ -3,6 +3,7 @@
 //! A terminal obeys control characters, and bidirectional controls and other invisible characters make a text look like
 //! another. All of them are shown as escapes.
 
+use std::borrow::Cow;
 use std::io::Write;
 
 /// Longest name as shown, characters: it fits a line of a terminal together with a job's number, state and layers.
@@ -72,8 +73,31 @@ fn escaped(text: &str, is_escaped: impl Fn(char) -> bool) -> String {
     plain
 }
 
+/// Bytes for people, in the largest unit of which there is at least one: `17 bytes`, `1.4 KiB`, `18.9 MiB`, `3.0 GiB`.
+pub(crate) fn size_text(bytes: u64) -> String {
+    let unit = match bytes {
+        0..1024 => return count_text(bytes, "byte"),
+        1024..0x10_0000 => ("KiB", 10),
+        0x10_0000..0x4000_0000 => ("MiB", 20),
+        _ => ("GiB", 30),
+    };
+    format!("{:.1} {}", bytes as f64 / f64::from(1 << unit.1), unit.0)
+}
+
+/// A number with its noun, whose plural has an s: `1 layer`, `2 layers`.
+pub(crate) fn count_text(count: u64, noun: &str) -> String {
+    format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
+}
+
+/// A path or other word as a shell reads it: in quotes where it holds spaces and the like, so that a suggested command can be
+/// copied.
+pub(crate) fn shell_word(word: &str) -> Cow<'_, str> {
+    // Only a NUL cannot be quoted, and no path has one.
+    shlex::try_quote(word).unwrap_or(Cow::Borrowed(word))
+}
+
 /// One line on stderr, with control and hidden characters escaped. Nobody may be left to read it: that is no reason to panic.
-pub fn eprint(text: &str) {
+pub(crate) fn eprint(text: &str) {
     let _ = writeln!(std::io::stderr(), "{}", plain(text));
 }
 
@@ -92,6 +116,30 @@ mod tests {
         for visible in ["Würfel 1.layerd", "部品", "Wu\u{308}rfel", "a \"quoted\" \\ name", "قطعة"] {
             assert_eq!(plain(visible), visible);
         }
+    }
+
+    #[test]
+    fn sizes_and_counts_read_well() {
+        let sizes = [0, 1, 1023, 1024, 1407, (1 << 20) - 1, 64 << 20, 3 << 30, 5 << 40].map(size_text);
+        let expected = [
+            "0 bytes",
+            "1 byte",
+            "1023 bytes",
+            "1.0 KiB",
+            "1.4 KiB",
+            "1024.0 KiB",
+            "64.0 MiB",
+            "3.0 GiB",
+            "5120.0 GiB",
+        ];
+        assert_eq!(sizes, expected);
+        assert_eq!([0, 1, 2].map(|count| count_text(count, "layer")), ["0 layers", "1 layer", "2 layers"]);
+    }
+
+    #[test]
+    fn a_word_for_a_shell_is_quoted_where_it_must_be() {
+        assert_eq!(shell_word("/run/layerd/control.sock"), "/run/layerd/control.sock");
+        assert_eq!(shell_word("my part.layerd"), "'my part.layerd'");
     }
 
     #[test]

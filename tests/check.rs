@@ -191,7 +191,7 @@ fn pictures_of_an_earlier_slice_are_told_and_its_manifest_goes_first() {
     let dir = bench("", &[]);
     assert!(slice(dir.path(), &["--layers", "10..20", "-o", "layers"]).status.success());
     let again = slice(dir.path(), &["--layers", "12..15", "-o", "layers"]);
-    assert!(again.status.success() && stderr(&again).contains("7 more pictures"), "{}", stderr(&again));
+    assert!(again.status.success() && stderr(&again).contains("7 more pictures of layers"), "{}", stderr(&again));
     let layers = dir.path().join("layers");
     // A directory where a picture should be ends it on the way.
     fs::remove_file(layers.join("layer_000011.png")).expect("is there");

@@ -82,7 +82,7 @@ fn everything_that_is_wrong_is_told_at_once() {
         "error: `spool` in layerd.toml: ",
         "error: `link.path` in ",
         "not a serial port or pseudo-terminal",
-        "warning: `memory_budget` of 8388608 bytes is less than",
+        "warning: `memory_budget` of 8.0 MiB is less than",
     ] {
         assert!(told.contains(words), "`{words}` is not in:\n{told}");
     }
@@ -97,16 +97,21 @@ fn everything_that_is_wrong_is_told_at_once() {
 }
 
 #[test]
-fn machine_and_recipe_are_both_told() {
+fn all_that_is_wrong_in_machine_and_recipe_is_told() {
     let bench = Bench::prepare(Setup { time_scale: 1, ..Setup::default() });
     edit(&bench, "machine.toml", "width_px = 400", "width_px = 4");
+    edit(&bench, "machine.toml", "baud = ", "baud = 3 # ");
     edit(&bench, "recipe.toml", "exposure_ms = 400", "exposure_ms = 0");
     for arguments in [&["--check"][..], &[]] {
         let (output, told) = run(&bench, arguments);
         assert_eq!(output.status.code(), Some(1), "{told}");
-        for words in
-            ["error: `machine` in layerd.toml", "width_px = 4:", "error: `recipe` in layerd.toml", "exposure_ms = 0:"]
-        {
+        for words in [
+            "error: `machine` in layerd.toml",
+            "width_px = 4:",
+            "; link.baud = 3:",
+            "error: `recipe` in layerd.toml",
+            "exposure_ms = 0:",
+        ] {
             assert!(told.contains(words), "`{words}` is not in:\n{told}");
         }
     }

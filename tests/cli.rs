@@ -65,7 +65,7 @@ fn without_a_daemon_every_command_tells_the_remedy() {
         let told = stderr(&output);
         assert_eq!(output.status.code(), Some(1), "{arguments:?}: {told}");
         assert!(told.starts_with("error: "), "{told}");
-        assert!(told.contains("systemctl start layerd") && told.contains("none.sock"), "{told}");
+        assert!(told.contains("layerd --config FILE") && told.contains("none.sock"), "{told}");
         assert_eq!(told.contains("at the mains"), arguments == ["abort"], "what to do by hand: {told}");
         assert!(output.stdout.is_empty(), "{arguments:?}");
     }
@@ -160,10 +160,43 @@ fn what_is_wrong_on_this_side_is_told_before_anything_is_sent() {
 }
 
 #[test]
+fn a_wrong_machine_is_told_before_a_wrong_link_and_each_in_one_sentence() {
+    let directory = tempfile::tempdir().unwrap();
+    let link = directory.path().join("none/port");
+    let simulate = |more: &[&str]| {
+        let arguments = [&["simulate", "dlp", "--link", link.to_str().unwrap()], more].concat();
+        let output = layerctl(&arguments, Path::new("/nonexistent"));
+        assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
+        stderr(&output)
+    };
+    let told = simulate(&["--machine", "nonesuch"]);
+    assert!(told.contains("no machine named `nonesuch`") && !told.contains("none/port"), "{told}");
+    let told = simulate(&[]);
+    assert!(told.starts_with("error: cannot put a pseudo-terminal at ") && told.contains("none/port"), "{told}");
+    assert_eq!(told.lines().count(), 1, "{told}");
+}
+
+#[test]
+fn counts_and_sizes_read_well() {
+    let directory = tempfile::tempdir().unwrap();
+    let part = part_in(directory.path());
+    let out = directory.path().join("layers");
+    let slice = ["slice", &part, "--machine", "sim-dlp", "-o", out.to_str().unwrap(), "--layers"];
+    let output = layerctl(&[&slice[..], &["0..1"]].concat(), Path::new("/nonexistent"));
+    assert!(String::from_utf8_lossy(&output.stdout).starts_with("1 layer and manifest.json in "), "{output:?}");
+    let output = layerctl(&[&slice[..], &["1..3"]].concat(), Path::new("/nonexistent"));
+    assert!(String::from_utf8_lossy(&output.stdout).starts_with("2 layers and"), "{output:?}");
+    assert!(stderr(&output).starts_with("note: 1 more picture of layers, from another run, "), "{output:?}");
+    let output = layerctl(&["info", &part], Path::new("/nonexistent"));
+    let told = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success() && told.contains(" bytes a strut, in 1 chunk\n"), "{told}");
+}
+
+#[test]
 fn help_teaches_by_examples() {
     let commands =
-        ["start", "status", "watch", "jobs", "device", "pause", "resume", "stop", "abort", "demo", "simulate"];
-    let offline = ["pack", "generate", "info", "check", "slice"];
+        ["start", "status", "watch", "jobs", "device", "pause", "resume", "stop", "abort", "raise", "remove", "demo"];
+    let offline = ["pack", "generate", "info", "check", "slice", "simulate"];
     for command in commands.into_iter().chain(offline) {
         let output = layerctl(&[command, "--help"], Path::new("/nonexistent"));
         let help = String::from_utf8_lossy(&output.stdout).into_owned();

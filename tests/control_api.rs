@@ -545,5 +545,5 @@ async fn without_a_daemon_the_remedy_is_told() {
     let directory = tempfile::tempdir().unwrap();
     let error = Client::new(directory.path().join("control.sock")).status().await.unwrap_err();
     let text = error.to_string();
-    assert!(text.contains("systemctl start layerd") && text.contains("LAYERD_SOCKET"), "{text}");
+    assert!(text.contains("layerd --config FILE") && text.contains("LAYERD_SOCKET"), "{text}");
 }

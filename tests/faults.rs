@@ -55,7 +55,7 @@ fn an_abort_that_arrives_late_does_not_end_the_next_job() {
     assert!(reason(&job).contains("did not confirm that its light is off"), "{job}");
     let second = bench.start_job("part.layerd");
     // Nobody lifted the plate, and a machine that changes plates by itself cannot have changed this one.
-    assert!(reason(&bench.job(second)).contains("waits for a clear plate"), "{}", bench.job(second));
+    assert!(reason(&bench.job(second)).contains("waits for an empty plate"), "{}", bench.job(second));
     bench.ok(&["resume", &second.to_string()]);
     bench.wait_for(second, &["checking"]);
     signal(bench.device_pid(), "CONT");

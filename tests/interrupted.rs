@@ -76,7 +76,7 @@ fn abort_of_a_job_whose_part_is_gone_still_puts_its_light_off() {
     let acts = bench.acts().len();
     let next = bench.start_job("next.layerd");
     let reason = bench.job(next)["reason"].clone();
-    assert!(reason.as_str().is_some_and(|reason| reason.contains("waits for a clear plate")), "{reason}");
+    assert!(reason.as_str().is_some_and(|reason| reason.contains("waits for an empty plate")), "{reason}");
     assert_eq!(bench.acts()[acts..].iter().find(|act| act["event"] == "moved"), None);
 }
 

@@ -34,6 +34,27 @@ fn reason(job: &Value) -> &str {
     job["reason"].as_str().unwrap_or_default()
 }
 
+/// A bench whose spool is a small disk of its own; `None`, and a message, where that cannot be mounted.
+fn on_a_small_disk() -> Option<(Bench, SmallDisk)> {
+    let mut bench = Bench::prepare(Setup { exposure_ms: 2000, time_scale: 20, ..Setup::default() });
+    fs::create_dir(bench.path("spool")).expect("spool");
+    let Some(disk) = SmallDisk::mount(&bench.path("spool")) else {
+        skipped("mounting a small disk takes root");
+        return None;
+    };
+    bench.start_device();
+    bench.start_daemon();
+    bench.ok(&SMALL);
+    Some((bench, disk))
+}
+
+/// Starts a job and waits until some of its layers are done; its id.
+fn some_layers(bench: &Bench) -> u64 {
+    let id = bench.start_job("part.layerd");
+    wait_until("some layers", || bench.job(id)["layers_done"].as_u64() >= Some(2));
+    id
+}
+
 /// The text with which `layerctl` refuses.
 fn refusal(bench: &Bench, arguments: &[&str]) -> String {
     let output = bench.layerctl(arguments);
@@ -129,16 +150,8 @@ fn a_layer_that_the_device_settles_is_in_no_doubt() {
 #[test]
 fn an_end_on_a_full_disk_is_final() {
     for order in [None, Some("stop"), Some("abort")] {
-        let mut bench = Bench::prepare(Setup { exposure_ms: 2000, time_scale: 20, ..Setup::default() });
-        fs::create_dir(bench.path("spool")).expect("spool");
-        let Some(disk) = SmallDisk::mount(&bench.path("spool")) else {
-            return skipped("mounting a small disk takes root");
-        };
-        bench.start_device();
-        bench.start_daemon();
-        bench.ok(&SMALL);
-        let id = bench.start_job("part.layerd");
-        wait_until("some layers", || bench.job(id)["layers_done"].as_u64() >= Some(2));
+        let Some((mut bench, disk)) = on_a_small_disk() else { return };
+        let id = some_layers(&bench);
         disk.fill();
         let state = match order {
             None => "completed",
@@ -162,22 +175,14 @@ fn an_end_on_a_full_disk_is_final() {
 /// Its plate stands in the resin: a disk without a free byte must not keep anybody from lifting it.
 #[test]
 fn a_daemon_starts_on_a_full_disk_and_ends_the_job_it_finds() {
-    let mut bench = Bench::prepare(Setup { exposure_ms: 2000, time_scale: 20, ..Setup::default() });
-    fs::create_dir(bench.path("spool")).expect("spool");
-    let Some(disk) = SmallDisk::mount(&bench.path("spool")) else {
-        return skipped("mounting a small disk takes root");
-    };
-    bench.start_device();
-    bench.start_daemon();
-    bench.ok(&SMALL);
-    let id = bench.start_job("part.layerd");
-    wait_until("some layers", || bench.job(id)["layers_done"].as_u64() >= Some(2));
+    let Some((mut bench, disk)) = on_a_small_disk() else { return };
+    let id = some_layers(&bench);
     bench.kill_daemon();
     disk.fill();
     bench.start_daemon();
     assert_eq!(bench.job(id)["state"], "interrupted");
     let log = fs::read_to_string(bench.path("daemon.log")).expect("log");
-    assert!(log.contains("bytes are free") && log.contains("layerctl remove"), "{log}");
+    assert!(log.contains(" are free in ") && log.contains("layerctl remove"), "{log}");
     let job = bench.json(&["abort"]);
     assert_eq!(job.get("warning"), None, "its room was kept: {job}");
     bench.wait_for(id, &["aborted"]);
@@ -205,8 +210,7 @@ fn a_spool_that_vanishes_under_a_job_interrupts_it_with_the_plate_clear() {
     for (order, state) in [("stop", "stopped"), ("abort", "aborted")] {
         let bench = Bench::start(Setup { exposure_ms: 2000, time_scale: 20, ..Setup::default() });
         bench.ok(&SMALL);
-        let id = bench.start_job("part.layerd");
-        wait_until("some layers", || bench.job(id)["layers_done"].as_u64() >= Some(2));
+        let id = some_layers(&bench);
         let done = bench.exposed_layers().len();
         fs::remove_dir_all(bench.path("spool")).expect("the spool");
         let job = bench.wait_for(id, &["interrupted", "completed", "failed"]);
@@ -274,7 +278,7 @@ fn removed_jobs_free_their_room_and_no_other_gets_their_number() {
     bench.wait_for(first, &["completed"]);
     assert!(refusal(&bench, &["remove", "99"]).contains("there is no job `99`"));
     let told = bench.ok(&["remove", &first.to_string()]);
-    assert!(told.contains(&format!("job {first} is removed")) && told.contains("MiB"), "{told}");
+    assert!(told.contains(&format!("job {first} is removed: ")) && told.contains("iB free again"), "{told}");
     assert_eq!(bench.json(&["jobs"])["jobs"], serde_json::json!([]));
     bench.kill_daemon();
     bench.start_daemon();

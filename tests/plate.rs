@@ -50,7 +50,7 @@ fn a_new_spool_does_not_print_onto_a_part_it_does_not_know() {
     wait_until("the device", || bench.json(&["device"])["connected"] == true);
     let (before, lit) = (moves(&bench), bench.exposed_layers().len());
     let id = bench.start_job("part.layerd");
-    wait_until("the question", || reason(&bench.job(id)).contains("waits for a clear plate"));
+    wait_until("the question", || reason(&bench.job(id)).contains("waits for an empty plate"));
     let told = reason(&bench.job(id));
     assert!(told.contains("the device last exposed layer") && told.contains("does not know"), "{told}");
     assert!(told.contains("mm above the vat, below the clear height of 30 mm"), "{told}");
@@ -172,7 +172,7 @@ fn a_plate_that_nothing_else_lifts_is_raised_and_its_part_still_asked_for() {
     assert!(told.contains("30 mm above the vat"), "{told}");
     wait_until("the plate above", || plate_um(&bench) == Some(CLEAR_UM));
     wait_until("its end", || bench.json(&["device"])["state"]["position_um"] == CLEAR_UM);
-    assert!(bench.ok(&["raise"]).contains("already out of the resin"));
+    assert!(bench.ok(&["raise"]).contains("already clear of the resin"));
     let log = fs::read_to_string(bench.path("daemon.log")).expect("log");
     assert!(log.contains("the plate is raised"), "{log}");
     let id = bench.start_job("part.layerd");

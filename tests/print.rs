@@ -171,7 +171,7 @@ fn a_queued_job_begins_only_on_a_word_given_when_it_is_next() {
     refused(&bench, third, &format!("waits for job {second}, which is interrupted"));
     bench.ok(&["abort", &second.to_string()]);
     wait_until("the third job's turn", || {
-        bench.job(third)["reason"].as_str().is_some_and(|reason| reason.contains("waits for a clear plate"))
+        bench.job(third)["reason"].as_str().is_some_and(|reason| reason.contains("waits for an empty plate"))
     });
     let begun = bench.acts().iter().filter(|act| act["event"] == "light_on").count();
     std::thread::sleep(Duration::from_millis(300));
@@ -199,7 +199,7 @@ fn a_job_that_arrives_while_another_ends_does_not_begin_by_itself() {
     assert_eq!(&answer, b"HTTP/1.1 201");
     let late = first + 1;
     wait_until("its reason", || {
-        bench.job(late)["reason"].as_str().is_some_and(|reason| reason.contains("waits for a clear plate"))
+        bench.job(late)["reason"].as_str().is_some_and(|reason| reason.contains("waits for an empty plate"))
     });
     bench.ok(&["resume", &late.to_string()]);
     bench.wait_for(late, &["completed"]);

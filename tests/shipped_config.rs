@@ -92,9 +92,13 @@ fn mistakes_in_machine_and_daemon_files_are_told() {
     std::fs::write(&path, "memory_budget = \"64 parsecs\"\nmachine = \"m\"\nrecipe = \"r\"\n").unwrap();
     let message = DaemonConfig::load(&path).unwrap_err().to_string();
     assert!(message.contains("m.toml") && message.contains("64 parsecs") && message.contains("64MiB"), "{message}");
-    std::fs::write(&path, "memory_budget = \"1KiB\"\nmachine = \"m\"\nrecipe = \"r\"\n").unwrap();
+    std::fs::write(&path, "memory_budget = \"1KiB\"\nthreads = 0\nmachine = \"m\"\nrecipe = \"r\"\n").unwrap();
     let message = DaemonConfig::load(&path).unwrap_err().to_string();
-    assert!(message.contains("memory_budget") && message.contains("1024") && message.contains("8MiB"), "{message}");
+    assert!(
+        message.contains("memory_budget") && message.contains("= 1.0 KiB:") && message.contains("8MiB"),
+        "{message}"
+    );
+    assert!(message.contains("threads = 0: allowed is 1 to 256"), "all of them: {message}");
     let message = DaemonConfig::load(&directory.path().join("none.toml")).unwrap_err().to_string();
     assert!(message.contains("none.toml") && message.contains("No such file"), "{message}");
 }

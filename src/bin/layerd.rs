@@ -6,17 +6,17 @@ use std::process::ExitCode;
 use clap::Parser;
 use layerd::daemon::Findings;
 
-/// Prints jobs given to it by `layerctl`.
+/// The daemon: prints the jobs that layerctl gives it.
 #[derive(Debug, Parser)]
 #[command(
     version,
     after_help = "\
-The daemon runs in the foreground until SIGTERM, SIGINT (Ctrl-C), SIGQUIT or SIGHUP, which end the print dark, plate clear, and
-resumable. It logs to stderr; RUST_LOG=debug tells more.
-
 Examples:
-  layerd --config /etc/layerd/layerd.toml --check
-  layerd --config config/layerd.toml"
+  layerd --config my/layerd.toml --check    tells what is wrong, and changes nothing
+  layerd --config my/layerd.toml            then, for example: layerctl --socket my/control.sock status
+
+The daemon runs in the foreground until SIGTERM, SIGINT (Ctrl-C), SIGQUIT or SIGHUP. Then the layer under way ends, the plate lifts \
+clear of the resin, and the job can be resumed. It logs to stderr; RUST_LOG=debug tells more."
 )]
 struct Arguments {
     /// The daemon's configuration file.

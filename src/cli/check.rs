@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 use anyhow::bail;
 use serde::Serialize;
 
+use super::duration_text;
 use super::slice::{Setting, offline_slicer};
-use super::{duration_text, mib};
 use crate::buildfile::BuildFile;
 use crate::config::{LEAST_BUDGET_BYTES, Recipe, byte_size};
 use crate::daemon::PrintMemory;
@@ -16,8 +16,9 @@ use crate::device::encoding;
 use crate::layer::{Bitmap, Depth};
 use crate::link::message::Encoding;
 use crate::slice::{Footing, SlicePlan, Slicer};
+use crate::text::{count_text, size_text};
 
-/// Says before a print whether it fits the machine, the memory and the line, and holds to the plate.
+/// Check before a print whether a part fits the machine, the memory and the line, and holds to the plate.
 #[derive(Debug, clap::Args)]
 #[command(after_help = super::with_names("\
 Examples:
@@ -32,10 +33,10 @@ pub struct CheckArgs {
     /// Recipe: a name, or the path of a TOML file
     #[arg(long, short, value_name = "NAME|PATH", default_value = "default")]
     pub recipe: String,
-    /// Memory the daemon may use
-    #[arg(long, default_value = "64MiB", value_parser = byte_size::parse)]
+    /// Memory the daemon may use: its `memory_budget`
+    #[arg(long, value_name = "SIZE", default_value = "64MiB", value_parser = byte_size::parse)]
     pub budget: u64,
-    /// One JSON object on stdout
+    /// Print one JSON object
     #[arg(long)]
     pub json: bool,
 }
@@ -116,7 +117,7 @@ pub fn run(args: CheckArgs) -> anyhow::Result<()> {
     let findings = judge(setting, &path, budget, &mut |size| {
         if !json {
             // Before the sampling, which takes its time.
-            told = super::print(&size_text(size));
+            told = super::print(&size_lines(size));
         }
     })?;
     told?;
@@ -162,9 +163,9 @@ fn judge(
     tell_size(&size);
     if memory_needed_bytes > budget {
         let problem = format!(
-            "it needs more memory than the budget of {1}MiB: set memory_budget = \"{0}MiB\" in the daemon's configuration",
-            memory_needed_bytes.max(LEAST_BUDGET_BYTES).div_ceil(1 << 20),
-            budget >> 20
+            "it needs more memory than the budget of {}: set memory_budget = \"{}MiB\" in the daemon's configuration",
+            size_text(budget),
+            memory_needed_bytes.max(LEAST_BUDGET_BYTES).div_ceil(1 << 20)
         );
         return Ok(Findings { fits: false, problems: vec![problem], size: Some(size), times: None });
     }
@@ -286,16 +287,15 @@ fn most(samples: &[Sample], value: impl Fn(&Sample) -> f64) -> f64 {
     samples.iter().map(value).fold(0.0, f64::max)
 }
 
-fn size_text(size: &Size) -> String {
+fn size_lines(size: &Size) -> String {
     [
         format!("layers          {}", size.layer_count),
         format!("active struts   {} at most in one layer", size.peak_active_struts),
         format!(
-            "memory          {:.1} MiB of a budget of {:.1} MiB, computing on {} {}",
-            mib(size.memory_needed_bytes),
-            mib(size.memory_budget_bytes),
-            size.threads,
-            if size.threads == 1 { "thread" } else { "threads" }
+            "memory          {} of a budget of {}, computing on {}",
+            size_text(size.memory_needed_bytes),
+            size_text(size.memory_budget_bytes),
+            count_text(size.threads as u64, "thread")
         ),
         format!("device          {:.1} ms a normal layer", size.device_ms_normal_layer),
         format!("print time      {}, where the device never waits", duration_text(size.print_time_s)),
@@ -307,8 +307,10 @@ fn verdict_text(findings: &Findings) -> String {
     let mut lines = Vec::new();
     if let Some(times) = &findings.times {
         lines.push(format!(
-            "encoded layer   {} bytes, at most {} ({} layers sampled)",
-            times.encoded_bytes_mean, times.encoded_bytes_max, times.sampled_layers
+            "encoded layer   {}, at most {} ({} sampled)",
+            size_text(times.encoded_bytes_mean),
+            size_text(times.encoded_bytes_max),
+            count_text(times.sampled_layers as u64, "layer")
         ));
         lines.push(format!(
             "computing       {:.1} ms a layer, at most {:.1}",

@@ -42,8 +42,8 @@ const PART_BYTES: usize = 64 << 10;
 pub enum ClientError {
     /// Nobody listens.
     #[error(
-        "no layerd answers at {}: start it (systemctl start layerd), or say where it listens (LAYERD_SOCKET=PATH)",
-        socket.display()
+        "no layerd answers at {}: {}, or name the socket of another one (--socket PATH or LAYERD_SOCKET=PATH)",
+        socket.display(), start_text(socket)
     )]
     NoDaemon {
         /// The socket.
@@ -61,8 +61,8 @@ pub enum ClientError {
     },
     /// The socket's path cannot be used.
     #[error(
-        "the path of the control socket, {}, has {} bytes, but the system allows {LONGEST_PATH_BYTES}: set LAYERD_SOCKET (and \
-         `socket` in layerd.toml) to a shorter path",
+        "the path of the control socket, {}, has {} bytes, but the system allows {LONGEST_PATH_BYTES}: set `socket` in \
+         layerd.toml to a shorter path, and --socket or LAYERD_SOCKET to the same",
         socket.display(), socket.as_os_str().len()
     )]
     SocketPath {
@@ -71,9 +71,9 @@ pub enum ClientError {
     },
     /// Somebody listens and does not answer.
     #[error(
-        "layerd at {} did not answer within {waited_s} s: it is stopped or hangs.{consequence} `journalctl -u layerd` may tell \
-         why; `systemctl restart layerd` starts it anew, and a print under way can then be resumed",
-        socket.display()
+        "layerd at {} did not answer within {waited_s} s: it is stopped or hangs.{consequence} {}; after a new start a print \
+         under way can be resumed",
+        socket.display(), restart_text(socket)
     )]
     Silent {
         /// The socket.
@@ -104,6 +104,24 @@ pub enum ClientError {
     },
 }
 
+/// How the daemon of a socket is started: the service has the usual one.
+pub(super) fn start_text(socket: &Path) -> &'static str {
+    if socket == Path::new(DEFAULT_SOCKET) {
+        "start it (systemctl start layerd)"
+    } else {
+        "start one that listens there (layerd --config FILE)"
+    }
+}
+
+/// Where a daemon that hangs may tell why, and how it is started anew.
+fn restart_text(socket: &Path) -> &'static str {
+    if socket == Path::new(DEFAULT_SOCKET) {
+        "Its log may tell why (journalctl -u layerd). Start it anew with `systemctl restart layerd`"
+    } else {
+        "Its log may tell why. End it, and start it anew with `layerd --config FILE`"
+    }
+}
+
 /// A new job, as an operator gives it.
 #[derive(Clone, Debug)]
 pub struct NewJob {
@@ -125,10 +143,12 @@ pub struct Client {
 type RequestBody = Either<Full<Bytes>, ChannelBody>;
 
 impl Client {
-    /// The daemon at `$LAYERD_SOCKET`, else at [`DEFAULT_SOCKET`]. What a long wait is for is said on stderr.
+    /// The daemon at the socket of `--socket`, else of `$LAYERD_SOCKET`, else at [`DEFAULT_SOCKET`]. What a long wait is for is
+    /// said on stderr.
     pub fn from_environment() -> Self {
-        let socket = std::env::var_os("LAYERD_SOCKET").filter(|path| !path.is_empty());
-        Self::new(socket.map_or_else(|| DEFAULT_SOCKET.into(), PathBuf::from)).telling(super::eprint)
+        let of_environment = || std::env::var_os("LAYERD_SOCKET").filter(|path| !path.is_empty()).map(PathBuf::from);
+        let socket = super::NAMED_SOCKET.get().cloned().or_else(of_environment);
+        Self::new(socket.unwrap_or_else(|| DEFAULT_SOCKET.into())).telling(super::eprint)
     }
 
     /// The daemon at `socket`. Waits are silent.
@@ -239,7 +259,7 @@ impl Client {
         self.listener.patiently(Wait::Abort, &self.socket, conversation).await
     }
 
-    /// Lifts the plate clear while no job runs.
+    /// Lifts the plate clear of the resin while no job runs.
     ///
     /// # Errors
     /// [`ClientError`]; status 409 where a job has the machine, or the plate cannot be moved.

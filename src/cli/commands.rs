@@ -11,9 +11,10 @@ use super::patience::BY_HAND;
 use super::{block_on, print, print_json};
 use crate::daemon::api::{InDoubt, JobList, JobView, LinkState, ResumeBody, Status};
 use crate::job::JobState;
+use crate::text::short_name;
 
-const ACCEPTED: &str = "An order is accepted, not yet carried out, when the command returns: `layerctl status` shows how far it is. \
-     A daemon that does not answer is waited for, up to 30 s; after 2 s the command says so.";
+const ACCEPTED: &str = "The command returns when the order is accepted, before it is carried out: `layerctl status` shows how far \
+     it is. The command waits up to 30 s for a daemon that does not answer, and says so after 2 s.";
 
 /// How long a device may be away after an order before that is told: one that took an abort begins a new session at once.
 const LONGEST_ABSENCE: Duration = Duration::from_secs(1);
@@ -23,28 +24,30 @@ const ABSENCE_INTERVAL: Duration = Duration::from_millis(100);
 /// The end of `pause --help`.
 pub(super) fn pause_help() -> String {
     format!(
-        "Examples:\n  layerctl pause            the job that holds the machine\n  layerctl pause 7          job 7, after the \
-         layer under way\n\n{ACCEPTED}"
+        "Examples:\n  layerctl pause            the job that holds the machine\n  layerctl pause 7          job 7\n\nThe layer \
+         under way ends first; then the plate lifts clear of the resin and waits for `layerctl resume`. {ACCEPTED}"
     )
 }
 
 /// The end of `stop --help`.
 pub(super) fn stop_help() -> String {
     format!(
-        "Examples:\n  layerctl stop             the job that holds the machine, after the layer under way\n  layerctl stop 7 \
-         \u{20}         job 7; a queued one at once\n\n{ACCEPTED}"
+        "Examples:\n  layerctl stop             the job that holds the machine\n  layerctl stop 7           job 7; one that is \
+         queued leaves the queue\n\nThe layer under way ends first; then the plate lifts clear of the resin. A job that was stopped \
+         cannot go on. {ACCEPTED}"
     )
 }
 
 /// The end of `abort --help`.
 pub(super) const ABORT_HELP: &str = "\
 Examples:
-  layerctl abort            now: the light goes off first, then the plate lifts
-  layerctl abort 7          job 7, whichever holds the machine
+  layerctl abort            the job that holds the machine; without one the light goes off all the same
+  layerctl abort 7          job 7, whichever holds the machine; one that is queued leaves the queue
 
-An order is accepted, not yet carried out, when the command returns: `layerctl status` shows how far it is. A daemon that does not \
-answer is waited for, up to 60 s; after 2 s the command says so. Do not wait for the abort of a daemon that hangs: switch the \
-printer off at the mains.";
+The light goes off first, in the middle of a layer; then the plate lifts clear of the resin. Other jobs stay in the queue. A job that \
+was aborted cannot go on. The command returns when the order is accepted, and says which job it was: `layerctl status` shows the end. \
+It waits up to 60 s for a daemon that does not answer, and says so after 2 s. Do not wait for it then: switch the printer off at the \
+mains.";
 
 /// Which job.
 #[derive(Debug, Args)]
@@ -61,11 +64,13 @@ pub(super) struct JobArgs {
 #[command(after_help = "\
 Examples:
   layerctl resume                          the paused job, or the only interrupted one
-  layerctl resume 8                        the plate is clear: job 8, which waits for this, begins
+  layerctl resume 8                        confirms that the plate is empty: job 8, which waits for this, begins
   layerctl resume 7 --in-doubt exposed     the layer in doubt was exposed: go on with the next
   layerctl resume 7 --in-doubt repeat      it was not: expose it again
 
-Layers are numbered from 0, as their files are. A layer is in doubt when its exposure was commanded but neither the journal nor the device can tell whether it ran.")]
+Look at plate and vat, and take out what is there, before you confirm that the plate is empty: the plate goes down onto whatever is \
+left. A layer is in doubt when its exposure was commanded, but neither the journal nor the device can tell whether it ran. Layers \
+are numbered from 0, as their files are.")]
 pub(super) struct ResumeArgs {
     /// The job's id; without it the job that is paused or pausing, or the only interrupted one.
     job: Option<String>,
@@ -131,7 +136,7 @@ pub(super) fn resume(args: ResumeArgs) -> anyhow::Result<()> {
     })
 }
 
-/// The job that is paused or pausing, else the only interrupted one. A word that the plate is clear needs the job's id.
+/// The job that is paused or pausing, else the only interrupted one. To confirm that the plate is empty takes the job's id.
 fn resumable(jobs: &[JobView]) -> anyhow::Result<&JobView> {
     if let Some(paused) = jobs.iter().find(|job| matches!(job.state, JobState::Paused | JobState::Pausing)) {
         return Ok(paused);
@@ -174,14 +179,14 @@ pub(super) async fn absence(client: &Client, job: &JobView) -> Option<String> {
     while needs_device(job.state) {
         let status = match client.status().await {
             Ok(status) => status,
-            Err(error) => return Some(format!("whether it answers now is not known ({error})")),
+            Err(error) => return Some(format!("whether the device answers is not known ({error})")),
         };
         let is_over = status.last.is_some_and(|last| last.id == job.id);
         if status.link.state == LinkState::Connected || is_over {
             return None;
         }
         if Instant::now() >= until {
-            return Some("it does not answer now".into());
+            return Some("the device does not answer now".into());
         }
         sleep(ABSENCE_INTERVAL).await;
     }
@@ -190,10 +195,13 @@ pub(super) async fn absence(client: &Client, job: &JobView) -> Option<String> {
 
 /// What became of an order that was accepted: `pause`, `resume`, `stop` or `abort`; `absence` is the device's.
 pub(super) fn answer(order: &str, job: &JobView, absence: Option<&str>) -> String {
-    let JobView { id, state, .. } = job;
+    let JobView { id, state, name, .. } = job;
+    // An order that ends a job without its number says which one it ended.
+    let named = format!("job {id} ({})", short_name(name));
     if let Some(absence) = absence {
         return match order {
-            "abort" => format!("job {id} will be aborted as soon as the device answers: {absence}. {BY_HAND}"),
+            // What to do comes first: there may be little room.
+            "abort" => format!("{BY_HAND}: {absence}. It will abort {named} as soon as it answers"),
             _ => {
                 format!("the order to {order} job {id} is taken; it is carried out when the device answers: {absence}")
             }
@@ -201,16 +209,19 @@ pub(super) fn answer(order: &str, job: &JobView, absence: Option<&str>) -> Strin
     }
     match (order, state) {
         ("pause", JobState::Pausing) => {
-            format!("job {id} pauses after the layer under way; the plate then lifts clear")
+            format!("job {id} pauses after the layer under way; then the plate lifts clear of the resin")
         }
         ("resume", JobState::Queued) if job.started_ms.is_none() => {
-            format!("job {id} begins: the plate is confirmed to be clear")
+            format!("job {id} begins: the plate is confirmed to be empty")
         }
         ("resume", JobState::Queued | JobState::Checking | JobState::Printing) => format!("job {id} goes on"),
-        ("stop", JobState::Stopping) => format!("job {id} stops after the layer under way; the plate then lifts clear"),
-        ("abort", JobState::Aborting) => {
-            format!("job {id} is being aborted: the light goes off first, then the plate lifts")
+        ("stop", JobState::Stopping) => {
+            format!("{named} stops after the layer under way; then the plate lifts clear of the resin")
         }
+        ("abort", JobState::Aborting) => {
+            format!("{named} is being aborted: the light goes off first, then the plate lifts clear of the resin")
+        }
+        ("stop" | "abort", _) => format!("{named} is {state}"),
         _ => format!("job {id} is {state}"),
     }
 }
@@ -251,15 +262,18 @@ mod tests {
         assert!(answer("resume", &queued, None).contains("goes on"));
         assert!(answer("pause", &job("3", JobState::Pausing), None).contains("after the layer under way"));
         assert!(answer("abort", &job("3", JobState::Aborting), None).contains("light goes off first"));
-        assert_eq!(answer("stop", &job("3", JobState::Stopped), None), "job 3 is stopped");
+        assert_eq!(answer("stop", &job("3", JobState::Stopped), None), "job 3 (a) is stopped");
     }
 
     #[test]
     fn an_answer_promises_nothing_of_a_device_that_does_not_answer() {
-        let told = |order, state| answer(order, &job("3", state), Some("it does not answer now"));
+        let told = |order, state| answer(order, &job("3", state), Some("the device does not answer now"));
         let abort = told("abort", JobState::Aborting);
-        assert!(abort.starts_with("job 3 will be aborted as soon as the device answers: it does not answer now. If"));
-        assert!(abort.contains("at the mains") && !abort.contains("light goes off first"), "{abort}");
+        assert!(
+            abort.starts_with(BY_HAND) && abort.contains("does not answer now. It will abort job 3 (a)"),
+            "{abort}"
+        );
+        assert!(!abort.contains("light goes off first"), "{abort}");
         for (order, state) in
             [("pause", JobState::Pausing), ("stop", JobState::Stopping), ("resume", JobState::Printing)]
         {

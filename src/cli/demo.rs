@@ -12,9 +12,10 @@ use clap::{Args, ValueEnum};
 use self::processes::{Children, run_self, spawn_self};
 use super::client::{Client, NewJob};
 use super::start::wait;
-use super::{block_on, duration_text, mib};
+use super::{block_on, duration_text};
 use crate::daemon::api::{JobView, LinkState, Status};
 use crate::job::JobState;
+use crate::text::{count_text, size_text};
 
 /// Both processes are up within a second on a slow machine; this is for one that is busy with something else.
 const LONGEST_START: Duration = Duration::from_secs(30);
@@ -24,15 +25,15 @@ const MARK: &str = "# written by `layerctl demo`; the next demo replaces this di
 const CONTENTS: [&str; 8] =
     ["layerd.toml", "machine.toml", "recipe.toml", "demo.layerd", "layerd.log", "device.log", "exposed", "sliced"];
 
-/// Print a lattice on a simulated printer: everything in one go.
+/// Print a lattice on a simulated printer, and compare the result.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
   layerctl demo                  about half a minute; pictures in demo-out/exposed
   layerctl demo dlp -o /tmp/d    somewhere else
 
-It runs: generate a lattice; simulate a DLP printer on a virtual serial port; the daemon; a job; then slice, and compares what \
-the printer exposed with what slice says, pixel by pixel.")]
+It generates a lattice, starts a simulated DLP printer on a virtual serial port and the daemon, and prints the lattice. Then it \
+slices the lattice, and compares the pictures that the printer exposed with those of the slicer, pixel by pixel.")]
 pub(super) struct DemoArgs {
     /// Kind of machine.
     #[arg(value_enum, default_value_t = Kind::Dlp)]
@@ -88,7 +89,7 @@ fn prepare(output: &Path) -> anyhow::Result<PathBuf> {
     let ours = std::fs::read_to_string(directory.join("layerd.toml")).is_ok_and(|text| text.starts_with(MARK));
     let empty = std::fs::read_dir(&directory).context("cannot list the demo's directory")?.next().is_none();
     if !ours && !empty {
-        bail!("{} holds something else than a demo: name another directory with -o", directory.display());
+        bail!("{} holds something else than a demo: name a new or empty directory with -o", directory.display());
     }
     for name in CONTENTS.iter().chain(&["spool"]) {
         let path = directory.join(name);
@@ -197,12 +198,13 @@ async fn interrupted() {
 fn summarise(directory: &Path, job: &JobView, status: &Status, took: Duration) -> anyhow::Result<()> {
     let line = &status.line;
     super::print(&format!("layers   {} done in {}", job.layers_done, duration_text(took.as_secs())))?;
-    super::print(&format!("late     {} layers, {} ms in all", job.late_layers, job.late_ms_total))?;
-    let sent = format!("{:.2} MB sent", line.sent_bytes as f64 / 1e6);
-    let again = line.retransmitted_frames;
-    super::print(&format!("line     {sent} in {} frames, {again} of them again", line.sent_frames))?;
+    let late = count_text(job.late_layers.into(), "layer");
+    super::print(&format!("late     {late}, {} ms in all", job.late_ms_total))?;
+    let (sent, frames) = (size_text(line.sent_bytes), count_text(line.sent_frames, "frame"));
+    super::print(&format!("line     {sent} sent in {frames}, {} of them again", line.retransmitted_frames))?;
     let budget = status.budget;
-    super::print(&format!("memory   {:.1} of {:.1} MiB at most", mib(budget.peak_bytes), mib(budget.limit_bytes)))?;
+    let (peak, limit) = (size_text(budget.peak_bytes), size_text(budget.limit_bytes));
+    super::print(&format!("memory   {peak} of the budget of {limit} at most"))?;
     super::print(&format!("pictures {}", directory.join("exposed").display()))
 }
 

@@ -5,12 +5,13 @@ use clap::Args;
 use super::client::Client;
 use super::{block_on, print, print_json};
 use crate::daemon::api::{DeviceInfo, DeviceStateView, DeviceView};
+use crate::text::{count_text, size_text};
 
-/// Show what the device is and does.
+/// Show what the device is, and where light and plate are.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
-  layerctl device
+  layerctl device                               whether there is light, where the plate is, a fault
   layerctl device --json | jq .state.light_on")]
 pub(super) struct DeviceArgs {
     /// Print one JSON object.
@@ -45,8 +46,10 @@ fn print_info(info: &DeviceInfo) -> anyhow::Result<()> {
     print(&format!("picture    {} x {} pixels of {x} x {y} um", info.width_px, info.height_px))?;
     print(&format!("encodings  {}", info.encodings.join(", ")))?;
     print(&format!(
-        "receives   {} layers, {} bytes unacknowledged, frames up to {} bytes",
-        info.layer_slots, info.window_bytes, info.largest_frame_bytes
+        "receives   {} ahead, {} unacknowledged, frames up to {}",
+        count_text(info.layer_slots.into(), "layer"),
+        size_text(info.window_bytes.into()),
+        size_text(info.largest_frame_bytes.into())
     ))?;
     print(&format!("limits     exposure {} ms, plate {} um", info.max_exposure_ms, info.max_position_um))
 }

@@ -8,8 +8,9 @@ use serde::Serialize;
 
 use crate::buildfile::{Blend, BuildFile, Placement};
 use crate::slice::{Estimate, Slicer, Volume};
+use crate::text::{count_text, size_text};
 
-/// Say what is in a build file.
+/// Show what is in a build file, and how much resin the part takes.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -216,10 +217,12 @@ impl fmt::Display for Summary {
         )?;
         writeln!(
             out,
-            "size          {} bytes, {:.2} a strut, in {} chunks",
-            self.file_bytes, self.bytes_per_strut, self.chunks
+            "size          {}, {:.2} bytes a strut, in {}",
+            size_text(self.file_bytes),
+            self.bytes_per_strut,
+            count_text(self.chunks as u64, "chunk")
         )?;
-        writeln!(out, "peak active   {} struts at one height", self.peak_active)?;
+        writeln!(out, "peak active   {} at one height", count_text(self.peak_active, "strut"))?;
         match self.at_mm {
             Some([x_mm, y_mm]) => writeln!(out, "on the plate  middle at {x_mm}, {y_mm} mm")?,
             None => writeln!(out, "on the plate  centred")?,

@@ -1,21 +1,20 @@
 //! `layerctl jobs`.
 
-use std::time::{Duration, SystemTime};
+use std::time::SystemTime;
 
 use clap::Args;
-use time::OffsetDateTime;
 
 use super::client::Client;
-use super::{block_on, duration_text, print, print_json};
-use crate::daemon::api::{JobList, JobView};
+use super::{age_text, block_on, print, print_json, progress_lines, without_eta};
+use crate::daemon::api::{JobList, JobView, LinkState};
 use crate::job::JobState;
 use crate::text::short_name;
 
-/// List the jobs the daemon remembers, the oldest first.
+/// List the jobs that the daemon remembers, the oldest first.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
-  layerctl jobs
+  layerctl jobs                 each job's id, state, layers done and age; below, what it waits for or why it ended
   layerctl jobs --json | jq '.jobs[] | select(.state == \"interrupted\") | .id'")]
 pub(super) struct JobsArgs {
     /// Print one JSON object.
@@ -24,10 +23,12 @@ pub(super) struct JobsArgs {
 }
 
 pub(super) fn run(args: &JobsArgs) -> anyhow::Result<()> {
-    let jobs = block_on(async { Ok(Client::from_environment().jobs().await?) })?;
+    let client = Client::from_environment();
     if args.json {
+        let jobs = block_on(async { Ok(client.jobs().await?) })?;
         return print_json(&JobList { jobs });
     }
+    let (jobs, link) = block_on(async { Ok((client.jobs().await?, client.status().await?.link.state)) })?;
     if jobs.is_empty() {
         return print("no jobs remembered; `layerctl start FILE` makes one");
     }
@@ -40,11 +41,19 @@ pub(super) fn run(args: &JobsArgs) -> anyhow::Result<()> {
             since_ms => format!("{} ago", age_text(since_ms)),
         };
         print(&format!("{:<10} {:<12} {layers:>13} {age:>14}  {}", job.id, job.state.name(), short_name(&job.name)))?;
-        for line in notes(job) {
+        for line in lines(job, link) {
             print(&format!("{:<10} {line}", ""))?;
         }
     }
     Ok(())
+}
+
+/// What is told of a job below its row: where it is under way also how far it is.
+fn lines(job: &JobView, link: LinkState) -> Vec<String> {
+    let mut job = job.clone();
+    without_eta(&mut job, link);
+    let progress = if job.state.is_active() { progress_lines(&job, SystemTime::now()) } else { Vec::new() };
+    progress.into_iter().chain(notes(&job)).collect()
 }
 
 /// What an operator must know of a job beyond its numbers.
@@ -57,33 +66,4 @@ pub(super) fn notes(job: &JobView) -> Vec<String> {
         ));
     }
     notes
-}
-
-/// How long ago a time in Unix milliseconds was.
-pub(super) fn age_text(since_ms: u64) -> String {
-    let since = SystemTime::UNIX_EPOCH + Duration::from_millis(since_ms);
-    duration_text(SystemTime::now().duration_since(since).map_or(0, |age| age.as_secs()))
-}
-
-/// A time in Unix milliseconds, the same for every place and language: `2026-01-31 08:05 UTC`.
-pub(super) fn time_text(unix_ms: u64) -> String {
-    let seconds = i64::try_from(unix_ms / 1000).unwrap_or(i64::MAX);
-    OffsetDateTime::from_unix_timestamp(seconds).map_or_else(
-        |_| "at an unknown time".into(),
-        |at| {
-            let (year, month, day) = (at.year(), u8::from(at.month()), at.day());
-            format!("{year}-{month:02}-{day:02} {:02}:{:02} UTC", at.hour(), at.minute())
-        },
-    )
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn times_read_the_same_everywhere() {
-        assert_eq!(time_text(1_767_225_600_000), "2026-01-01 00:00 UTC");
-        assert_eq!(time_text(u64::MAX), "at an unknown time");
-    }
 }

@@ -22,21 +22,28 @@ mod start;
 mod status;
 mod watch;
 
+use std::borrow::Cow;
+use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::OnceLock;
+use std::time::{Duration, SystemTime};
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use time::OffsetDateTime;
 
 use crate::buildfile::PackError;
 use crate::config::{ConfigText, Folder, Machine, find};
-use crate::daemon::api::JobView;
-pub use crate::text::eprint;
-use crate::text::{is_hidden, plain};
+use crate::daemon::api::{JobView, LinkState};
+use crate::text::{count_text, is_hidden, plain, shell_word};
 
-/// Prints implicit geometry just in time: pack a part, check it, start it, watch it.
+/// Prepares lattices for printing, and tells the daemon layerd to print them.
 #[derive(Debug, Parser)]
 #[command(name = "layerctl", version, propagate_version = true, after_help = EXAMPLES)]
 struct Arguments {
+    /// Socket of the daemon to speak to [default: $LAYERD_SOCKET, else /run/layerd/control.sock].
+    #[arg(long, global = true, value_name = "PATH")]
+    socket: Option<PathBuf>,
     #[command(subcommand)]
     command: Command,
 }
@@ -48,8 +55,9 @@ From a part to a print:
   layerctl start lattice.layerd --recipe default --wait
   layerctl watch
 
-The daemon is asked through its control socket, $LAYERD_SOCKET or /run/layerd/control.sock. Where it does not answer, commands say \
-so after 2 s; questions are given up after 5 s, orders after 30 s, an abort after 60 s.
+Of these, start and watch speak to the daemon, as status, jobs, device, pause, resume, stop, abort, raise and remove do. A daemon \
+run by hand has a socket of its own: name it with --socket PATH, or once for all with export LAYERD_SOCKET=PATH. Where the daemon \
+does not answer, a command says so after 2 s. It gives a question up after 5 s, an order after 30 s, an abort after 60 s.
 
 \"Layer 812\" is always the layer of the file layer_000812.png: the first is layer 0. \"812 of 3000 layers done\" is a count: \
 layers 0 to 811 are done, and layer 812 is next.
@@ -58,17 +66,17 @@ Exit codes: 0 done, 1 failed, 2 wrong usage; start --wait: 3 aborted or stopped,
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Turn 3MF or edge text into a build file.
+    /// Make a build file of 3MF or edge text.
     Pack(pack::PackArgs),
-    /// Make a synthetic lattice.
+    /// Make a build file of a synthetic lattice.
     Generate(generate::GenerateArgs),
-    /// Tell what is in a build file.
+    /// Show what is in a build file, and how much resin the part takes.
     Info(info::InfoArgs),
-    /// Preflight: does a part fit volume, budget and line.
+    /// Check before a print whether a part fits the machine, the memory and the line, and holds to the plate.
     Check(check::CheckArgs),
-    /// Write the very layers a print would send.
+    /// Write the layers of a part as pictures, the same that a print sends.
     Slice(slice::SliceArgs),
-    /// Be a device on a pseudo-terminal.
+    /// Simulate a printer on a pseudo-terminal.
     Simulate(simulate::SimulateArgs),
     /// The daemon itself, so that `demo` needs no second program.
     #[command(hide = true)]
@@ -77,33 +85,61 @@ enum Command {
         #[arg(long)]
         config: std::path::PathBuf,
     },
-    /// Give a build file to the daemon as a new job; prints its id.
+    /// Print a build file: give it to the daemon as a new job.
     Start(start::StartArgs),
-    /// Everything at a glance: line, job, queue, the job that ended last, budget.
+    /// Show machine, line, jobs, memory and traffic.
     Status(status::StatusArgs),
     /// Follow the print in the terminal; keys pause, resume, stop and abort it.
     Watch(watch::WatchArgs),
-    /// List the jobs the daemon remembers, the oldest first.
+    /// List the jobs that the daemon remembers, the oldest first.
     Jobs(jobs::JobsArgs),
-    /// Show what the device is and does.
+    /// Show what the device is, and where light and plate are.
     Device(device::DeviceArgs),
-    /// End the layer under way, lift the plate clear and wait.
+    /// Pause the job after the layer under way; the plate lifts clear of the resin.
     #[command(after_help = commands::pause_help())]
     Pause(commands::JobArgs),
-    /// Let a paused or interrupted job go on, or one begin that waits for a clear plate.
+    /// Let a paused or interrupted job go on, or confirm that the plate is empty so that a job begins.
     Resume(commands::ResumeArgs),
-    /// End the job after the layer under way.
+    /// End the job after the layer under way; the plate lifts clear of the resin.
     #[command(after_help = commands::stop_help())]
     Stop(commands::JobArgs),
-    /// End the job now: light off first, then lift.
+    /// End the job at once: the light goes off, then the plate lifts clear of the resin.
     #[command(after_help = commands::ABORT_HELP)]
     Abort(commands::JobArgs),
     /// Lift the plate clear of the resin while no job runs.
     Raise(raise::RaiseArgs),
-    /// Delete finished jobs, their parts and their records.
+    /// Delete jobs that are over, with their parts and records.
     Remove(remove::RemoveArgs),
-    /// Print a lattice on a simulated printer: everything in one go.
+    /// Print a lattice on a simulated printer, and compare the result.
     Demo(demo::DemoArgs),
+}
+
+/// The socket of `--socket`. Every command to copy that is told from then on names it, too.
+static NAMED_SOCKET: OnceLock<PathBuf> = OnceLock::new();
+
+/// Commands that speak to the daemon.
+const TO_DAEMON: [&str; 11] =
+    ["start", "status", "watch", "jobs", "device", "pause", "resume", "stop", "abort", "raise", "remove"];
+
+/// The text with `--socket` in the commands that it suggests, where this one was given it: without it they would speak to another
+/// daemon.
+fn with_socket(text: &str) -> Cow<'_, str> {
+    match NAMED_SOCKET.get() {
+        Some(socket) if text.contains("layerctl ") => Cow::Owned(naming(text, &socket.to_string_lossy())),
+        _ => Cow::Borrowed(text),
+    }
+}
+
+fn naming(text: &str, socket: &str) -> String {
+    let socket = shell_word(socket);
+    TO_DAEMON.iter().fold(text.to_owned(), |text, command| {
+        text.replace(&format!("layerctl {command}"), &format!("layerctl --socket {socket} {command}"))
+    })
+}
+
+/// One line on stderr, plain.
+pub fn eprint(text: &str) {
+    crate::text::eprint(&with_socket(text));
 }
 
 /// How a command ended, beyond "failed" (an error, exit code 1) and "wrong usage" (clap, exit code 2).
@@ -133,6 +169,10 @@ impl From<Ending> for ExitCode {
 /// Parses the command line and carries it out; errors go to stderr with their causes.
 pub fn run() -> ExitCode {
     let arguments = Arguments::from_arg_matches(&command().get_matches()).unwrap_or_else(|error| error.exit());
+    if let Some(socket) = arguments.socket {
+        // Nothing has read it yet.
+        let _ = NAMED_SOCKET.set(socket);
+    }
     match dispatch(arguments.command) {
         Ok(ending) => ending.into(),
         Err(error) => {
@@ -216,7 +256,7 @@ fn print_json(value: &impl serde::Serialize) -> anyhow::Result<()> {
 
 /// A text on stdout, [`plain`].
 fn print(text: &str) -> anyhow::Result<()> {
-    write_line(&plain(text))
+    write_line(&plain(&with_socket(text)))
 }
 
 /// A closed pipe is an error, not a panic.
@@ -245,14 +285,51 @@ fn progress_bar(template: &str) -> ProgressBar {
     bar.with_style(ProgressStyle::with_template(template).expect("our own templates are well-formed"))
 }
 
-/// Bytes as mebibytes, for people.
-fn mib(bytes: u64) -> f64 {
-    bytes as f64 / f64::from(1 << 20)
+/// `812 of 3000 layers done (27 %)`: layers 0 to 811. 100 % is all of them.
+fn layers_text(job: &JobView) -> String {
+    let JobView { layers_done, layers_total, .. } = job;
+    let percent = (u64::from(*layers_done) * 100).checked_div(u64::from(*layers_total));
+    let share = percent.map_or_else(String::new, |percent| format!(" ({percent} %)"));
+    format!("{layers_done} of {} done{share}", count_text(u64::from(*layers_total), "layer"))
 }
 
-/// `812 of 3000 layers done`: layers 0 to 811.
-fn layers_text(job: &JobView) -> String {
-    format!("{} of {} layers done", job.layers_done, job.layers_total)
+/// How far a job is, the same for every command: layers and time up to now, and where it is known the time to go and the time of
+/// the end, as `1 min 35 s to go, until about 2026-01-31 08:05 UTC`.
+fn progress_lines(job: &JobView, now: SystemTime) -> Vec<String> {
+    let now_ms = now.duration_since(SystemTime::UNIX_EPOCH).map_or(0, |now| now.as_millis() as u64);
+    let took = job.started_ms.map_or_else(String::new, |started_ms| {
+        let took = duration_text(job.ended_ms.unwrap_or(now_ms).saturating_sub(started_ms) / 1000);
+        if job.state.is_final() { format!(" in {took}") } else { format!(", {took} so far") }
+    });
+    let mut lines = vec![format!("{}{took}", layers_text(job))];
+    lines.extend(job.eta_s.map(|eta_s| {
+        let end = time_text(now_ms.saturating_add(eta_s.saturating_mul(1000)));
+        format!("{} to go, until about {end}", duration_text(eta_s))
+    }));
+    lines
+}
+
+/// Without a device nothing goes on, and nobody knows how long the print still takes.
+fn without_eta(job: &mut JobView, link: LinkState) {
+    job.eta_s = job.eta_s.filter(|_| link == LinkState::Connected);
+}
+
+/// How long ago a time in Unix milliseconds was.
+fn age_text(since_ms: u64) -> String {
+    let since = SystemTime::UNIX_EPOCH + Duration::from_millis(since_ms);
+    duration_text(SystemTime::now().duration_since(since).map_or(0, |age| age.as_secs()))
+}
+
+/// A time in Unix milliseconds, the same for every place and language: `2026-01-31 08:05 UTC`.
+fn time_text(unix_ms: u64) -> String {
+    let seconds = i64::try_from(unix_ms / 1000).unwrap_or(i64::MAX);
+    OffsetDateTime::from_unix_timestamp(seconds).map_or_else(
+        |_| "at an unknown time".into(),
+        |at| {
+            let (year, month, day) = (at.year(), u8::from(at.month()), at.day());
+            format!("{year}-{month:02}-{day:02} {:02}:{:02} UTC", at.hour(), at.minute())
+        },
+    )
 }
 
 /// `1 h 05 min`, `4 min 10 s`, `12 s`.
@@ -278,5 +355,46 @@ mod tests {
         assert_eq!(duration_text(12), "12 s");
         assert_eq!(duration_text(250), "4 min 10 s");
         assert_eq!(duration_text(3900), "1 h 05 min");
+    }
+
+    #[test]
+    fn times_read_the_same_everywhere() {
+        assert_eq!(time_text(1_767_225_600_000), "2026-01-01 00:00 UTC");
+        assert_eq!(time_text(u64::MAX), "at an unknown time");
+    }
+
+    #[test]
+    fn progress_is_told_in_layers_share_and_time() {
+        let text = r#"{"id": "8", "name": "a", "state": "printing", "recipe": "r", "layers_done": 812, "layers_total": 3000,
+            "layer": 812, "eta_s": 95, "late_layers": 0, "late_ms_total": 0, "submitted_ms": 1,
+            "started_ms": 1767225600000, "ended_ms": null, "reason": null, "in_doubt": null}"#;
+        let mut job: JobView = serde_json::from_str(text).unwrap();
+        let now = SystemTime::UNIX_EPOCH + Duration::from_secs(1_767_225_600 + 3900);
+        assert_eq!(
+            progress_lines(&job, now),
+            ["812 of 3000 layers done (27 %), 1 h 05 min so far", "1 min 35 s to go, until about 2026-01-01 01:06 UTC"]
+        );
+        without_eta(&mut job, LinkState::Connected);
+        assert_eq!(job.eta_s, Some(95));
+        without_eta(&mut job, LinkState::Lost);
+        assert_eq!(progress_lines(&job, now).len(), 1);
+        (job.state, job.ended_ms) = (crate::job::JobState::Stopped, Some(1_767_225_612_000));
+        assert_eq!(progress_lines(&job, now), ["812 of 3000 layers done (27 %) in 12 s"]);
+        (job.layers_done, job.layers_total, job.started_ms) = (0, 1, None);
+        assert_eq!(progress_lines(&job, now), ["0 of 1 layer done (0 %)"]);
+    }
+
+    #[test]
+    fn commands_to_copy_name_the_socket_that_was_given() {
+        let told =
+            naming("`layerctl resume 2`, then `layerctl status`; `layerctl pack` asks nobody", "/tmp/a b/x.sock");
+        assert_eq!(
+            told,
+            "`layerctl --socket '/tmp/a b/x.sock' resume 2`, then `layerctl --socket '/tmp/a b/x.sock' status`; `layerctl pack` \
+             asks nobody"
+        );
+        for command in TO_DAEMON {
+            assert!(super::command().find_subcommand(command).is_some(), "{command}");
+        }
     }
 }

@@ -9,6 +9,7 @@ use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 use super::progress_bar;
 use crate::buildfile::{self, BlendChoice, BuildFile, PackError, PackOptions, PackProgress, Placement};
 use crate::config::byte_size;
+use crate::text::size_text;
 
 /// Least memory of the sort; below it merging takes too many passes.
 const MEMORY_LEAST_BYTES: u64 = 1 << 20;
@@ -22,8 +23,8 @@ const MOST_THREADS: NonZero<usize> = NonZero::<usize>::MIN.saturating_add(7);
 Examples:
   layerctl pack lattice.3mf -o lattice.layerd
   layerctl pack edges.txt --rotate 0,0,90 --scale 0.5 -o half.layerd
-  layerctl pack lattice.3mf --scale 1.002,1.002,1.01 -o lattice.layerd     for a resin that shrinks so
-  layerctl pack huge.txt --memory 64MiB -o huge.layerd            sorts on the disk what memory does not hold
+  layerctl pack lattice.3mf --scale 1.002,1.002,1.01 -o lattice.layerd    makes up for shrinkage
+  layerctl pack huge.txt --memory 64MiB -o huge.layerd                    sorts the rest on the disk
 
 Edge text: a first line `COUNT RADIUS [CONVOLUTION_RADIUS [0]]`, whose third number is told but not used (see --support), then \
 one strut a line, `x1 y1 z1 x2 y2 z2 [radius]`, millimetres. Lines that begin with `#` or `//` are comments.")]
@@ -151,12 +152,6 @@ impl Display<'_> {
     }
 }
 
-/// `3.02 GiB`, or `17.5 MiB` below that.
-fn size_text(bytes: u64) -> String {
-    let mib = super::mib(bytes);
-    if mib < 1024.0 { format!("{mib:.1} MiB") } else { format!("{:.2} GiB", mib / 1024.0) }
-}
-
 /// `N` finite numbers with commas between them.
 pub(super) fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
     let found: Vec<f64> = text
@@ -184,7 +179,7 @@ fn factors(text: &str) -> Result<Factors, String> {
 fn memory(text: &str) -> Result<u64, String> {
     let bytes = byte_size::parse(text)?;
     if bytes < MEMORY_LEAST_BYTES {
-        return Err(format!("{bytes} bytes are too few; at least 1MiB is needed"));
+        return Err(format!("{} is too little; at least 1MiB is needed", size_text(bytes)));
     }
     Ok(bytes)
 }

@@ -12,8 +12,8 @@ Examples:
   layerctl raise
   layerctl device           tells where the plate is, and whether it moves
 
-The plate moves up to the machine's clear_height_um, never down. A job that prints is paused or stopped instead. It does not \
-count as a word that the plate is clear: a part may still hang there.")]
+The plate moves up to the machine's clear_height_um, never down. While a job has the machine, `layerctl pause` or `layerctl stop` \
+lifts its plate instead. This does not confirm that the plate is empty: a part may still hang there.")]
 pub(super) struct RaiseArgs {
     /// Print from_um and to_um as one JSON object.
     #[arg(long)]
@@ -28,8 +28,8 @@ pub(super) fn run(args: &RaiseArgs) -> anyhow::Result<()> {
     let [from_mm, to_mm] = [raise.from_um, raise.to_um].map(|um| f64::from(um) / 1000.0);
     if raise.from_um == raise.to_um {
         return print(&format!(
-            "the plate is already out of the resin, {to_mm} mm above the vat; a part may still hang on it"
+            "the plate is already clear of the resin, {to_mm} mm above the vat; a part may still hang on it"
         ));
     }
-    print(&format!("the plate goes up from {from_mm} mm to {to_mm} mm above the vat"))
+    print(&format!("the plate lifts clear of the resin, from {from_mm} mm to {to_mm} mm above the vat"))
 }

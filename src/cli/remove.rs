@@ -3,18 +3,19 @@
 use clap::Args;
 
 use super::client::{Client, ClientError};
-use super::{Ending, block_on, mib, print, print_json, report};
+use super::{Ending, block_on, print, print_json, report};
 use crate::daemon::api::RemovedView;
+use crate::text::size_text;
 
-/// Delete finished jobs, their parts and their records.
+/// Delete jobs that are over, with their parts and records.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
-  layerctl remove 7
-  layerctl remove 3 4 5     says for each how much room that made
+  layerctl remove 7         deletes job 7 and tells how much room that makes
+  layerctl remove 3 4 5
 
-Only a job that is completed, stopped, aborted or failed can be removed. One that cannot does not keep the others from it; the exit \
-code is then 1.")]
+Only a job that is completed, stopped, aborted or failed can be removed. Where one cannot, the others are removed all the same, and \
+the exit code is 1.")]
 pub(super) struct RemoveArgs {
     /// The jobs' ids.
     #[arg(required = true, value_name = "JOB")]
@@ -43,7 +44,7 @@ pub(super) fn run(args: RemoveArgs) -> anyhow::Result<Ending> {
                 print_json(&removed)?;
             } else {
                 let RemovedView { id, freed_bytes } = removed;
-                print(&format!("job {id} is removed: {:.1} MiB are free again", mib(freed_bytes)))?;
+                print(&format!("job {id} is removed: {} free again", size_text(freed_bytes)))?;
             }
         }
         Ok(ending)

@@ -10,10 +10,11 @@ use crate::config::{FlowControl, Machine};
 use crate::device::sim::{FAULT_HELP, FaultSpec, SimulateOptions, Statistics, run as simulate};
 use crate::link::message::{Capabilities, DeviceKind, Encoding};
 use crate::signals::Signals;
+use crate::text::{count_text, size_text};
 
-/// A simulated device on a pseudo-terminal of its own, until SIGINT, SIGTERM, SIGQUIT or SIGHUP.
+/// Simulate a printer on a pseudo-terminal, until Ctrl-C, SIGTERM, SIGQUIT or SIGHUP.
 ///
-/// It speaks the protocol of a real machine, times and refuses exposures as one, and writes what it exposed.
+/// It speaks the protocol of a real machine, times and refuses exposures as one does, and writes pictures of what it exposed.
 #[derive(Debug, Args)]
 #[command(after_help = after_help())]
 pub struct SimulateArgs {
@@ -65,8 +66,8 @@ fn time_scale(text: &str) -> Result<f64, String> {
 
 fn after_help() -> String {
     format!(
-        "Faults:\n{FAULT_HELP}\n\nExamples:\n  layerctl simulate dlp --link /tmp/printer -o exposed --baud 3000000 \\\n    \
-         --fault drop=0.01 --fault corrupt=0.01 --fault duplicate=0.01 --fault disconnect=3 --seed 7 --time-scale 20"
+        "Faults:\n{FAULT_HELP}\n\nExamples:\n  layerctl simulate dlp --machine sim-dlp --link /tmp/layerd-sim-dlp -o exposed\n  layerctl \
+         simulate dlp --link /tmp/printer -o exposed --baud 3000000 \\\n    --fault drop=0.01 --fault corrupt=0.01 --fault duplicate=0.01 --fault disconnect=3 --seed 7 --time-scale 20"
     )
 }
 
@@ -97,7 +98,7 @@ pub fn run(args: SimulateArgs) -> anyhow::Result<()> {
         };
         let link = options.link.clone();
         let ready = || say(&format!("simulated dlp ready at {}", link.display()));
-        simulate(options, ready, stop).await.context("the simulated device ends")
+        anyhow::Ok(simulate(options, ready, stop).await?)
     })?;
     say(&summary(&statistics));
     Ok(())
@@ -133,8 +134,14 @@ fn capabilities(args: &SimulateArgs, machine: Option<&Machine>) -> Capabilities 
 fn summary(statistics: &Statistics) -> String {
     let Statistics { exposed, cut_short, uploads, layer_bytes, refused, moves, silences, resets, .. } = statistics;
     format!(
-        "exposed {exposed} layers, cut short {cut_short}; received {uploads} layers ({layer_bytes} bytes); moved {moves} times; \
-         refused {refused} requests; host silent {silences} times, reset {resets} times"
+        "exposed {}, cut short {cut_short}; received {} ({}); {}; {} refused; {} of the host; {}",
+        count_text(*exposed, "layer"),
+        count_text(*uploads, "layer"),
+        size_text(*layer_bytes),
+        count_text(*moves, "move"),
+        count_text(*refused, "request"),
+        count_text(*silences, "silence"),
+        count_text(*resets, "reset")
     )
 }
 

@@ -16,13 +16,14 @@ use crate::output::Output;
 use crate::slice::{SlicePlan, Slicer};
 use crate::solid::ISOVALUE;
 use crate::stream::MemoryBudget;
+use crate::text::count_text;
 
-/// Writes the layers a print would send as pictures.
+/// Write the layers of a part as pictures, the same that a print sends.
 #[derive(Debug, clap::Args)]
 #[command(after_help = super::with_names("\
 Examples:
   layerctl slice lattice.layerd --machine lcd-4k-35um --recipe fine -o layers
-  layerctl slice lattice.layerd -m sim-dlp --layers 100..110 --antialias -o some
+  layerctl slice lattice.layerd -m sim-dlp --layers 100..110 --antialias -o some    layers 100 to 109
 
 manifest.json says where each picture lies in the build file's coordinates: `origin_mm` is the centre of the first pixel, `z_mm` of a \
 layer its middle, from the part's lowest point on. `source_digest` is that of the file that was packed. Grey is the share of a \
@@ -143,11 +144,16 @@ pub fn run(args: SliceArgs) -> anyhow::Result<()> {
     let others = manifest.other_pictures(&output)?;
     if others > 0 {
         super::eprint(&format!(
-            "note: {others} more pictures of layers are in {}, of another slice; manifest.json does not name them",
+            "note: {} of layers, from another run, left in {}; manifest.json does not name them",
+            count_text(others as u64, "more picture"),
             output.display()
         ));
     }
-    super::print(&format!("{} layers and manifest.json in {}", manifest.layers.len(), output.display()))
+    super::print(&format!(
+        "{} and manifest.json in {}",
+        count_text(manifest.layers.len() as u64, "layer"),
+        output.display()
+    ))
 }
 
 fn cannot_write(path: &Path) -> String {
@@ -159,7 +165,8 @@ fn layers_within(wanted: Option<LayerRange>, layer_count: u32) -> anyhow::Result
     let end = end.unwrap_or(layer_count);
     ensure!(
         first < layer_count && end <= layer_count,
-        "layers {first}..{end} are wanted, but the part has {layer_count}: 0..{layer_count}"
+        "--layers {first}..{end}: the part has {}: 0..{layer_count}",
+        count_text(layer_count.into(), "layer")
     );
     Ok(first..end)
 }

@@ -1,7 +1,7 @@
 //! `layerctl start`: hands a build file to the daemon and, if asked, waits for the end of the print.
 
 use std::path::PathBuf;
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use anyhow::Context;
 use clap::Args;
@@ -10,11 +10,12 @@ use tokio::signal::unix::{SignalKind, signal};
 use tokio::time::{Instant, timeout};
 
 use super::client::{Client, ClientError, Events, NewJob};
-use super::{Ending, block_on, duration_text, layers_text, print, print_json, progress_bar};
+use super::{Ending, block_on, duration_text, print, print_json, progress_bar, progress_lines, without_eta};
 use crate::buildfile::BuildFile;
 use crate::config::{ConfigText, Folder, Recipe, find};
 use crate::daemon::api::{Event, JobView, LinkState, LinkView, Status};
 use crate::job::JobState;
+use crate::text::count_text;
 
 /// How long a daemon that went away is waited for: systemd starts it again within seconds.
 const RECONNECT: Duration = Duration::from_secs(10);
@@ -22,16 +23,16 @@ const RECONNECT: Duration = Duration::from_secs(10);
 const LINE_INTERVAL: Duration = Duration::from_secs(60);
 pub(super) const BAR: &str = "{msg:10} [{wide_bar}] {pos} of {len} {prefix}";
 
-/// Give a build file to the daemon as a new job.
+/// Print a build file: give it to the daemon as a new job.
 #[derive(Debug, Args)]
 #[command(after_help = super::with_names("\
 Examples:
   layerctl start part.layerd                       prints the job's id and returns
   layerctl start part.layerd --recipe fine --wait  shows progress until the print has ended
 
-On stderr it says what the job waits for: other jobs, a word that the plate is clear, a device. With --wait progress is shown \
-there, too: a bar on a terminal, elsewhere a line a minute and one whenever the job's state changes. Ctrl-C ends the command and \
-not the print.
+On stderr it says what the job waits for: other jobs, your confirmation that the plate is empty, a device. With --wait it shows \
+progress there, too: a bar on a terminal, elsewhere a line a minute and one whenever the job's state changes. Ctrl-C ends the \
+command, and the print goes on.
 
 Exit codes with --wait: 0 completed, 1 failed, 3 aborted or stopped, 4 interrupted or the daemon is gone, 130 ended by Ctrl-C."))]
 pub(super) struct StartArgs {
@@ -183,7 +184,9 @@ pub(super) async fn wait(
     bar.reset();
     let mut told = String::new();
     let mut lines = Lines::default();
+    let mut link = LinkState::Connected;
     loop {
+        without_eta(&mut job, link);
         show(bar, &job);
         if let Some(ending) = ending(job.state) {
             bar.finish_and_clear();
@@ -202,7 +205,12 @@ pub(super) async fn wait(
         let Ok(news) = timeout(LINE_INTERVAL, events.next()).await else { continue };
         match news {
             Ok(Some(Event::Job(changed))) if changed.id == job.id => job = *changed,
-            Ok(Some(Event::Status(_) | Event::Lagged { .. })) => job = client.job(&job.id).await?,
+            Ok(Some(Event::Status(status))) => {
+                link = status.link.state;
+                job = client.job(&job.id).await?;
+            }
+            Ok(Some(Event::Lagged { .. })) => job = client.job(&job.id).await?,
+            Ok(Some(Event::Link(changed))) => link = changed.state,
             Ok(Some(Event::Layer(exposed))) if exposed.job == job.id => {
                 job.layers_done = job.layers_done.max(exposed.layer.saturating_add(1));
             }
@@ -243,9 +251,8 @@ impl Lines {
 }
 
 fn line(job: &JobView) -> String {
-    let eta = job.eta_s.map_or_else(String::new, |eta| format!(", {} to go", duration_text(eta)));
     let reason = job.reason.as_ref().map_or_else(String::new, |reason| format!("; {reason}"));
-    format!("job {} {}: {}{eta}{reason}", job.id, job.state, layers_text(job))
+    format!("job {} {}: {}{reason}", job.id, job.state, progress_lines(job, SystemTime::now()).join(", "))
 }
 
 /// Waits for a daemon that went away; `None` if it does not come back.
@@ -281,13 +288,18 @@ fn show(bar: &ProgressBar, job: &JobView) {
 }
 
 fn summarise(job: &JobView) {
-    let reason = job.reason.as_ref().map_or_else(String::new, |reason| format!(": {reason}"));
-    super::eprint(&format!("job {} {}, {}{reason}", job.id, job.state, layers_text(job)));
+    let reason = job.reason.as_ref().map_or_else(String::new, |reason| format!("; {reason}"));
+    let progress = progress_lines(job, SystemTime::now()).join(", ");
+    super::eprint(&format!("job {} {}: {progress}{reason}", job.id, job.state));
     if job.late_layers > 0 {
-        super::eprint(&format!("{} layers were late, {} ms in all", job.late_layers, job.late_ms_total));
+        super::eprint(&format!(
+            "late: {}, {} ms in all",
+            count_text(job.late_layers.into(), "layer"),
+            job.late_ms_total
+        ));
     }
     if job.state == JobState::Interrupted {
-        super::eprint(&format!("it can go on: layerctl resume {}", job.id));
+        super::eprint(&format!("it can go on: `layerctl resume {}`", job.id));
     }
 }
 
@@ -298,10 +310,15 @@ mod tests {
     #[test]
     fn a_line_is_due_once_a_minute_and_when_the_state_changes() {
         let text = r#"{"id": "8", "name": "a", "state": "printing", "recipe": "r", "layers_done": 812, "layers_total": 3000,
-            "layer": 812, "eta_s": 95, "late_layers": 0, "late_ms_total": 0, "submitted_ms": 1, "started_ms": 2,
+            "layer": 812, "eta_s": 95, "late_layers": 0, "late_ms_total": 0, "submitted_ms": 1, "started_ms": null,
             "ended_ms": null, "reason": "layer 812 is late", "in_doubt": null}"#;
         let mut job: JobView = serde_json::from_str(text).unwrap();
-        assert_eq!(line(&job), "job 8 printing: 812 of 3000 layers done, 1 min 35 s to go; layer 812 is late");
+        let told = line(&job);
+        assert!(
+            told.starts_with("job 8 printing: 812 of 3000 layers done (27 %), 1 min 35 s to go, until about 20"),
+            "{told}"
+        );
+        assert!(told.ends_with(" UTC; layer 812 is late"), "{told}");
         let (mut lines, began) = (Lines::default(), Instant::now());
         let due: Vec<bool> = [0, 1, 59, 60, 61, 120].map(|s| lines.is_due(&job, began + Duration::from_secs(s))).into();
         assert_eq!(due, [true, false, false, true, false, true]);

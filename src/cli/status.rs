@@ -1,21 +1,24 @@
 //! `layerctl status`.
 
+use std::time::SystemTime;
+
 use clap::Args;
 
 use super::client::Client;
-use super::jobs::{age_text, notes, time_text};
-use super::{block_on, duration_text, layers_text, mib, print, print_json};
+use super::jobs::notes;
+use super::{age_text, block_on, print, print_json, progress_lines, time_text, without_eta};
 use crate::daemon::api::{JobView, Status};
-use crate::text::short_name;
+use crate::text::{count_text, short_name, size_text};
 
-/// Everything at a glance: line, job, queue, the job that ended last, budget.
+/// Show machine, line, jobs, memory and traffic.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
-  layerctl status
+  layerctl status                                   the job that prints, the queue, the job that ended last
   layerctl status --json | jq .active.layers_done
 
-\"812 of 3000 layers done\" means layers 0 to 811; a layer that is named has the number of its file, from 0.")]
+\"812 of 3000 layers done\" means layers 0 to 811; a layer that is named has the number of its file, from 0. The time to go is an \
+estimate from the last layers, and is missing while nothing is printed.")]
 pub(super) struct StatusArgs {
     /// Print one JSON object.
     #[arg(long)]
@@ -45,7 +48,11 @@ pub(super) fn machine(status: &Status) -> Vec<String> {
 /// The jobs: the one that holds the machine, those behind it, and the one that ended last.
 pub(super) fn work(status: &Status) -> Vec<String> {
     let mut lines = match &status.active {
-        Some(job) => job_lines(job),
+        Some(job) => {
+            let mut job = job.clone();
+            without_eta(&mut job, status.link.state);
+            job_lines(&job)
+        }
         None => vec!["job      none".into()],
     };
     for job in &status.queue {
@@ -60,15 +67,19 @@ pub(super) fn work(status: &Status) -> Vec<String> {
 pub(super) fn figures(status: &Status) -> Vec<String> {
     let budget = status.budget;
     let mut lines = vec![format!(
-        "budget   {:.1} of {:.1} MiB used, {:.1} at most",
-        mib(budget.used_bytes),
-        mib(budget.limit_bytes),
-        mib(budget.peak_bytes)
+        "memory   {} of the budget of {} used, {} at most",
+        size_text(budget.used_bytes),
+        size_text(budget.limit_bytes),
+        size_text(budget.peak_bytes)
     )];
     let line = &status.line;
     lines.push(format!(
-        "traffic  {} bytes sent, {} of {} frames again, {} bad frames, {} reconnects",
-        line.sent_bytes, line.retransmitted_frames, line.sent_frames, line.bad_frames, line.reconnects
+        "traffic  {} sent in {}, {} of them again; {}, {}",
+        size_text(line.sent_bytes),
+        count_text(line.sent_frames, "frame"),
+        line.retransmitted_frames,
+        count_text(line.bad_frames, "bad frame"),
+        count_text(line.reconnects, "reconnect")
     ));
     if let Some(round_trip_ms) = line.round_trip_ms {
         lines.push(format!("         round trip {round_trip_ms:.1} ms"));
@@ -77,7 +88,7 @@ pub(super) fn figures(status: &Status) -> Vec<String> {
         lines.push(format!("         busy {:.1} % of the time there was data to send", 100.0 * busy_share));
     }
     if line.unknown_reports > 0 {
-        lines.push(format!("         {} reports of an unknown kind, ignored", line.unknown_reports));
+        lines.push(format!("         {} of an unknown kind, ignored", count_text(line.unknown_reports, "report")));
     }
     lines.extend(line.hindrance.iter().map(|hindrance| format!("         {hindrance}")));
     lines
@@ -91,10 +102,10 @@ fn job_lines(job: &JobView) -> Vec<String> {
         job.state,
         short_name(&job.recipe)
     )];
-    let eta = job.eta_s.map_or_else(String::new, |eta| format!(", {} to go", duration_text(eta)));
-    lines.push(format!("         {}{eta}", layers_text(job)));
+    lines.extend(progress_lines(job, SystemTime::now()).into_iter().map(|line| format!("         {line}")));
     if job.late_layers > 0 {
-        lines.push(format!("late     {} layers, {} ms in all", job.late_layers, job.late_ms_total));
+        let late = count_text(job.late_layers.into(), "layer");
+        lines.push(format!("late     {late}, {} ms in all", job.late_ms_total));
     }
     lines.extend(notes(job).into_iter().map(|note| format!("         {note}")));
     lines
@@ -106,10 +117,8 @@ fn last_lines(job: &JobView) -> Vec<String> {
         || "at an unknown time".into(),
         |ended_ms| format!("{} ago ({})", age_text(ended_ms), time_text(ended_ms)),
     );
-    let mut lines = vec![
-        format!("last     {} {}: {} {when}", job.id, short_name(&job.name), job.state),
-        format!("         {}", layers_text(job)),
-    ];
+    let mut lines = vec![format!("last     {} {}: {} {when}", job.id, short_name(&job.name), job.state)];
+    lines.extend(progress_lines(job, SystemTime::now()).into_iter().map(|line| format!("         {line}")));
     lines.extend(job.reason.iter().map(|reason| format!("         {reason}")));
     lines
 }

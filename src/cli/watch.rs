@@ -11,7 +11,7 @@ use ratatui::crossterm::event::{self, Event as Input, KeyCode, KeyEventKind, Key
 use tokio::sync::mpsc;
 use tokio::time::{Instant, timeout};
 
-use super::client::{Client, ClientError};
+use super::client::{Client, ClientError, start_text};
 use super::commands::{absence, answer};
 use super::patience::BY_HAND;
 use super::{block_on, print_json};
@@ -33,18 +33,18 @@ const LARGEST_AGE: Duration = Duration::from_secs(2);
 /// What was noted is shown for so long: what is older may be true no more.
 const NOTE_TIME: Duration = Duration::from_secs(10);
 
-/// Follow the print in the terminal.
+/// Follow the print in the terminal; keys pause, resume, stop and abort it.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Keys: p pause, r resume, s stop after this layer, a abort, q leave; the print goes on without you. s and a ask first, and so does \
-r where a job waits for a word that the plate is clear.
-
-The first line tells light and plate; it is the last to go where there is little room. While the daemon does not answer, everything \
-is grey and the first line says how old it is.
-
 Examples:
   layerctl watch
-  layerctl watch --json        every event as a line of JSON, for programs")]
+  layerctl watch --json        every event as a line of JSON, for programs
+
+Keys: p pause, r resume, s stop after this layer, a abort, q leave; the print goes on without you. The keys s and a ask first, and so \
+does r where a job waits until you confirm that the plate is empty.
+
+The first line shows light and plate, even where there is little room. While the daemon does not answer, everything is grey, and the \
+first line says how old it is.")]
 pub(super) struct WatchArgs {
     /// Print every event of the daemon as one JSON object a line, until it ends.
     #[arg(long)]
@@ -117,18 +117,25 @@ type JobThen = (String, JobState);
 enum Question {
     Abort,
     Stop { id: String },
-    PlateClear { id: String, name: String },
+    PlateEmpty { id: String, name: String },
 }
 
 impl Question {
-    fn text(&self) -> String {
+    /// The question; an abort is for the job that holds the machine, whichever that is when it is given.
+    fn text(&self, status: &Status) -> String {
         match self {
-            Self::Abort => "Abort this print now? y aborts, any other key does not".into(),
+            Self::Abort => match &status.active {
+                Some(JobView { id, name, .. }) => {
+                    format!("Abort job {id} now? y aborts it, any other key does not ({})", short_name(name))
+                }
+                None => {
+                    "No job holds the machine. Put the light off all the same? y does, any other key does not".into()
+                }
+            },
             Self::Stop { id } => format!("End job {id} after this layer, for good? y ends it, any other key does not"),
             // The name is at the end: it may be long, and the end is cut off first.
-            Self::PlateClear { id, name } => format!(
-                "Have you looked, and is the plate clear of the last part? y says so and begins job {id}; any other key does not \
-                 ({})",
+            Self::PlateEmpty { id, name } => format!(
+                "Have you looked, and is the plate empty? y confirms it and begins job {id}; any other key does not ({})",
                 short_name(name)
             ),
         }
@@ -139,7 +146,7 @@ impl Question {
         match self {
             Self::Abort => "not aborted",
             Self::Stop { .. } => "not stopped",
-            Self::PlateClear { .. } => "not begun",
+            Self::PlateEmpty { .. } => "not begun",
         }
     }
 }
@@ -170,6 +177,7 @@ impl View {
         if is_young || (self.silence.is_some() && self.is_by_hand()) { &self.note } else { "" }
     }
 
+    /// Whether the note says what to do by hand.
     fn is_by_hand(&self) -> bool {
         self.note.starts_with(BY_HAND)
     }
@@ -215,7 +223,7 @@ impl View {
             return Some(match question {
                 Question::Abort => Order { id: None, order: "abort" },
                 Question::Stop { id } => Order { id: Some(id), order: "stop" },
-                Question::PlateClear { id, .. } => Order { id: Some(id), order: "resume" },
+                Question::PlateEmpty { id, .. } => Order { id: Some(id), order: "resume" },
             });
         }
         let active = self.reading.status.active.as_ref().map(|job| job.id.clone());
@@ -232,7 +240,7 @@ impl View {
             (KeyCode::Char('r'), Some(id)) => Some(Order { id: Some(id), order: "resume" }),
             (KeyCode::Char('r'), None) if !self.reading.status.queue.is_empty() => {
                 let JobView { id, name, .. } = &self.reading.status.queue[0];
-                ask(Question::PlateClear { id: id.clone(), name: name.clone() })
+                ask(Question::PlateEmpty { id: id.clone(), name: name.clone() })
             }
             (KeyCode::Char('s' | 'p' | 'r'), None) => {
                 self.note("no job holds the machine");
@@ -292,6 +300,10 @@ async fn ask(client: Client, news: mpsc::Sender<News>) {
     loop {
         let heard = match timeout(ANSWER_LIMIT, read(&client)).await {
             Ok(Ok(reading)) => News::Reading(Box::new(reading)),
+            // Without the socket's path, for which there may be no room.
+            Ok(Err(ClientError::NoDaemon { socket, .. })) => {
+                News::Silence(format!("no layerd answers: {}", start_text(&socket)))
+            }
             Ok(Err(error)) => News::Silence(error.to_string()),
             Err(_) => News::Silence("the daemon does not answer".into()),
         };
@@ -375,7 +387,7 @@ mod tests {
         job.warning = Some("the order is carried out, but its record could not be written".into());
         let text = taken("abort", &job, None);
         assert!(
-            text.contains("job 7 is being aborted") && text.contains("WARNING: the order is carried out"),
+            text.contains("job 7 (part.layerd) is being aborted") && text.contains("WARNING: the order is carried out"),
             "{text}"
         );
     }
@@ -391,20 +403,22 @@ mod tests {
             assert_eq!(view.press(KeyCode::Char(key)), None);
             assert_eq!((view.question.as_ref(), view.note.as_str()), (None, declined));
             view.press(KeyCode::Char(key));
+            let question = view.question.as_ref().unwrap().text(&view.reading.status);
+            assert!(question.contains("job 7 "), "an order that ends a job names it: {question}");
             assert_eq!(view.press(KeyCode::Char('y')), order);
         }
         assert_eq!(view().press(KeyCode::Char('p')), ordered(Some("7"), "pause"));
     }
 
     #[test]
-    fn r_resumes_the_job_at_the_machine_or_asks_whether_the_plate_is_clear() {
+    fn r_resumes_the_job_at_the_machine_or_asks_whether_the_plate_is_empty() {
         let mut view = view();
         assert_eq!(view.press(KeyCode::Char('r')), ordered(Some("7"), "resume"));
         view.reading.status.active = None;
         assert_eq!(view.press(KeyCode::Char('r')), None);
-        let question = view.question.as_ref().unwrap().text();
+        let question = view.question.as_ref().unwrap().text(&view.reading.status);
         assert!(
-            question.contains("is the plate clear")
+            question.contains("is the plate empty")
                 && question.ends_with("begins job 8; any other key does not (next.layerd)"),
             "{question}"
         );
@@ -432,7 +446,8 @@ mod tests {
         let mut view = view();
         view.reading.status.active = None;
         assert_eq!(view.press(KeyCode::Char('a')), None);
-        assert_eq!(view.question, Some(Question::Abort));
+        let question = view.question.as_ref().unwrap().text(&view.reading.status);
+        assert!(question.starts_with("No job holds the machine"), "{question}");
         assert_eq!(view.press(KeyCode::Char('y')), ordered(None, "abort"));
     }
 

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 
 use super::{ConfigError, OutOfRange, parse, read_text, within};
+use crate::text::size_text;
 
 /// Settings of `layerd`. Relative paths are taken from the directory of the file they stand in.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -65,15 +66,15 @@ impl DaemonConfig {
         Ok(config)
     }
 
-    fn check(&self) -> Result<(), OutOfRange> {
-        if !(LEAST_BUDGET_BYTES..=1 << 40).contains(&self.memory_budget) {
-            return Err(OutOfRange {
-                key: "memory_budget".into(),
-                value: format!("{} bytes", self.memory_budget),
-                allowed: format!("{}MiB to 1048576MiB", LEAST_BUDGET_BYTES >> 20),
-            });
-        }
-        within("threads", self.threads.unwrap_or(1), 1, MAX_THREADS)
+    fn check(&self) -> Vec<OutOfRange> {
+        let is_in_range = (LEAST_BUDGET_BYTES..=1 << 40).contains(&self.memory_budget);
+        let budget = (!is_in_range).then(|| OutOfRange {
+            key: "memory_budget".into(),
+            value: size_text(self.memory_budget),
+            allowed: format!("{}MiB to 1024GiB", LEAST_BUDGET_BYTES >> 20),
+        });
+        let threads = within("threads", self.threads.unwrap_or(1), 1, MAX_THREADS);
+        budget.into_iter().chain(threads).collect()
     }
 }
 

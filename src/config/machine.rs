@@ -103,19 +103,26 @@ impl Machine {
         Ok(machine)
     }
 
-    fn check(&self) -> Result<(), OutOfRange> {
-        within("width_px", self.width_px, 16, Raster::MAX_PX)?;
-        within("height_px", self.height_px, 16, Raster::MAX_PX)?;
-        within("pixel_um[0]", self.pixel_um[0], 1.0, 1000.0)?;
-        within("pixel_um[1]", self.pixel_um[1], 1.0, 1000.0)?;
-        within("build_height_um", self.build_height_um, 1000.0, 2_000_000.0)?;
-        within("clear_height_um", self.clear_height_um, 1000.0, 2_000_000.0)?;
-        within("time_scale", self.time_scale, 1.0, 1000.0)?;
-        if self.link.path.as_os_str().is_empty() {
-            let allowed = "the path of a serial port".into();
-            return Err(OutOfRange { key: "link.path".into(), value: "\"\"".into(), allowed });
-        }
-        within("link.baud", self.link.baud, 9600, 12_000_000)
+    fn check(&self) -> Vec<OutOfRange> {
+        let path = self.link.path.as_os_str().is_empty().then(|| OutOfRange {
+            key: "link.path".into(),
+            value: "\"\"".into(),
+            allowed: "the path of a serial port".into(),
+        });
+        [
+            within("width_px", self.width_px, 16, Raster::MAX_PX),
+            within("height_px", self.height_px, 16, Raster::MAX_PX),
+            within("pixel_um[0]", self.pixel_um[0], 1.0, 1000.0),
+            within("pixel_um[1]", self.pixel_um[1], 1.0, 1000.0),
+            within("build_height_um", self.build_height_um, 1000.0, 2_000_000.0),
+            within("clear_height_um", self.clear_height_um, 1000.0, 2_000_000.0),
+            within("time_scale", self.time_scale, 1.0, 1000.0),
+            path,
+            within("link.baud", self.link.baud, 9600, 12_000_000),
+        ]
+        .into_iter()
+        .flatten()
+        .collect()
     }
 
     /// What geometry must know of this machine.

@@ -1,5 +1,5 @@
 //! Machines, recipes and the daemon's settings, read from TOML. An unknown or out-of-range key is an error that names the
-//! file, the key, the value and what is allowed.
+//! file, the key, the value and what is allowed; of values out of range all are named.
 
 mod daemon;
 mod lookup;
@@ -33,33 +33,38 @@ pub enum ConfigError {
         /// What the parser found, with line and column.
         message: String,
     },
-    /// A value out of its range.
-    #[error("{}: {key} = {value}: allowed is {allowed}", path.display())]
+    /// Values out of their ranges.
+    #[error("{}: {}", path.display(), list(faults))]
     Range {
         /// The file.
         path: PathBuf,
-        /// The key, with its table.
-        key: String,
-        /// The value found.
-        value: String,
-        /// What is allowed.
-        allowed: String,
+        /// Every one of them, at least one.
+        faults: Vec<OutOfRange>,
     },
 }
 
-/// A key that is out of range; [`parse`] adds the file's name.
-struct OutOfRange {
+/// A key whose value is out of range.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{key} = {value}: allowed is {allowed}")]
+pub struct OutOfRange {
+    /// The key, with its table.
     key: String,
+    /// The value found.
     value: String,
+    /// What is allowed.
     allowed: String,
 }
 
+fn list(faults: &[OutOfRange]) -> String {
+    faults.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
+}
+
 /// Checks one value against an inclusive range.
-fn within<T: PartialOrd + std::fmt::Display + Copy>(key: &str, value: T, low: T, high: T) -> Result<(), OutOfRange> {
+fn within<T: PartialOrd + std::fmt::Display + Copy>(key: &str, value: T, low: T, high: T) -> Option<OutOfRange> {
     if value >= low && value <= high {
-        return Ok(());
+        return None;
     }
-    Err(OutOfRange { key: key.into(), value: value.to_string(), allowed: format!("{low} to {high}") })
+    Some(OutOfRange { key: key.into(), value: value.to_string(), allowed: format!("{low} to {high}") })
 }
 
 /// No configuration file is larger; a wrong path must not fill memory.
@@ -82,17 +87,12 @@ fn read_text(path: &Path) -> Result<String, ConfigError> {
 fn parse<T: serde::de::DeserializeOwned>(
     path: &Path,
     text: &str,
-    check: impl FnOnce(&T) -> Result<(), OutOfRange>,
+    check: impl FnOnce(&T) -> Vec<OutOfRange>,
 ) -> Result<T, ConfigError> {
     let value: T = toml::from_str(text)
         .map_err(|error| ConfigError::Parse { path: path.into(), message: in_words(&error.to_string()) })?;
-    check(&value).map_err(|OutOfRange { key, value, allowed }| ConfigError::Range {
-        path: path.into(),
-        key,
-        value,
-        allowed,
-    })?;
-    Ok(value)
+    let faults = check(&value);
+    if faults.is_empty() { Ok(value) } else { Err(ConfigError::Range { path: path.into(), faults }) }
 }
 
 /// A parser's message with ranges where it names the types of a programming language.

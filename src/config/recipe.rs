@@ -70,21 +70,26 @@ impl Recipe {
         parse(path, text, Self::check)
     }
 
-    fn check(&self) -> Result<(), OutOfRange> {
+    fn check(&self) -> Vec<OutOfRange> {
         // An exposure of ten minutes is far beyond any resin; moves are bounded so that a typing error cannot take hours.
-        within("layer_height_um", self.layer_height_um, 1.0, 1000.0)?;
-        within("exposure_ms", self.exposure_ms, 1, 600_000)?;
-        within("bottom_exposure_ms", self.bottom_exposure_ms, 1, 600_000)?;
-        within("bottom_layers", self.bottom_layers, 0, 10_000)?;
-        within("transition_layers", self.transition_layers, 0, 10_000)?;
-        within("lift_height_um", self.lift_height_um, 0, 100_000)?;
-        within("lift_speed_um_s", self.lift_speed_um_s, 10, 1_000_000)?;
-        within("retract_speed_um_s", self.retract_speed_um_s, 10, 1_000_000)?;
-        within("light_off_delay_ms", self.light_off_delay_ms, 0, 600_000)?;
-        within("wait_before_exposure_ms", self.wait_before_exposure_ms, 0, 600_000)?;
-        within("wait_after_exposure_ms", self.wait_after_exposure_ms, 0, 600_000)?;
-        within("wait_after_lift_ms", self.wait_after_lift_ms, 0, 600_000)?;
-        within("light_pwm", self.light_pwm, 1, 255)
+        [
+            within("layer_height_um", self.layer_height_um, 1.0, 1000.0),
+            within("exposure_ms", self.exposure_ms, 1, 600_000),
+            within("bottom_exposure_ms", self.bottom_exposure_ms, 1, 600_000),
+            within("bottom_layers", self.bottom_layers, 0, 10_000),
+            within("transition_layers", self.transition_layers, 0, 10_000),
+            within("lift_height_um", self.lift_height_um, 0, 100_000),
+            within("lift_speed_um_s", self.lift_speed_um_s, 10, 1_000_000),
+            within("retract_speed_um_s", self.retract_speed_um_s, 10, 1_000_000),
+            within("light_off_delay_ms", self.light_off_delay_ms, 0, 600_000),
+            within("wait_before_exposure_ms", self.wait_before_exposure_ms, 0, 600_000),
+            within("wait_after_exposure_ms", self.wait_after_exposure_ms, 0, 600_000),
+            within("wait_after_lift_ms", self.wait_after_lift_ms, 0, 600_000),
+            within("light_pwm", self.light_pwm, 1, 255),
+        ]
+        .into_iter()
+        .flatten()
+        .collect()
     }
 
     /// Exposure of a layer: bottom layers, then a linear transition, then normal.

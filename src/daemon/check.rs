@@ -13,7 +13,8 @@ use super::{PrintMemory, descriptors};
 use crate::config::{DEFAULT_SOCKET, DEFAULT_SPOOL, Machine};
 use crate::disk;
 use crate::layer::Depth;
-use crate::link::transport::OpenError;
+use crate::link::transport::{OpenError, denied};
+use crate::text::{shell_word, size_text};
 
 /// What the program takes besides its memory budget; `ARCHITECTURE.md` says of what.
 const BESIDE_BUDGET_BYTES: u64 = 24 << 20;
@@ -105,10 +106,11 @@ impl Findings {
             && free_bytes < disk::RESERVE_BYTES
         {
             let text = format!(
-                "only {free_bytes} bytes are free in {}, and {} are kept in reserve: no job can be taken until there is room \
-                 (`layerctl remove JOB` deletes finished jobs)",
+                "only {} are free in {}, and {} are kept in reserve: no job can be taken until there is room (`layerctl remove \
+                 JOB` deletes jobs that are over)",
+                size_text(free_bytes),
                 path.display(),
-                disk::RESERVE_BYTES
+                size_text(disk::RESERVE_BYTES)
             );
             self.warnings.push(named("spool", place, &text));
         }
@@ -135,17 +137,21 @@ impl Findings {
         let need_bytes = PrintMemory::least_bytes(Depth::Bit, machine.width_px, machine.height_px);
         if need_bytes > config.memory_budget {
             self.warnings.push(format!(
-                "`memory_budget` of {} bytes is less than the {need_bytes} bytes that one layer of {} x {} pixels takes: every \
-                 job will be refused; raise it",
-                config.memory_budget, machine.width_px, machine.height_px
+                "`memory_budget` of {} is less than the {} that one layer of {} x {} pixels takes: every job will be refused; \
+                 raise it",
+                size_text(config.memory_budget),
+                size_text(need_bytes),
+                machine.width_px,
+                machine.height_px
             ));
         }
         let whole_bytes = config.memory_budget.saturating_add(BESIDE_BUDGET_BYTES);
         if let Some((limit_bytes, of)) = memory_limit().filter(|(limit_bytes, _)| *limit_bytes < whole_bytes) {
             self.warnings.push(format!(
-                "`memory_budget` of {} bytes and {BESIDE_BUDGET_BYTES} beside it are more than the {limit_bytes} bytes {of}: \
-                 lower the budget or raise that",
-                config.memory_budget
+                "`memory_budget` of {} and {} beside it are more than the {} {of}: lower the budget or raise that",
+                size_text(config.memory_budget),
+                size_text(BESIDE_BUDGET_BYTES),
+                size_text(limit_bytes)
             ));
         }
     }
@@ -178,8 +184,8 @@ fn spool(root: &Path) -> Result<(), SpoolFault> {
         }
         let fault = |what: String| {
             let text = format!(
-                "{what}: give {} and all in it to the user layerd runs as (chown -R), or name another directory",
-                root.display()
+                "{what}: give it and all in it to the user layerd runs as (chown -R USER {}), or name another directory",
+                shell_word(&root.to_string_lossy())
             );
             SpoolFault::Unusable(text)
         };
@@ -241,12 +247,10 @@ fn port(machine: &Machine) -> Option<OpenError> {
     let path = &machine.link.path;
     match std::fs::metadata(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => Some(OpenError::Missing(path.clone())),
-        Err(error) if error.kind() == ErrorKind::PermissionDenied => Some(OpenError::PermissionDenied(path.clone())),
+        Err(error) if error.kind() == ErrorKind::PermissionDenied => Some(denied(path)),
         Err(error) => Some(OpenError::Other { path: path.clone(), reason: error.to_string() }),
         Ok(metadata) if !metadata.file_type().is_char_device() => Some(OpenError::NotATerminal(path.clone())),
-        Ok(_) if access(path, Access::READ_OK | Access::WRITE_OK).is_err() => {
-            Some(OpenError::PermissionDenied(path.clone()))
-        }
+        Ok(_) if access(path, Access::READ_OK | Access::WRITE_OK).is_err() => Some(denied(path)),
         Ok(_) => None,
     }
 }

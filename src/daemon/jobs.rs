@@ -257,7 +257,7 @@ impl Jobs {
                 _ if light.is_some() => light.map(|light| format!("waits for a dark device: {light}")),
                 _ if !job.told.is_empty() => Some(plate::text(&job.told, id)),
                 _ if job.awaits_plate => {
-                    Some(format!("waits for a clear plate: take the last part off, then `layerctl resume {id}`"))
+                    Some(format!("waits for an empty plate: take the last part off, then `layerctl resume {id}`"))
                 }
                 _ => None,
             };

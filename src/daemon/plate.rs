@@ -128,7 +128,7 @@ pub(super) fn text(signs: &[Sign], job: u32) -> String {
     };
     let signs: Vec<_> = signs.iter().filter(is_new).map(ToString::to_string).collect();
     format!(
-        "waits for a clear plate: look at plate and vat, take out what is there, then `layerctl resume {job}`. Why: {}",
+        "waits for an empty plate: look at plate and vat, take out what is there, then `layerctl resume {job}`. Why: {}",
         signs.join("; ")
     )
 }

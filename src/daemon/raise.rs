@@ -27,7 +27,9 @@ impl Printer {
             return Err(CommandError::new(503, "the daemon is ending and begins nothing more"));
         }
         if let Some(job) = self.holder() {
-            let text = format!("job {job} has the machine: `layerctl pause` or `layerctl stop` lifts its plate clear");
+            let text = format!(
+                "job {job} has the machine: `layerctl pause` or `layerctl stop` lifts its plate clear of the resin"
+            );
             return Err(CommandError::new(409, text));
         }
         if let Some(raise) = &self.idle.raise {

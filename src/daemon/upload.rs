@@ -19,6 +19,7 @@ use super::handle::{CommandError, Submission};
 use super::percent;
 use crate::buildfile::{BEGINNING_BYTES, check_beginning};
 use crate::disk;
+use crate::text::size_text;
 
 /// A sender that is silent for longer has gone away without closing; its half file is removed.
 const LONGEST_SILENCE: Duration = Duration::from_secs(30);
@@ -231,11 +232,11 @@ impl Space {
     }
 
     fn too_little(self, incoming: &Path, announced: Option<u64>) -> CommandError {
-        let need = announced.map_or_else(|| "more than that".into(), |bytes| format!("{bytes} bytes"));
-        let (place, free_bytes, reserve) = (incoming.display(), self.free_bytes, disk::RESERVE_BYTES);
+        let need = announced.map_or_else(|| "more than that".into(), size_text);
+        let (place, free, reserve) = (incoming.display(), size_text(self.free_bytes), size_text(disk::RESERVE_BYTES));
         let text = format!(
-            "the disk of {place} has {free_bytes} bytes free; {reserve} of them are kept for journals, and the build file needs \
-             {need}: `layerctl remove JOB` deletes finished jobs; or delete other files there, or move the spool"
+            "the disk of {place} has {free} free; {reserve} of them are kept for journals, and the build file needs {need}: \
+             `layerctl remove JOB` deletes jobs that are over; or delete other files there, or move the spool"
         );
         CommandError::new(507, text)
     }

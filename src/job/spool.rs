@@ -28,6 +28,7 @@ use std::path::{Path, PathBuf};
 use super::journal::sync_parent;
 use super::{Journal, JournalError, Record};
 use crate::disk;
+use crate::text::size_text;
 
 /// Finished jobs whose records are kept: some months of a busy machine, a few kilobytes to megabytes each.
 pub const MOST_RECORDS: usize = 100;
@@ -60,9 +61,9 @@ pub enum SpoolError {
     InUse(PathBuf),
     /// Not enough room.
     #[error(
-        "the disk of {} has {free_bytes} bytes free; {need_bytes} are needed, of which {} are kept for journals: `layerctl remove \
-         JOB` deletes finished jobs; or delete other files there, or move the spool",
-        path.display(), disk::RESERVE_BYTES
+        "the disk of {} has {} free; {} are needed, of which {} are kept for journals: `layerctl remove JOB` deletes jobs that are \
+         over; or delete other files there, or move the spool",
+        path.display(), size_text(*free_bytes), size_text(*need_bytes), size_text(disk::RESERVE_BYTES)
     )]
     NoSpace {
         /// The spool.

@@ -15,6 +15,7 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt, ReadHalf, WriteHalf};
 use tokio_serial::{SerialPortBuilderExt, SerialStream};
 
 use crate::config::{FlowControl, LinkConfig};
+use crate::text::shell_word;
 
 /// Further from the rate asked for, a receiver samples the last bit of a byte wrongly.
 const RATE_TOLERANCE_PERCENT: u64 = 3;
@@ -29,14 +30,19 @@ pub enum OpenError {
     #[error("{}: no such port; is the device connected and switched on? (ls /dev/serial/by-id)", .0.display())]
     Missing(PathBuf),
     /// Another process has it.
-    #[error("{}: in use by another program (find it with: fuser {})", .0.display(), .0.display())]
+    #[error("{}: in use by another program (find it with: fuser {})", .0.display(), shell_word(&.0.to_string_lossy()))]
     InUse(PathBuf),
     /// Something else than a port.
     #[error("{}: not a serial port or pseudo-terminal", .0.display())]
     NotATerminal(PathBuf),
     /// Not for this user (EACCES): the file's owner, group and mode forbid it.
-    #[error("{}: permission denied; add this user to the group dialout (usermod -aG dialout USER) and log in again", .0.display())]
-    PermissionDenied(PathBuf),
+    #[error("{}: permission denied; {remedy}", path.display())]
+    PermissionDenied {
+        /// The port.
+        path: PathBuf,
+        /// What to do about it.
+        remedy: String,
+    },
     /// Not for this service (EPERM): the systemd unit or the container allows no device of this kind.
     #[error(
         "{}: the systemd unit does not allow devices of major number {major}; run `systemctl edit layerd`, add the lines \
@@ -194,11 +200,44 @@ fn open_error(path: &Path, major: u32, errno: Errno) -> OpenError {
     match errno {
         Errno::ENOENT | Errno::ENOTDIR | Errno::ENXIO | Errno::ENODEV | Errno::EIO => OpenError::Missing(path.into()),
         Errno::EBUSY | Errno::EWOULDBLOCK => OpenError::InUse(path.into()),
-        Errno::EACCES => OpenError::PermissionDenied(path.into()),
+        Errno::EACCES => denied(path),
         Errno::EPERM => OpenError::Forbidden { path: path.into(), major },
         Errno::ENOTTY => OpenError::NotATerminal(path.into()),
         errno => other(path, &io::Error::from(errno).to_string()),
     }
+}
+
+/// A port that this user may not open.
+pub(crate) fn denied(path: &Path) -> OpenError {
+    let port = std::fs::metadata(path).ok().filter(|metadata| metadata.file_type().is_char_device());
+    let groups = std::fs::read_to_string("/etc/group").unwrap_or_default();
+    let group = port.and_then(|metadata| {
+        let takes_group = metadata.mode() & 0o060 == 0o060 && !is_pseudo_terminal(rustix::fs::major(metadata.rdev()));
+        takes_group.then(|| group_name(&groups, metadata.gid())).flatten()
+    });
+    OpenError::PermissionDenied { path: path.into(), remedy: remedy(path, group.as_deref()) }
+}
+
+/// Only membership in a group that is made for ports helps; a pseudo-terminal belongs to whoever made it.
+fn remedy(path: &Path, group: Option<&str>) -> String {
+    match group {
+        Some(group) => format!("add this user to the group {group} (usermod -aG {group} USER) and log in again"),
+        None => format!(
+            "let the user layerd runs as read and write it, or run layerd as its owner (ls -lL {} shows owner, group and mode)",
+            shell_word(&path.to_string_lossy())
+        ),
+    }
+}
+
+/// Whether a device number is that of a pseudo-terminal: these are the numbers of Linux.
+fn is_pseudo_terminal(major: u32) -> bool {
+    (136..=143).contains(&major)
+}
+
+/// The name of a group in the text of `/etc/group`. Nobody is advised to join that of root.
+fn group_name(groups: &str, gid: u32) -> Option<String> {
+    let is_it = |line: &&str| gid != 0 && line.split(':').nth(2).is_some_and(|field| field.parse() == Ok(gid));
+    groups.lines().find(is_it)?.split(':').next().map(str::to_owned)
 }
 
 fn unsuited(path: &Path, key: &'static str, wanted: String, found: String) -> OpenError {
@@ -224,8 +263,25 @@ mod tests {
     fn what_the_unit_forbids_is_told_from_what_the_group_forbids() {
         let unit = told(Errno::EPERM);
         assert!(unit.contains("DeviceAllow=char-188 rw") && !unit.contains("dialout"), "{unit}");
-        let group = told(Errno::EACCES);
-        assert!(group.contains("group dialout") && !group.contains("DeviceAllow"), "{group}");
+        let denied = told(Errno::EACCES);
+        assert!(denied.contains("permission denied") && !denied.contains("DeviceAllow"), "{denied}");
+    }
+
+    #[test]
+    fn a_group_is_named_only_where_joining_it_helps() {
+        let groups = "root:x:0:\ntty:x:5:\ndialout:x:20:ann,ben\n";
+        assert_eq!(group_name(groups, 20).as_deref(), Some("dialout"));
+        assert_eq!((group_name(groups, 0), group_name(groups, 21)), (None, None));
+        let told = remedy(Path::new("/dev/ttyUSB0"), Some("dialout"));
+        assert!(told.contains("usermod -aG dialout USER"), "{told}");
+        let pair = rustix::pty::openpt(rustix::pty::OpenptFlags::RDWR | rustix::pty::OpenptFlags::NOCTTY).unwrap();
+        let pseudo_terminal = rustix::pty::ptsname(&pair, Vec::new()).unwrap().into_string().unwrap();
+        let file = tempfile::NamedTempFile::with_prefix("a port").unwrap();
+        for path in [Path::new(&pseudo_terminal), file.path()] {
+            let told = denied(path).to_string();
+            assert!(told.contains("run layerd as its owner") && !told.contains("usermod"), "{told}");
+        }
+        assert!(denied(file.path()).to_string().contains("ls -lL '/"), "a path with a space is quoted");
     }
 
     #[test]

@@ -13,6 +13,7 @@ use tokio::runtime::Handle;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc};
 
 use super::{BudgetExceeded, Charge, MemoryBudget};
+use crate::text::size_text;
 
 /// Finished layers that may wait at once: enough to ride out any hiccup, few enough that a resumed or aborted job throws
 /// little work away. Small layers would otherwise queue by the thousand.
@@ -54,7 +55,8 @@ pub enum StreamError {
     Failed(String),
     /// One layer alone is larger than the queue.
     #[error(
-        "a finished layer takes {layer_bytes} bytes, but the queue of finished layers has only {queue_bytes}; raise memory_budget"
+        "a finished layer takes {}, but the queue of finished layers has only {}; raise memory_budget",
+        size_text(*layer_bytes), size_text(*queue_bytes)
     )]
     LayerTooLarge {
         /// Size of the layer.

@@ -3,6 +3,8 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use crate::text::size_text;
+
 /// A shared account of bytes with a ceiling. Cloning shares the account.
 #[derive(Clone, Debug)]
 pub struct MemoryBudget {
@@ -18,7 +20,10 @@ struct Account {
 
 /// A buffer that does not fit.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{what} needs {need_bytes} bytes, but only {free_bytes} of the memory budget of {limit_bytes} bytes are free")]
+#[error(
+    "{what} takes {}, but only {} of the memory budget of {} are free",
+    size_text(*need_bytes), size_text(*free_bytes), size_text(*limit_bytes)
+)]
 pub struct BudgetExceeded {
     /// What the memory was for.
     pub what: &'static str,

@@ -17,6 +17,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use self::key::SortKey;
 pub(super) use self::merge::Merge;
 use crate::buildfile::model::Strut;
+use crate::text::size_text;
 
 /// Least buffer for each run of a merge: below it, seeking costs more than reading. Sets how many runs are merged at once.
 const RUN_BUFFER_BYTES: usize = 16 << 10;
@@ -202,8 +203,8 @@ pub(super) fn check_free_space(directory: &Path, bytes: u64) -> io::Result<()> {
     if free >= bytes {
         return Ok(());
     }
-    let [needed, free] = [bytes, free].map(|bytes| bytes as f64 / f64::from(1 << 20));
-    let text = format!("{needed:.1} MiB more are needed, but {free:.1} MiB are free; make room or write elsewhere");
+    let [needed, free] = [bytes, free].map(size_text);
+    let text = format!("{needed} more are needed, but {free} are free; make room or write elsewhere");
     Err(io::Error::new(io::ErrorKind::StorageFull, text))
 }
 

@@ -10,30 +10,30 @@ use ratatui::widgets::{Gauge, Paragraph, Wrap};
 use tokio::time::Instant;
 
 use super::View;
-use crate::cli::{duration_text, layers_text, status};
+use crate::cli::{duration_text, layers_text, status, with_socket, without_eta};
 use crate::daemon::api::{DeviceView, JobView};
 use crate::text::plain;
 
 /// Fits 40 columns.
 const KEYS: &str = "p pause r resume s stop a abort q leave";
-/// Rows that a note may take: what the daemon says at greatest length, at 80 columns.
-const MOST_NOTE_ROWS: usize = 4;
+/// Of a screen's rows a note takes at most one in this many, unless it says what to do by hand.
+const NOTE_SHARE: u16 = 2;
 /// Of a screen's rows at most one in this many is for what is wrong: its end only says what to do about the daemon.
 const WARNING_SHARE: u16 = 3;
 
-/// Draws the view as it is at `now`. Rows are given away in this order: light, question or keys, what is wrong, the bar, the note,
-/// everything else, the jobs first.
+/// Draws the view as it is at `now`. Rows are given away in this order: light, question or keys, what to do by hand, what is wrong,
+/// the bar, another note, everything else, the jobs first.
 pub(super) fn draw(frame: &mut Frame<'_>, view: &View, now: Instant) {
     let age = view.age(now);
     let width = frame.area().width;
     let (prompt, colour) = match &view.question {
-        Some(question) => (question.text(), Color::Red),
+        Some(question) => (question.text(&view.reading.status), Color::Red),
         None => (KEYS.into(), Color::Reset),
     };
-    let prompt = Paragraph::new(plain(&prompt)).style(Style::new().fg(colour)).wrap(Wrap { trim: false });
+    let prompt = Paragraph::new(shown(&prompt)).style(Style::new().fg(colour)).wrap(Wrap { trim: false });
     let warning = age.map(|age| warning(view, age)).or_else(|| trouble(&view.reading.device)).unwrap_or_default();
-    let warning = Paragraph::new(plain(&warning)).style(Style::new().fg(Color::Red)).wrap(Wrap { trim: false });
-    let note = Paragraph::new(plain(view.young_note(now))).wrap(Wrap { trim: false });
+    let warning = Paragraph::new(shown(&warning)).style(Style::new().fg(Color::Red)).wrap(Wrap { trim: false });
+    let note = Paragraph::new(shown(view.young_note(now))).wrap(Wrap { trim: false });
 
     let mut left = frame.area().height;
     let mut take = |wanted: usize| {
@@ -43,10 +43,13 @@ pub(super) fn draw(frame: &mut Frame<'_>, view: &View, now: Instant) {
     };
     let light_rows = take(1);
     let prompt_rows = take(prompt.line_count(width));
+    let wanted_note_rows = rows_of(&note, width);
+    let by_hand_rows = if view.is_by_hand() { take(wanted_note_rows) } else { 0 };
     let most_warning_rows = usize::from(frame.area().height.div_ceil(WARNING_SHARE));
     let warning_rows = take(rows_of(&warning, width).min(most_warning_rows));
     let bar_rows = take(1);
-    let note_rows = take(rows_of(&note, width).min(MOST_NOTE_ROWS));
+    let most_note_rows = usize::from(frame.area().height.div_ceil(NOTE_SHARE));
+    let note_rows = by_hand_rows + if view.is_by_hand() { 0 } else { take(wanted_note_rows.min(most_note_rows)) };
     let rest_rows = take(usize::MAX);
     let [light_area, warning_area, bar_area, rest_area, note_area, prompt_area] = Layout::vertical(
         [light_rows, warning_rows, bar_rows, rest_rows, note_rows, prompt_rows].map(Constraint::Length),
@@ -56,15 +59,22 @@ pub(super) fn draw(frame: &mut Frame<'_>, view: &View, now: Instant) {
     frame.render_widget(light(&view.reading.device, age), light_area);
     frame.render_widget(warning, warning_area);
     let mut status = view.reading.status.clone();
+    let link = status.link.state;
     if let Some(job) = &mut status.active {
         // Nobody knows how far a print is that nobody hears of.
         job.eta_s = job.eta_s.filter(|_| age.is_none());
+        without_eta(job, link);
     }
-    frame.render_widget(bar(status.active.as_ref(), age), bar_area);
-    let rest = plain(&[status::work(&status), status::machine(&status), status::figures(&status)].concat().join("\n"));
+    frame.render_widget(bar(status.active.as_ref(), age, width), bar_area);
+    let rest = shown(&[status::work(&status), status::machine(&status), status::figures(&status)].concat().join("\n"));
     frame.render_widget(Paragraph::new(rest).style(dimmed(Style::new(), age)).wrap(Wrap { trim: false }), rest_area);
     frame.render_widget(note, note_area);
     frame.render_widget(prompt, prompt_area);
+}
+
+/// As a terminal may show it.
+fn shown(text: &str) -> String {
+    plain(&with_socket(text))
 }
 
 fn rows_of(text: &Paragraph<'_>, width: u16) -> usize {
@@ -91,8 +101,24 @@ fn light(device: &DeviceView, age: Option<Duration>) -> Line<'static> {
         return Line::styled(format!("{light}   plate {plate}{moving}"), style);
     }
     let light = if state.light_on { "ON" } else { "off" };
-    let when = age.map_or_else(|| "when last heard of".into(), |age| format!("{} ago", duration_text(age.as_secs())));
-    Line::styled(format!("light ? ({light} {when}), plate {plate}"), Style::new().fg(Color::DarkGray))
+    let text = match age {
+        Some(age) => format!("light ? ({light} {} ago), plate {}", coarse(age), coarse_plate(state.position_um)),
+        None => format!("light ? (was {light}), plate was {}", coarse_plate(state.position_um)),
+    };
+    Line::styled(text, Style::new().fg(Color::DarkGray))
+}
+
+/// `14 s`, `14 min`, `14 h`: short.
+fn coarse(age: Duration) -> String {
+    match age.as_secs() {
+        s @ 0..60 => format!("{s} s"),
+        s @ 60..3600 => format!("{} min", s / 60),
+        s => format!("{} h", s / 3600),
+    }
+}
+
+fn coarse_plate(position_um: Option<i32>) -> String {
+    position_um.map_or_else(|| "not homed".into(), |um| format!("{:.1} mm", f64::from(um) / 1000.0))
 }
 
 fn warning(view: &View, age: Duration) -> String {
@@ -109,11 +135,14 @@ fn trouble(device: &DeviceView) -> Option<String> {
     Some(format!("FAULT: {fault}"))
 }
 
-fn bar(job: Option<&JobView>, age: Option<Duration>) -> Gauge<'_> {
+fn bar(job: Option<&JobView>, age: Option<Duration>, width: u16) -> Gauge<'_> {
     let (label, done, total) = match job {
         Some(job) => {
             let eta = job.eta_s.map_or_else(String::new, |eta| format!(", {} to go", duration_text(eta)));
-            (format!("{}{eta}", layers_text(job)), job.layers_done, job.layers_total)
+            let long = format!("{}{eta}", layers_text(job));
+            let fits = long.chars().count() <= usize::from(width);
+            let label = if fits { long } else { format!("{}/{} layers{eta}", job.layers_done, job.layers_total) };
+            (label, job.layers_done, job.layers_total)
         }
         None => ("no job".into(), 0, 0),
     };
@@ -127,9 +156,10 @@ mod tests {
     use ratatui::backend::TestBackend;
     use ratatui::buffer::Buffer;
 
-    use super::super::Question;
     use super::super::tests::view;
+    use super::super::{BY_HAND, Question};
     use super::*;
+    use crate::daemon::api::LinkState;
 
     fn screen(view: &View, width: u16, height: u16, now: Instant) -> (String, Buffer) {
         let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
@@ -154,7 +184,8 @@ mod tests {
         let words = [
             "LIGHT ON   plate 1.250 mm",
             "7 part.layerd: printing",
-            "3 of 12 layers done, 1 min 35 s to go",
+            "3 of 12 layers done (25 %), 1 min 35 s to go",
+            "1 min 35 s to go, until about 20",
             "2 layers, 40 ms",
             "a note",
             "a abort",
@@ -181,17 +212,17 @@ mod tests {
         for (height, words) in [
             (1, &["LIGHT ON"][..]),
             (2, &["LIGHT ON", KEYS]),
-            (5, &["LIGHT ON", KEYS, "3 of 12 layers done", "7 part.layerd: printing"]),
+            (5, &["LIGHT ON", KEYS, "3/12 layers, 1 min 35 s to go", "7 part.layerd: printing"]),
             (12, &["LIGHT ON", KEYS, "3 of 12 layers done", "part.layerd: printing"]),
         ] {
             assert_shown(&screen(&view, 40, height, view.reading.at).0, words);
         }
         for (question, words) in [
-            (Question::Abort, ["Abort this print now?", "any other key does not"]),
+            (Question::Abort, ["Abort job 7 now?", "any other key does not (part.layerd)"]),
             (Question::Stop { id: "7".into() }, ["End job 7", "any other key does not"]),
             (
-                Question::PlateClear { id: "8".into(), name: "next.layerd".into() },
-                ["is the plate clear", "begins job 8; any other key does not"],
+                Question::PlateEmpty { id: "8".into(), name: "next.layerd".into() },
+                ["is the plate empty", "begins job 8; any other key does not"],
             ),
         ] {
             view.question = Some(question);
@@ -217,6 +248,37 @@ mod tests {
         // A device that does not answer is no more alive than a daemon.
         let mut view = self::view();
         view.reading.device.connected = false;
-        assert_shown(&screen(&view, 80, 24, view.reading.at).0, &["light ? (ON when last heard of)"]);
+        assert_shown(&screen(&view, 80, 24, view.reading.at).0, &["light ? (was ON)"]);
+    }
+
+    #[test]
+    fn without_a_device_nothing_counts_down() {
+        let mut view = view();
+        view.reading.status.link.state = LinkState::Lost;
+        view.reading.device.connected = false;
+        for (width, height) in [(80, 24), (40, 12)] {
+            let shown = screen(&view, width, height, view.reading.at).0;
+            assert!(!shown.contains("to go"), "{shown}");
+            assert_shown(&shown, &["light ? (was ON), plate was 1.2 mm", "3 of 12 layers done (25 %)"]);
+        }
+    }
+
+    #[test]
+    fn what_to_do_by_hand_is_shown_whole_on_a_small_screen() {
+        let mut view = view();
+        view.silence = Some("no layerd answers: start it (systemctl start layerd)".into());
+        let later = view.reading.at + Duration::from_secs(14);
+        for note in [
+            format!("{BY_HAND}: no layerd answers, so the order was not given"),
+            format!(
+                "{BY_HAND}: the device does not answer now. It will abort job 7 (part.layerd) as soon as it answers"
+            ),
+        ] {
+            view.note = note.clone();
+            view.noted_at = later;
+            for (width, height) in [(80, 24), (40, 12), (40, 8)] {
+                assert_shown(&screen(&view, width, height, later).0, &["light ? (ON 14 s ago)", &note]);
+            }
+        }
     }
 }
