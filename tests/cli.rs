@@ -179,7 +179,9 @@ fn a_wrong_machine_is_told_before_a_wrong_link_and_each_in_one_sentence() {
 #[test]
 fn counts_and_sizes_read_well() {
     let directory = tempfile::tempdir().unwrap();
-    let part = part_in(directory.path());
+    let part = directory.path().join("part.layerd").to_str().unwrap().to_owned();
+    let generate = ["generate", "bcc", "--struts", "20", "--box", "8,8,4", "-o", &part];
+    assert!(layerctl(&generate, Path::new("/nonexistent")).status.success());
     let out = directory.path().join("layers");
     let slice = ["slice", &part, "--machine", "sim-dlp", "-o", out.to_str().unwrap(), "--layers"];
     let output = layerctl(&[&slice[..], &["0..1"]].concat(), Path::new("/nonexistent"));

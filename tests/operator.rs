@@ -204,7 +204,7 @@ fn what_cannot_be_done_is_said_in_a_sentence_that_helps() {
 
 #[test]
 fn an_abort_says_which_job_it_ends_and_leaves_the_queue() {
-    let bench = Bench::start(slowly());
+    let bench = Bench::start(Setup { confirm_plate: true, ..slowly() });
     bench.ok(&PART);
     let first = bench.start_job("part.layerd");
     bench.wait_for(first, &["printing"]);
@@ -266,7 +266,10 @@ fn orders_promise_nothing_while_the_device_does_not_answer() {
         assert!(told.contains(" of 24 layers done (") && !told.contains(" to go"), "nothing goes on: {told}");
     }
     let told = bench.ok(&["pause"]);
-    assert!(told.contains("is taken; it is carried out when the device answers: it does not answer now"), "{told}");
+    assert!(
+        told.contains("is taken; it is carried out when the device answers: the device does not answer now"),
+        "{told}"
+    );
     let told = bench.ok(&["abort"]);
     assert!(told.starts_with("If there is light or the plate moves, switch the printer off at the mains"), "{told}");
     assert!(told.contains("It will abort job 1 (part.layerd)") && !told.contains("goes off first"), "{told}");
