@@ -179,7 +179,7 @@ fn an_abort_lifts_the_plate_though_the_disk_hangs_and_is_written_when_it_answers
     assert_eq!(bench.job(id)["state"], "aborted");
     let next = bench.start_job("part.layerd");
     let reason = bench.job(next)["reason"].clone();
-    assert!(!reason.as_str().is_some_and(|reason| reason.contains("clear plate")), "{reason}");
+    assert!(!reason.as_str().is_some_and(|reason| reason.contains("empty plate")), "{reason}");
 }
 
 #[test]

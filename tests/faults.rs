@@ -153,7 +153,7 @@ fn a_full_disk_interrupts_dark_and_the_job_goes_on_once_there_is_room() {
     assert!(reason(&job).contains("layerctl remove"), "{job}");
     assert_eq!(last_light(&bench), "light_off");
     let text = refusal(&bench, &["start", "part.layerd"]);
-    assert!(text.contains("16777216 of them are kept for journals"), "{text}");
+    assert!(text.contains("16.0 MiB must stay free for journals"), "{text}");
     disk.empty();
     bench.ok(&["resume"]);
     let job = bench.wait_for(id, &["completed", "failed", "interrupted"]);

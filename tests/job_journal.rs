@@ -223,7 +223,7 @@ fn a_full_disk_is_told_before_anything_is_written() {
     let directory = TempDir::new().expect("temp");
     let spool = Spool::open(directory.path()).expect("opened");
     let error = spool.check_space(1 << 60).expect_err("an exbibyte").to_string();
-    assert!(error.contains("bytes free"), "{error}");
+    assert!(error.contains("iB free; 1073741824.0 GiB are needed"), "{error}");
 }
 
 #[test]

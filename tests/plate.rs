@@ -197,7 +197,7 @@ fn a_raised_plate_is_asked_about_after_a_restart_until_it_is_said_to_be_clear() 
     bench.start_daemon();
     wait_until("the device", || bench.json(&["device"])["connected"] == true);
     let id = bench.start_job("part.layerd");
-    wait_until("the question", || reason(&bench.job(id)).contains("waits for a clear plate"));
+    wait_until("the question", || reason(&bench.job(id)).contains("waits for an empty plate"));
     let told = reason(&bench.job(id));
     assert!(told.contains("the plate was raised from") && !told.contains("last exposed"), "{told}");
     bench.ok(&["resume", &id.to_string()]);

@@ -25,7 +25,8 @@ const ABSENCE_INTERVAL: Duration = Duration::from_millis(100);
 pub(super) fn pause_help() -> String {
     format!(
         "Examples:\n  layerctl pause            the job that holds the machine\n  layerctl pause 7          job 7\n\nThe layer \
-         under way ends first; then the plate lifts clear of the resin and waits for `layerctl resume`. {ACCEPTED}"
+         under way ends first; then the plate lifts clear of the resin, and the job waits for `layerctl \
+         resume`. {ACCEPTED}"
     )
 }
 

@@ -26,8 +26,8 @@ pub struct Machine {
     /// Plate height at which the plate is clear of the resin, micrometres above the bottom of the vat: where pause, stop and
     /// abort bring it if the part is lower.
     pub clear_height_um: f64,
-    /// Whether a job that waited in the queue needs the operator's word (`layerctl resume`) that the plate was cleared of the
-    /// part before. Only for a machine that changes plates by itself, or has none, is it safe to turn off.
+    /// Whether a job that waited in the queue needs the operator's word (`layerctl resume`) that the plate is empty. It is safe to
+    /// turn off only for a machine that changes plates by itself, or has none.
     #[serde(default = "yes")]
     pub confirm_plate: bool,
     /// How much faster than real time the device's clock runs, 1 to 1000: only for simulated devices. The least times that the host

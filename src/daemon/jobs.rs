@@ -28,7 +28,7 @@ pub(super) struct Job {
     pub past: Past,
     /// What for, when its turn comes.
     pub take_up: TakeUp,
-    /// Whether the operator must say first that the plate is clear, whatever device and spool show.
+    /// Whether the operator must say first that the plate is empty, whatever device and spool show.
     pub awaits_plate: bool,
     /// Whether it is taken up only once a device answers: nobody who could wait for it asked just now.
     pub awaits_device: bool,
@@ -74,7 +74,7 @@ pub(super) struct Jobs {
 }
 
 impl Jobs {
-    /// Reads the journals of a spool's jobs. Jobs that were queued still are; they wait for a clear plate where
+    /// Reads the journals of a spool's jobs. Jobs that were queued still are; they wait for an empty plate where
     /// `awaits_plate`. What was ordered to end before a crash is done so once a device answers.
     pub(super) fn load(directories: Vec<JobDirectory>, forgotten: Vec<Forgotten>, awaits_plate: bool) -> Self {
         let forgotten = forgotten.into_iter().map(|job| (job.id, job)).collect();
@@ -226,7 +226,7 @@ impl Jobs {
         }
     }
 
-    /// What a queued job waits for besides a word that the plate is clear; `holder` has the machine.
+    /// What a queued job waits for besides a word that the plate is empty; `holder` has the machine.
     pub(super) fn ahead_of(&self, id: u32, holder: Option<u32>) -> Option<String> {
         let first = self.queue.front().filter(|first| **first != id);
         match (holder, self.interrupted(), first) {

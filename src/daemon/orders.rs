@@ -50,7 +50,7 @@ impl Printer {
                     None => {
                         // Light without a job is not for the daemon to explain, but to end.
                         self.send_urgent(Urgent::Abort);
-                        let text = "no job is active, so there is nothing to abort; the device was told to go dark all the same";
+                        let text = "no job is active, so there is nothing to abort; the device is to go dark all the same, as soon as it answers";
                         Err(CommandError::new(409, text))
                     }
                 }

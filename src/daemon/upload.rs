@@ -235,7 +235,7 @@ impl Space {
         let need = announced.map_or_else(|| "more than that".into(), size_text);
         let (place, free, reserve) = (incoming.display(), size_text(self.free_bytes), size_text(disk::RESERVE_BYTES));
         let text = format!(
-            "the disk of {place} has {free} free; {reserve} of them are kept for journals, and the build file needs {need}: \
+            "the disk of {place} has {free} free; {reserve} must stay free for journals, and the build file needs {need}: \
              `layerctl remove JOB` deletes jobs that are over; or delete other files there, or move the spool"
         );
         CommandError::new(507, text)

@@ -84,7 +84,7 @@ impl JournalError {
 fn remedy(source: &std::io::Error) -> &'static str {
     use std::io::ErrorKind::{QuotaExceeded, StorageFull};
     match source.kind() {
-        StorageFull | QuotaExceeded => "; make room on that disk (`layerctl remove JOB` deletes finished jobs)",
+        StorageFull | QuotaExceeded => "; make room on that disk (`layerctl remove JOB` deletes jobs that are over)",
         _ => "",
     }
 }

@@ -61,7 +61,7 @@ pub enum SpoolError {
     InUse(PathBuf),
     /// Not enough room.
     #[error(
-        "the disk of {} has {} free; {} are needed, of which {} are kept for journals: `layerctl remove JOB` deletes jobs that are \
+        "the disk of {} has {} free; {} are needed, of which {} stay free for journals: `layerctl remove JOB` deletes jobs that are \
          over; or delete other files there, or move the spool",
         path.display(), size_text(*free_bytes), size_text(*need_bytes), size_text(disk::RESERVE_BYTES)
     )]

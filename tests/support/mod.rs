@@ -38,7 +38,7 @@ pub(crate) struct Setup {
     pub memory_budget: &'static str,
     /// Grey edges.
     pub antialias: bool,
-    /// Whether a queued job waits for the operator's word that the plate is clear.
+    /// Whether a queued job waits for the operator's word that the plate is empty.
     pub confirm_plate: bool,
     /// Further arguments of `layerctl simulate dlp`.
     pub simulate: Vec<String>,
