@@ -109,7 +109,7 @@ pub(super) fn start_text(socket: &Path) -> &'static str {
     if socket == Path::new(DEFAULT_SOCKET) {
         "start it (systemctl start layerd)"
     } else {
-        "start one that listens there (layerd --config FILE)"
+        "start it (layerd --config FILE)"
     }
 }
 

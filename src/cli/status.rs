@@ -30,7 +30,10 @@ pub(super) fn run(args: &StatusArgs) -> anyhow::Result<()> {
     if args.json {
         return print_json(&status);
     }
-    [machine(&status), work(&status), figures(&status)].concat().iter().try_for_each(|line| print(line))
+    [machine(&status), work(&status, SystemTime::now()), figures(&status)]
+        .concat()
+        .iter()
+        .try_for_each(|line| print(line))
 }
 
 /// Machine, line and device, as an operator reads them; shared with `watch` as the other parts are.
@@ -45,13 +48,13 @@ pub(super) fn machine(status: &Status) -> Vec<String> {
     lines
 }
 
-/// The jobs: the one that holds the machine, those behind it, and the one that ended last.
-pub(super) fn work(status: &Status) -> Vec<String> {
+/// The jobs, as they are at `now`: the one that holds the machine, those behind it, and the one that ended last.
+pub(super) fn work(status: &Status, now: SystemTime) -> Vec<String> {
     let mut lines = match &status.active {
         Some(job) => {
             let mut job = job.clone();
             without_eta(&mut job, status.link.state);
-            job_lines(&job)
+            job_lines(&job, now)
         }
         None => vec!["job      none".into()],
     };
@@ -59,7 +62,7 @@ pub(super) fn work(status: &Status) -> Vec<String> {
         lines.push(format!("queued   {} {}", job.id, short_name(&job.name)));
         lines.extend(notes(job).into_iter().map(|note| format!("         {note}")));
     }
-    lines.extend(status.last.iter().flat_map(last_lines));
+    lines.extend(status.last.iter().flat_map(|job| last_lines(job, now)));
     lines
 }
 
@@ -94,7 +97,7 @@ pub(super) fn figures(status: &Status) -> Vec<String> {
     lines
 }
 
-fn job_lines(job: &JobView) -> Vec<String> {
+fn job_lines(job: &JobView, now: SystemTime) -> Vec<String> {
     let mut lines = vec![format!(
         "job      {} {}: {}, recipe {}",
         job.id,
@@ -102,7 +105,7 @@ fn job_lines(job: &JobView) -> Vec<String> {
         job.state,
         short_name(&job.recipe)
     )];
-    lines.extend(progress_lines(job, SystemTime::now()).into_iter().map(|line| format!("         {line}")));
+    lines.extend(progress_lines(job, now).into_iter().map(|line| format!("         {line}")));
     if job.late_layers > 0 {
         let late = count_text(job.late_layers.into(), "layer");
         lines.push(format!("late     {late}, {} ms in all", job.late_ms_total));
@@ -112,13 +115,13 @@ fn job_lines(job: &JobView) -> Vec<String> {
 }
 
 /// The job that ended last: how and when.
-fn last_lines(job: &JobView) -> Vec<String> {
+fn last_lines(job: &JobView, now: SystemTime) -> Vec<String> {
     let when = job.ended_ms.map_or_else(
         || "at an unknown time".into(),
         |ended_ms| format!("{} ago ({})", age_text(ended_ms), time_text(ended_ms)),
     );
     let mut lines = vec![format!("last     {} {}: {} {when}", job.id, short_name(&job.name), job.state)];
-    lines.extend(progress_lines(job, SystemTime::now()).into_iter().map(|line| format!("         {line}")));
+    lines.extend(progress_lines(job, now).into_iter().map(|line| format!("         {line}")));
     lines.extend(job.reason.iter().map(|reason| format!("         {reason}")));
     lines
 }

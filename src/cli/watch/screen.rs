@@ -1,6 +1,6 @@
 //! What `layerctl watch` draws. Where there is little room the light is what stays longest.
 
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout};
@@ -65,8 +65,12 @@ pub(super) fn draw(frame: &mut Frame<'_>, view: &View, now: Instant) {
         job.eta_s = job.eta_s.filter(|_| age.is_none());
         without_eta(job, link);
     }
+    // How long a print has taken is known up to the reading.
+    let read_at = SystemTime::now().checked_sub(age.unwrap_or_default()).unwrap_or(SystemTime::UNIX_EPOCH);
     frame.render_widget(bar(status.active.as_ref(), age, width), bar_area);
-    let rest = shown(&[status::work(&status), status::machine(&status), status::figures(&status)].concat().join("\n"));
+    let rest = shown(
+        &[status::work(&status, read_at), status::machine(&status), status::figures(&status)].concat().join("\n"),
+    );
     frame.render_widget(Paragraph::new(rest).style(dimmed(Style::new(), age)).wrap(Wrap { trim: false }), rest_area);
     frame.render_widget(note, note_area);
     frame.render_widget(prompt, prompt_area);
@@ -245,6 +249,10 @@ mod tests {
                 assert!(![Color::Cyan, Color::Yellow].contains(&cell.fg), "{cell:?} looks live in:\n{shown}");
             }
         }
+        // Nor does the time that a print has taken go on: 86 s and not 100.
+        let now_ms = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap().as_millis() as u64;
+        view.reading.status.active.as_mut().unwrap().started_ms = Some(now_ms - 100_000);
+        assert_shown(&screen(&view, 80, 24, later).0, &["(25 %), 1 min 2"]);
         // A device that does not answer is no more alive than a daemon.
         let mut view = self::view();
         view.reading.device.connected = false;
