@@ -21,6 +21,17 @@ fn spawn(bench: &Bench, arguments: &[&str]) -> Child {
     command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("layerctl starts")
 }
 
+/// Stops a process, and waits until each of its threads stands still: on a busy machine some of them run on for a while.
+fn stop(pid: u32) {
+    signal(pid, "STOP");
+    let is_stopped =
+        |task: std::path::PathBuf| std::fs::read_to_string(task.join("stat")).is_ok_and(|stat| stat.contains(") T "));
+    wait_until("a process that stands still", || {
+        let tasks = std::fs::read_dir(format!("/proc/{pid}/task")).expect("it runs");
+        tasks.map(|task| task.expect("a task").path()).all(is_stopped)
+    });
+}
+
 /// Exit code and standard error of a command that ends.
 fn ended(child: Child) -> (Option<i32>, String) {
     let output = child.wait_with_output().expect("layerctl ends");
@@ -44,7 +55,7 @@ fn a_daemon_that_hangs_is_told_after_two_seconds_and_an_abort_waits_for_it() {
     bench.ok(&PART);
     let id = bench.start_job("part.layerd");
     bench.wait_for(id, &["printing"]);
-    signal(bench.daemon_pid(), "STOP");
+    stop(bench.daemon_pid());
     let began = Instant::now();
     let mut abort = spawn(&bench, &["abort"]);
     let commands: [&[&str]; 5] =
@@ -87,7 +98,7 @@ fn news_that_stop_coming_are_told() {
     bench.ok(&PART);
     let mut start = spawn(&bench, &["start", "part.layerd", "--wait"]);
     read_until(&mut start, "printing");
-    signal(bench.daemon_pid(), "STOP");
+    stop(bench.daemon_pid());
     read_until(&mut start, "silent for 2 s");
     signal(bench.daemon_pid(), "CONT");
     read_until(&mut start, "layerd goes on");
