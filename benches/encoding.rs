@@ -9,6 +9,7 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::Arc;
 use std::time::Duration;
 
 use flate2::Compression;
@@ -17,7 +18,7 @@ use layerd::buildfile::BuildFile;
 use layerd::device::encoding::{Decoder, encode};
 use layerd::layer::{Bitmap, Depth, Mirror, Raster};
 use layerd::link::message::Encoding;
-use layerd::slice::{SlicePlan, Slicer};
+use layerd::slice::{BodySource, SlicePlan, Slicer};
 use layerd::stream::MemoryBudget;
 use rustix::time::{ClockId, clock_gettime};
 
@@ -82,10 +83,10 @@ struct Sum {
 }
 
 fn measure(part: &Path, depth: Depth, encoding: Encoding) -> Sum {
-    let source = BuildFile::open(part).expect("just packed");
-    let plan = SlicePlan::new(source.header(), RASTER, depth, LAYER_HEIGHT_UM).expect("it fits turned");
+    let file = Arc::new(BuildFile::open(part).expect("just packed"));
+    let plan = SlicePlan::new(file.header(), RASTER, depth, LAYER_HEIGHT_UM).expect("it fits turned");
     let layers = plan.layer_count;
-    let mut slicer = Slicer::new(source, plan, 1, 0, &MemoryBudget::new(1 << 30)).expect("fits");
+    let mut slicer = Slicer::new(BodySource::of(&file), plan, 1, 0, &MemoryBudget::new(1 << 30)).expect("fits");
     let mut bitmap = Bitmap::new(RASTER.width_px, RASTER.height_px, depth);
     let mut bytes = Vec::new();
     let mut sum = Sum { layers, ..Sum::default() };

@@ -36,11 +36,12 @@
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use layerd::buildfile::{BuildFile, GenerateOptions, Height, Kind, PackOptions, generate, pack};
 use layerd::layer::{Bitmap, Depth, Mirror, Raster};
-use layerd::slice::{SlicePlan, Slicer};
+use layerd::slice::{BodySource, SlicePlan, Slicer};
 use layerd::solid::Effort;
 use layerd::stream::MemoryBudget;
 use serde::{Deserialize, Serialize};
@@ -189,7 +190,7 @@ fn print_row(row: &Row, name: &str, file: &Path, whole: bool) -> anyhow::Result<
     let need = format!("{:.1}{}", two.need_mib, if two.need_mib > row.budget_mib as f64 { "!" } else { "" });
     println!(
         "{name:<14} {:>11} {:>9} {:>11} {:>6} {:>6.3} {:>10.1} {:>10.6} {:>10.6} {:>9.3} {:>7.0} {need:>9}",
-        BuildFile::open(file)?.header().strut_count,
+        strut_count(&BuildFile::open(file)?),
         two.active,
         format!("{}×{}", row.image_px[0], row.image_px[1]),
         two.layer_count,
@@ -211,9 +212,13 @@ fn print_row(row: &Row, name: &str, file: &Path, whole: bool) -> anyhow::Result<
     ))
 }
 
+fn strut_count(file: &BuildFile) -> u64 {
+    file.header().lattices().map(|lattice| lattice.strut_count).sum()
+}
+
 /// The build file of a row, or of one with twice its struts and as many at the busiest plane, so about twice as high.
 fn made(path: &Path, row: &Row, times: u64) -> anyhow::Result<()> {
-    if BuildFile::open(path).is_ok_and(|file| file.header().strut_count == times * row.struts) {
+    if BuildFile::open(path).is_ok_and(|file| strut_count(&file) == times * row.struts) {
         return Ok(());
     }
     // Radii reach one and a half of the mean, on either side; whole pixels leave room for rounding.
@@ -245,12 +250,12 @@ fn packed_spot(path: &Path) -> anyhow::Result<bool> {
 /// Draws and times layers in this process.
 fn measure(order: &Order) -> anyhow::Result<Found> {
     let Order { ref file, image_px: [width_px, height_px], pixel_um, threads, budget_mib, whole } = *order;
-    let source = BuildFile::open(file)?;
+    let part = Arc::new(BuildFile::open(file)?);
     let raster =
         Raster { width_px, height_px, pixel_um: [pixel_um; 2], build_height_um: 1e7, mirror: Mirror::default() };
-    let plan = SlicePlan::new(source.header(), raster, Depth::Bit, pixel_um)?;
-    let need_bytes = Slicer::memory_bytes(&source, &plan, threads);
-    drop(source);
+    let plan = SlicePlan::new(part.header(), raster, Depth::Bit, pixel_um)?;
+    let need_bytes = Slicer::memory_bytes(&BodySource::of(&part), &plan, threads);
+    drop(part);
     let layer_count = plan.layer_count;
     let range = if whole { 1..layer_count } else { layer_count / 3..layer_count * 2 / 3 };
     let mut bitmap = Bitmap::new(width_px, height_px, Depth::Bit);
@@ -272,7 +277,13 @@ fn measure(order: &Order) -> anyhow::Result<Found> {
         // A row that needs more than its budget is marked in the table and measured all the same.
         let budget = MemoryBudget::new(need_bytes.max(budget_mib << 20));
         // The layer before the first one timed takes in all that lies within its reach.
-        let mut slicer = Slicer::new(BuildFile::open(file)?, plan.clone(), threads, range.start - 1, &budget)?;
+        let mut slicer = Slicer::new(
+            BodySource::of(&Arc::new(BuildFile::open(file)?)),
+            plan.clone(),
+            threads,
+            range.start - 1,
+            &budget,
+        )?;
         slicer.next_layer(&mut bitmap)?;
         let before = slicer.effort();
         let (mut time, mut layers, mut lit_px) = (Duration::ZERO, 0, 0);

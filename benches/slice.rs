@@ -6,9 +6,9 @@
 use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 
-use layerd::buildfile::{Blend, Bounds, Caps, Header, Placement, Strut};
+use layerd::buildfile::{Blend, BodyHeader, Bounds, Caps, Header, Lattice, Placement, Strut};
 use layerd::layer::{Bitmap, Depth, Mirror, Raster};
-use layerd::slice::{MemoryStruts, SlicePlan, Slicer};
+use layerd::slice::{BodySource, MemoryStruts, SlicePlan, Slicer};
 use layerd::stream::MemoryBudget;
 
 fn main() {
@@ -33,7 +33,7 @@ fn spot_union_200_layers(bencher: divan::Bencher<'_, '_>, (depth, threads): (Dep
 }
 
 fn bench(bencher: divan::Bencher<'_, '_>, convolution: bool, depth: Depth, threads: usize) {
-    let Some(source) = spot(convolution) else {
+    let Some((header, source)) = spot(convolution) else {
         eprintln!("skipped: spot_lattice.txt is not there");
         return;
     };
@@ -44,14 +44,15 @@ fn bench(bencher: divan::Bencher<'_, '_>, convolution: bool, depth: Depth, threa
         build_height_um: 100_000.0,
         mirror: Mirror::default(),
     };
-    let header = layerd::slice::StrutSource::header(&source);
-    let plan = SlicePlan::new(header, raster, depth, 20.0).expect("it fits turned");
+    let plan = SlicePlan::new(&header, raster, depth, 20.0).expect("it fits turned");
     let bitmap = RefCell::new(Bitmap::new(3840, 2160, depth));
     let begin = |run: u32| {
         // The first layer of a sweep reads all chunks within reach; a print does so once.
         let first = plan.layer_count * (2 * run + 1) / (2 * RUNS) - 1;
         let budget = MemoryBudget::new(1 << 30);
-        let mut slicer = Slicer::new(source.clone(), plan.clone(), threads, first, &budget).expect("fits");
+        let mut slicer =
+            Slicer::new(vec![BodySource::Lattice(Box::new(source.clone()))], plan.clone(), threads, first, &budget)
+                .expect("fits");
         slicer.next_layer(&mut bitmap.borrow_mut()).expect("a layer");
         slicer
     };
@@ -67,7 +68,7 @@ fn bench(bencher: divan::Bencher<'_, '_>, convolution: bool, depth: Depth, threa
         });
 }
 
-fn spot(convolution: bool) -> Option<MemoryStruts> {
+fn spot(convolution: bool) -> Option<(Header, MemoryStruts)> {
     let default = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
     let directory = std::env::var_os("LAYERD_DATA").map_or(default, PathBuf::from);
     let text = std::fs::read_to_string(directory.join("spot_lattice.txt")).ok()?;
@@ -95,18 +96,22 @@ fn spot(convolution: bool) -> Option<MemoryStruts> {
         struts.push(Strut { a, b, radius_a: radius, radius_b: radius, caps: Caps::default() });
     }
     let support_um = 1.5 * f64::from(radius_range[1]);
-    let header = Header {
-        quantum_um: 1.0,
+    let lattice = Lattice {
         blend: if convolution { Blend::Convolution { support_um } } else { Blend::Union },
         bounds,
         radius_range,
         strut_count: struts.len() as u64,
         ball_count: 0,
         node_count: 0,
+    };
+    let header = Header {
+        quantum_um: 1.0,
+        bounds,
+        bottom_um: f64::from(bounds.min[2]),
         placement: Placement::Centred,
         source_digest: [0; 32],
         source_name: "spot_lattice.txt".into(),
-        bottom_um: f64::from(bounds.min[2]),
+        bodies: vec![BodyHeader::Lattice(lattice.clone())],
     };
-    Some(MemoryStruts::new(header, struts, 8192))
+    Some((header, MemoryStruts::new(1.0, lattice, struts, 8192)))
 }

@@ -5,23 +5,27 @@ mod properties;
 use std::path::Path;
 
 use layerd::buildfile::{
-    Blend, BuildFile, BuildFileError, Cap, Caps, GenerateOptions, Height, Kind, Placement, Strut, Writer,
-    WriterSettings, generate,
+    Blend, BodySettings, BuildFile, BuildFileError, Cap, Caps, GenerateOptions, Header, Height, Kind, Lattice,
+    Placement, Strut, Writer, WriterSettings, generate,
 };
 use proptest::prelude::*;
 
 fn settings(blend: Blend) -> WriterSettings {
     WriterSettings {
         quantum_um: 1.0,
-        blend,
-        largest_radius: 3000,
         placement: Placement::At { x_mm: 3.0, y_mm: 4.5 },
         source_digest: [7; 32],
         source_name: "test".into(),
+        bodies: vec![BodySettings::Lattice { blend, largest_radius: 3000 }],
     }
 }
 
-fn write(path: &Path, struts: &[Strut]) -> layerd::buildfile::Header {
+/// The one lattice of a part.
+fn only(header: &Header) -> &Lattice {
+    header.lattices().next().expect("it has one")
+}
+
+fn write(path: &Path, struts: &[Strut]) -> Header {
     let mut writer = Writer::create(path, settings(Blend::Union)).expect("can be created");
     struts.iter().for_each(|strut| writer.push(*strut).expect("is in order"));
     writer.finish().expect("can be finished")
@@ -77,15 +81,15 @@ proptest! {
         let file = BuildFile::open(&path).expect("is whole");
         prop_assert_eq!(file.header(), &header);
         let nodes: std::collections::HashSet<_> = struts.iter().flat_map(|strut| [strut.a, strut.b]).collect();
-        prop_assert_eq!(header.node_count, nodes.len() as u64);
-        prop_assert_eq!(header.ball_count, struts.iter().filter(|strut| strut.is_ball()).count() as u64);
+        prop_assert_eq!(only(&header).node_count, nodes.len() as u64);
+        prop_assert_eq!(only(&header).ball_count, struts.iter().filter(|strut| strut.is_ball()).count() as u64);
     }
 
     #[test]
     fn the_profile_bounds_the_active_set(struts in any_struts(), at in -80_000.0..80_000.0f64) {
         let directory = tempfile::tempdir().expect("temporary directory");
         let path = directory.path().join("part.layerd");
-        let reach = f64::from(write(&path, &struts).radius_range[1]);
+        let reach = f64::from(only(&write(&path, &struts)).radius_range[1]);
         let file = BuildFile::open(&path).expect("is whole");
         let active = |z: f64| {
             let reaches = |strut: &&Strut| f64::from(strut.a[2]) - reach <= z && z <= f64::from(strut.b[2]) + reach;
@@ -117,7 +121,7 @@ proptest! {
                     (header.bounds.min[axis]..=header.bounds.max[axis]).contains(&node[axis])
                 });
                 prop_assert!(within(strut.a) && within(strut.b) && strut.a[2] <= strut.b[2], "{:?}", strut);
-                let range = header.radius_range[0]..=header.radius_range[1];
+                let range = only(&header).radius_range[0]..=only(&header).radius_range[1];
                 prop_assert!(range.contains(&strut.radius_a) && range.contains(&strut.radius_b), "{:?}", strut);
                 prop_assert!(!strut.is_ball() || strut.radius_a == strut.radius_b, "{:?}", strut);
             }
@@ -219,7 +223,7 @@ fn struts_of_many_chunks_ascend_and_share_nodes() {
     let file = BuildFile::open(&path).expect("is whole");
     assert!(file.chunks().len() > 3, "the test needs several chunks");
     let struts = read(&path).expect("is whole");
-    assert_eq!(struts.len() as u64, file.header().strut_count);
+    assert_eq!(struts.len() as u64, only(file.header()).strut_count);
     assert!(struts.is_sorted_by_key(|strut| (key(strut.a), key(strut.b))));
     let per_strut = file.file_bytes() as f64 / struts.len() as f64;
     assert!(per_strut < 10.0, "{per_strut} bytes a strut");
@@ -236,9 +240,16 @@ fn a_lying_index_with_a_true_checksum_is_refused() {
     let good = std::fs::read(&path).expect("is there");
     let index = index_offset(&good);
     // Every field of the only entry but its CRC, with the checksums of index and footer made true again.
-    for (at, name) in
-        [(0, "offset"), (8, "packed"), (12, "unpacked"), (20, "struts"), (24, "balls"), (28, "z"), (32, "z"), (36, "z")]
-    {
+    for (at, name) in [
+        (0, "offset"),
+        (8, "packed"),
+        (12, "unpacked"),
+        (20, "struts"),
+        (24, "balls and body"),
+        (28, "z"),
+        (32, "z"),
+        (36, "z"),
+    ] {
         for value in [0u32, 1, 0x7fff_ffff, u32::MAX] {
             let mut bytes = good.clone();
             if bytes[index + at..index + at + 4] == value.to_le_bytes() {
@@ -259,6 +270,31 @@ fn seal_header(bytes: &mut [u8]) {
     bytes[16..20].copy_from_slice(&crc.to_le_bytes());
 }
 
+/// Where the bounds of a part of one union stand in its header: its own, and those of its body, followed by the radii.
+struct HeaderLayout {
+    part: usize,
+    body: usize,
+}
+
+impl HeaderLayout {
+    fn of(bytes: &[u8]) -> Self {
+        let length = u32::from_le_bytes(bytes[12..16].try_into().expect("4 bytes")) as usize;
+        // Behind prelude and quantum; and before radii and three counts.
+        Self { part: 20 + 8, body: 20 + length - 24 - 8 - 24 }
+    }
+
+    /// The file with another value in the bounds, of the part as well, or in the radii; its checksum is true.
+    fn with(&self, good: &[u8], at: usize, value: i32) -> Vec<u8> {
+        let mut bytes = good.to_vec();
+        bytes[self.body + at..self.body + at + 4].copy_from_slice(&value.to_le_bytes());
+        if at < 24 {
+            bytes[self.part + at..self.part + at + 4].copy_from_slice(&value.to_le_bytes());
+        }
+        seal_header(&mut bytes);
+        bytes
+    }
+}
+
 #[test]
 fn a_lying_header_with_a_true_checksum_is_refused() {
     let directory = tempfile::tempdir().expect("temporary directory");
@@ -266,9 +302,8 @@ fn a_lying_header_with_a_true_checksum_is_refused() {
     let strut = Strut { a: [0; 3], b: [0, 0, 500], radius_a: 77, radius_b: 99, caps: Caps::default() };
     write(&path, &[strut]);
     let good = std::fs::read(&path).expect("is there");
-    // Behind the prelude, quantum and blend: three lowest and three highest coordinates, least and largest radius.
-    let bounds = 20 + 8 + 4;
-    assert_eq!(good[bounds + 24..bounds + 32], [77, 0, 0, 0, 99, 0, 0, 0], "the test knows the layout");
+    let layout = HeaderLayout::of(&good);
+    assert_eq!(good[layout.body + 24..layout.body + 32], [77, 0, 0, 0, 99, 0, 0, 0], "the test knows the layout");
     for (at, value, told) in [
         (24, 0, "radius_range"),
         (28, 76, "radius_range"),
@@ -277,9 +312,7 @@ fn a_lying_header_with_a_true_checksum_is_refused() {
         (0, -98, "too narrow"),
         (20, -200, "too narrow"),
     ] {
-        let mut bytes = good.clone();
-        bytes[bounds + at..bounds + at + 4].copy_from_slice(&i32::to_le_bytes(value));
-        seal_header(&mut bytes);
+        let bytes = layout.with(&good, at, value);
         std::fs::write(&path, bytes).expect("can be written");
         let error = read(&path).expect_err("a lie").to_string();
         assert!(error.contains(told), "{value} at {at}: {error}");
@@ -296,17 +329,15 @@ fn what_the_struts_contradict_is_found_by_verify() {
     let verified = || BuildFile::open(&path).and_then(|file| file.verify());
     verified().expect("as written");
     let good = std::fs::read(&path).expect("is there");
-    let bounds = 20 + 8 + 4;
+    let layout = HeaderLayout::of(&good);
     for (at, value, told) in [(8, -400, "header"), (20, 900, "header"), (24, 76, "header"), (12, 109, "header")] {
-        let mut bytes = good.clone();
-        bytes[bounds + at..bounds + at + 4].copy_from_slice(&i32::to_le_bytes(value));
-        seal_header(&mut bytes);
+        let bytes = layout.with(&good, at, value);
         std::fs::write(&path, bytes).expect("can be written");
         let error = verified().expect_err("a lie").to_string();
         assert!(error.contains(told) && error.contains("pack the part again"), "{value} at {at}: {error}");
     }
     // A profile that has the first strut end before the second begins.
-    let words: [i64; 6] = [-99, 1024, 1, 1, 1, 1];
+    let words: [i64; 7] = [2, -99, 1024, 1, 1, 1, 1];
     let lying: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
     replace_profile(&path, &good, &lying);
     assert_eq!(BuildFile::open(&path).expect("its sums are right").peak_active(), 1);
@@ -314,33 +345,63 @@ fn what_the_struts_contradict_is_found_by_verify() {
     assert!(error.contains("promises 1 active struts at most, but there are 2"), "{error}");
 }
 
-/// A print that an older layerd began ends with the same layers: of a file of version 1 the plate is where it was.
 #[test]
-fn version_1_is_read_as_it_was_meant() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/vectors/version_1.layerd");
-    let file = BuildFile::open(&path).expect("is whole");
-    file.verify().expect("its struts are as its header says");
-    let header = file.header();
-    assert_eq!((header.strut_count, header.bounds.min[2], header.bottom_um), (5, -700, -700.0));
-    let mut struts = Vec::new();
-    file.read_chunk(0, &mut struts).expect("is whole");
-    assert_eq!(struts[0].caps, Caps { a: Cap::Butt, b: Cap::Butt });
-    // The same struts, written now: their flat feet stand on the plate.
+fn another_version_is_refused_with_the_remedy() {
     let directory = tempfile::tempdir().expect("temporary directory");
-    let written = directory.path().join("part.layerd");
-    let mut writer =
-        Writer::create(&written, WriterSettings { largest_radius: 700, ..settings(Blend::Union) }).expect("can be");
-    struts.iter().for_each(|strut| writer.push(*strut).expect("in order"));
-    assert_eq!(writer.finish().expect("is whole").bottom_um, 0.0);
-    assert_eq!(BuildFile::open(&written).expect("is whole").header().bottom_um, 0.0);
-    // One version's header is not the other's.
-    for (path, version) in [(&path, 2), (&written, 1)] {
-        let mut bytes = std::fs::read(path).expect("is there");
-        bytes[8] = version;
-        let mixed = directory.path().join("mixed.layerd");
-        std::fs::write(&mixed, bytes).expect("can be written");
-        assert!(BuildFile::open(&mixed).is_err(), "as version {version}");
+    let path = directory.path().join("part.layerd");
+    lattice(&path, 10);
+    let mut bytes = std::fs::read(&path).expect("is there");
+    bytes[8] = 1;
+    std::fs::write(&path, bytes).expect("can be written");
+    let error = BuildFile::open(&path).expect_err("of another version").to_string();
+    assert!(error.contains("version 1") && error.contains("pack the part again"), "{error}");
+}
+
+/// Two lattices that overlap, one of several chunks: each is read as it was written.
+#[test]
+fn a_part_of_several_bodies_is_read_body_by_body() {
+    let directory = tempfile::tempdir().expect("temporary directory");
+    let path = directory.path().join("part.layerd");
+    let posts = |count: i32, z: i32, radius: u32| -> Vec<Strut> {
+        let post = |x: i32| Strut {
+            a: [7 * x, 0, z],
+            b: [7 * x, 0, z + 500],
+            radius_a: radius,
+            radius_b: radius,
+            caps: Caps::default(),
+        };
+        (0..count).map(post).collect()
+    };
+    let written = [posts(20_000, 100, 90), posts(30, 0, 50)];
+    let bodies = [(Blend::Union, 90), (Blend::Convolution { support_um: 75.0 }, 50)]
+        .map(|(blend, largest_radius)| BodySettings::Lattice { blend, largest_radius });
+    let settings = || WriterSettings { bodies: bodies.to_vec(), ..settings(Blend::Union) };
+    let mut writer = Writer::create(&path, settings()).expect("can be created");
+    written[0].iter().for_each(|strut| writer.push(*strut).expect("in order"));
+    writer.next_body().expect("one more");
+    written[1].iter().for_each(|strut| writer.push(*strut).expect("lower than the other body, which does not matter"));
+    assert!(writer.next_body().expect_err("none is left").to_string().contains("no more bodies"));
+    let header = writer.finish().expect("is whole");
+    let file = BuildFile::open(&path).expect("is whole");
+    file.verify().expect("is true");
+    assert_eq!(file.header(), &header);
+    for (body, struts) in written.iter().enumerate() {
+        let mut read = Vec::new();
+        file.body_chunks(body).for_each(|chunk| file.read_chunk(chunk, &mut read).expect("is whole"));
+        assert_eq!(&read, struts, "body {body}");
+        assert_eq!(file.body_peak_active(body), struts.len() as u64);
     }
+    assert_eq!(header.bounds.min, [-90, -90, -50], "of both");
+    // The convolution begins lowest: its posts stand close, so it reaches farther down than their radius.
+    assert!((-75.0..-50.0).contains(&header.bottom_um), "{} µm", header.bottom_um);
+
+    let mut unfinished = Writer::create(&path, settings()).expect("can be created");
+    unfinished.push(written[0][0]).expect("in order");
+    assert!(unfinished.finish().expect_err("a body is missing").to_string().contains("1 of its bodies are missing"));
+    let mut empty = Writer::create(&path, settings()).expect("can be created");
+    assert!(empty.next_body().expect_err("an empty body").to_string().contains("body 0 has no struts"));
+    let none = Writer::create(&path, WriterSettings { bodies: vec![], ..settings() });
+    assert!(none.err().expect("no body").to_string().contains("allowed are 1 to"));
 }
 
 #[test]
@@ -354,14 +415,19 @@ fn a_bottom_that_the_struts_contradict_is_refused() {
         (Blend::Union, f64::NAN, "bottom_um = NaN"),
         (Blend::Convolution { support_um: 150.0 }, -151.0, "bottom_um = -151: allowed is -150 to 672"),
     ] {
-        let mut writer =
-            Writer::create(&path, WriterSettings { largest_radius: 99, ..settings(blend) }).expect("can be");
+        let mut writer = Writer::create(
+            &path,
+            WriterSettings {
+                bodies: vec![BodySettings::Lattice { blend: blend, largest_radius: 99 }],
+                ..settings(blend)
+            },
+        )
+        .expect("can be");
         writer.push(up).expect("in order");
         writer.finish().expect("is whole");
         let mut bytes = std::fs::read(&path).expect("is there");
-        // The header's last field.
-        let end = 20 + u32::from_le_bytes(bytes[12..16].try_into().expect("4 bytes")) as usize;
-        bytes[end - 8..end].copy_from_slice(&f64::to_le_bytes(bottom_um));
+        // Behind prelude, quantum and bounds.
+        bytes[52..60].copy_from_slice(&f64::to_le_bytes(bottom_um));
         seal_header(&mut bytes);
         std::fs::write(&path, bytes).expect("can be written");
         let error = BuildFile::open(&path).and_then(|file| file.verify()).expect_err("a lie").to_string();

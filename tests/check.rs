@@ -292,7 +292,7 @@ fn pixels_agree_with_the_mathematics_that_the_manifest_describes() {
         let sign = |axis: &str| if manifest["mirror"][axis] == true { -1.0 } else { 1.0 };
         let step_mm = [0, 1].map(|axis| number(&manifest["pixel_um"][axis]) / 1000.0);
         let step_mm = [step_mm[0] * sign("x"), step_mm[1] * sign("y")];
-        let (isovalue, support_mm) = (number(&manifest["isovalue"]), number(&manifest["support_mm"]));
+        let (isovalue, support_mm) = (number(&manifest["isovalue"]), number(&manifest["bodies"][0]["support_mm"]));
         assert_eq!(manifest["layers"].as_array().map(Vec::len), Some(20));
         let mut seen = [0; 2];
         for layer in manifest["layers"].as_array().expect("layers") {

@@ -3,9 +3,13 @@
 use std::collections::HashMap;
 use std::path::Path;
 
-use layerd::buildfile::{BuildFile, GenerateOptions, Height, Kind, Strut, generate};
+use layerd::buildfile::{BuildFile, GenerateOptions, Height, Kind, Lattice, Strut, generate};
 
 const KINDS: [Kind; 3] = [Kind::Bcc, Kind::Octet, Kind::Random];
+
+fn lattice(file: &BuildFile) -> &Lattice {
+    file.header().lattices().next().expect("it has one")
+}
 
 fn options(kind: Kind, struts: u64) -> GenerateOptions {
     GenerateOptions { kind, struts, footprint_mm: [24.0, 16.0], height: Height::Mm(5.0), radius_mm: Some(0.1), seed: 3 }
@@ -34,7 +38,7 @@ fn every_kind_has_exactly_the_struts_asked_for_inside_the_box() {
     for kind in KINDS {
         for count in [1, 7, 300, 3600, 12_345] {
             let (file, struts, _) = made(&options(kind, count));
-            assert_eq!((file.header().strut_count, struts.len() as u64), (count, count), "{kind:?}");
+            assert_eq!((lattice(&file).strut_count, struts.len() as u64), (count, count), "{kind:?}");
             let inside = |node: [i32; 3]| (0..3).all(|axis| (0..=[24_000, 16_000, 5000][axis]).contains(&node[axis]));
             assert!(struts.iter().all(|strut| inside(strut.a) && inside(strut.b) && strut.a != strut.b), "{kind:?}");
         }
@@ -90,7 +94,7 @@ fn random_is_as_irregular_as_a_tetrahedral_mesh() {
 
 /// Most struts that reach any plane of a fine comb.
 fn busiest(file: &BuildFile, struts: &[Strut]) -> usize {
-    let reach = file.header().reach_um();
+    let reach = lattice(file).reach_um(file.header().quantum_um);
     let top = f64::from(file.header().bounds.max[2]);
     let active = |z: f64| {
         let reaches = |strut: &&Strut| f64::from(strut.a[2]) - reach <= z && z <= f64::from(strut.b[2]) + reach;

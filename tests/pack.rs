@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use layerd::buildfile::{Blend, BlendChoice, Cap, PackOptions, PackReport, pack};
-use pack_bench::{BEAM, Bench, HEAD, ITEM, model, said};
+use pack_bench::{BEAM, Bench, HEAD, ITEM, model, packed_lattice, said};
 use skip::skipped;
 
 #[test]
@@ -46,7 +46,7 @@ fn radius_and_support_follow_the_rule() {
     let text = "3 0.1 0.15 0\n0 0 0 0 0 5\n0 0 0 5 0 5 0.4\n0 0 5 0 0 0\n";
     bench.options.blend = Some(BlendChoice::Convolution { support_mm: None });
     let (report, struts) = bench.text(text).expect("is fine");
-    assert_eq!(report.header.blend, Blend::Convolution { support_um: 600.0 });
+    assert_eq!(packed_lattice(&report).blend, Blend::Convolution { support_um: 600.0 });
     assert_eq!(struts.len(), 2, "the reversed duplicate is merged");
     let notes = report.notes.join("\n");
     assert!(notes.contains("1 exact duplicates") && notes.contains("0.15 mm"), "{notes}");
@@ -190,17 +190,17 @@ fn a_3mf_is_united_exactly_and_edge_text_is_a_convolution_unless_it_is_said_othe
     bench.options.blend = None;
     let tower = model("", "cap='butt'", BEAM, "", ITEM);
     let (report, struts) = bench.model(&tower).expect("is fine");
-    assert_eq!((report.header.blend, report.notes.len()), (Blend::Union, 0), "{:?}", report.notes);
+    assert_eq!((packed_lattice(&report).blend, report.notes.len()), (Blend::Union, 0), "{:?}", report.notes);
     assert_eq!((struts[0].caps.a, struts[0].caps.b), (Cap::Butt, Cap::Butt));
     let (report, _) = bench.text("1 0.5 0 0\n0 0 0 0 0 5\n").expect("is fine");
-    assert_eq!(report.header.blend, Blend::Convolution { support_um: 750.0 });
+    assert_eq!(packed_lattice(&report).blend, Blend::Convolution { support_um: 750.0 });
     let both = [bench.path("in.3mf"), bench.path("in.txt")];
     let packed = |options: &PackOptions| pack(&both, &bench.path("out.layerd"), options, &mut |_| {});
     let found = packed(&bench.options).expect_err("two meanings").to_string();
     assert!(found.contains("--blend union or --blend convolution"), "{found}");
     let options = PackOptions { blend: Some(BlendChoice::Convolution { support_mm: None }), ..bench.options.clone() };
     let report = packed(&options).expect("is said");
-    assert_eq!(report.header.blend, Blend::Convolution { support_um: 1500.0 });
+    assert_eq!(packed_lattice(&report).blend, Blend::Convolution { support_um: 1500.0 });
     assert!(report.notes.iter().any(|note| note.contains("the caps of 1 beams do not apply")), "{:?}", report.notes);
     // Caps do not make a second strut of the same one.
     bench.options = options;
@@ -245,17 +245,21 @@ fn caps_and_balls_follow_their_defaults() {
     let attributes = r#"cap="hemisphere" b2:ballmode="all" b2:ballradius="2""#;
     let (report, struts) =
         bench.model(&model("requiredextensions='b b2'", attributes, lattice, "", ITEM)).expect("is fine");
-    assert_eq!((report.header.strut_count, report.header.ball_count), (1, 2), "the unused vertex bears none");
+    assert_eq!(
+        (packed_lattice(&report).strut_count, packed_lattice(&report).ball_count),
+        (1, 2),
+        "the unused vertex bears none"
+    );
     let beam = struts.iter().find(|strut| !strut.is_ball()).expect("the beam");
     assert_eq!((beam.caps.a, beam.caps.b), (Cap::Hemisphere, Cap::Butt), "turned round, caps and all");
     let radii: Vec<_> = struts.iter().filter(|strut| strut.is_ball()).map(|ball| (ball.a[2], ball.radius_a)).collect();
     assert_eq!(radii, [(0, 3000), (10_000, 2000)]);
     let mixed = attributes.replace("\"all\"", "\"mixed\"");
     let (report, _) = bench.model(&model("", &mixed, lattice, "", ITEM)).expect("is fine");
-    assert_eq!(report.header.ball_count, 1);
+    assert_eq!(packed_lattice(&report).ball_count, 1);
     let none = attributes.replace("\"all\"", "\"none\"");
     let (report, _) = bench.model(&model("", &none, lattice, "", ITEM)).expect("is fine");
-    assert_eq!(report.header.ball_count, 0);
+    assert_eq!(packed_lattice(&report).ball_count, 0);
 }
 
 #[test]
@@ -326,7 +330,7 @@ fn real_files_stay_below_ten_bytes_a_strut() {
     let bench = Bench::new();
     for (name, struts) in [("pyramid.3mf", 391), ("spot_lattice.txt", 145_371)] {
         let (report, _) = bench.pack(&data.join(name)).expect("is fine");
-        assert_eq!(report.header.strut_count, struts);
+        assert_eq!(packed_lattice(&report).strut_count, struts);
         let bytes = std::fs::metadata(bench.path("out.layerd")).expect("there").len();
         assert!(bytes < 10 * struts, "{name}: {bytes} bytes for {struts} struts");
     }

@@ -3,13 +3,13 @@
 mod properties;
 mod slice_part;
 
-use layerd::buildfile::{Blend, Bounds, Cap, Caps, Header, Placement, Strut};
+use layerd::buildfile::{Blend, Bounds, Cap, Caps, Header, Lattice, Placement, Strut};
 use layerd::layer::{Bitmap, Depth, Mirror, Raster};
-use layerd::slice::{Footing, MemoryStruts, PlanError, SliceError, SlicePlan, Slicer, StrutSource};
+use layerd::slice::{BodySource, Footing, MemoryStruts, PlanError, SliceError, SlicePlan, Slicer};
 use layerd::solid::{Beam, Path};
 use layerd::stream::MemoryBudget;
 use proptest::prelude::*;
-use slice_part::{HEIGHT, PIXEL_UM, Part, WIDTH, beam, header, lit, raster, strut};
+use slice_part::{HEIGHT, PIXEL_UM, Part, WIDTH, beam, body, header, lattice, lit, raster, strut};
 
 const SUPPORT_UM: f64 = 150.0;
 const CONVOLUTION: Blend = Blend::Convolution { support_um: SUPPORT_UM };
@@ -85,6 +85,33 @@ proptest! {
         }
         let start = start.min(whole.len() as u32 - 1);
         prop_assert_eq!(&part.layers(2, start)[..], &whole[start as usize..]);
+    }
+
+    #[test]
+    fn bodies_are_merged_pixel_by_pixel(
+        one in prop::collection::vec(any_strut(), 1..12), other in prop::collection::vec(any_strut(), 1..12), grey in any::<bool>(),
+    ) {
+        let depth = if grey { Depth::Grey } else { Depth::Bit };
+        let all = [one.clone(), other.clone()].concat();
+        let plan = SlicePlan::new(&header(&all, CONVOLUTION), raster(Mirror::default()), depth, 60.0).expect("it fits");
+        let bodies = [(&one, CONVOLUTION), (&other, Blend::Union)]
+            .map(|(struts, blend)| (lattice(&header(struts, blend)), struts));
+        let layers = |chosen: &[usize], threads| {
+            let sources = chosen.iter().flat_map(|at| body(bodies[*at].0.clone(), bodies[*at].1, 5)).collect();
+            let mut slicer = Slicer::new(sources, plan.clone(), threads, 0, &MemoryBudget::new(64 << 20)).expect("a slicer");
+            let mut bitmap = Bitmap::new(WIDTH, HEIGHT, depth);
+            let mut layers = Vec::new();
+            while slicer.next_layer(&mut bitmap).expect("a layer").is_some() {
+                layers.push(bitmap.data().to_vec());
+            }
+            layers
+        };
+        let (first, second, both) = (layers(&[0], 1), layers(&[1], 1), layers(&[0, 1], 3));
+        let merged = |a: u8, b: u8| if grey { a.max(b) } else { a | b };
+        for ((first, second), both) in first.iter().zip(&second).zip(&both) {
+            prop_assert!(first.iter().zip(second).map(|(a, b)| merged(*a, *b)).eq(both.iter().copied()));
+        }
+        prop_assert_eq!(layers(&[1, 0], 1), both);
     }
 }
 
@@ -187,12 +214,13 @@ fn a_part_outside_the_volume_is_refused_with_axis_excess_and_remedy() {
 fn a_ball_larger_than_all_pictures_fills_the_layer() {
     let small = [strut([0, 0, 0], [500, 0, 0], 90, 90)];
     let giant = strut([0; 3], [0; 3], (1 << 30) - 1, (1 << 30) - 1);
-    let mut lying = Header { quantum_um: 1000.0, radius_range: [1, giant.radius_a], ..header(&small, Blend::Union) };
-    lying.bounds = Bounds { min: [0; 3], max: [1; 3] };
+    let honest = header(&small, Blend::Union);
+    let lying = Header { quantum_um: 1000.0, bounds: Bounds { min: [0; 3], max: [1; 3] }, ..honest.clone() };
+    let lattice = Lattice { radius_range: [1, giant.radius_a], ..lattice(&honest) };
     let plan = SlicePlan::new(&lying, raster(Mirror::default()), Depth::Bit, 500.0).expect("it fits");
     let budget = MemoryBudget::new(64 << 20);
-    let source = MemoryStruts::new(lying, vec![giant], 1);
-    let mut slicer = Slicer::new(source, plan, 1, 0, &budget).expect("a slicer");
+    let source = MemoryStruts::new(1000.0, lattice, vec![giant], 1);
+    let mut slicer = Slicer::new(vec![BodySource::Lattice(Box::new(source))], plan, 1, 0, &budget).expect("a slicer");
     let mut bitmap = Bitmap::new(WIDTH, HEIGHT, Depth::Bit);
     while slicer.next_layer(&mut bitmap).expect("a layer").is_some() {
         assert!((0..HEIGHT).all(|y| (0..WIDTH).all(|x| lit(&bitmap, x, y))));
@@ -204,8 +232,8 @@ fn footing(struts: &[Strut], bottom_um: f64, bottom_layers: u32) -> Footing {
     let header = Header { bottom_um, ..header(struts, Blend::Union) };
     let plan = SlicePlan::new(&header, raster(Mirror::default()), Depth::Bit, 50.0).expect("it fits");
     let budget = MemoryBudget::new(64 << 20);
-    let source = MemoryStruts::new(header, struts.to_vec(), 5);
-    Footing::of(&mut Slicer::new(source, plan, 1, 0, &budget).expect("a slicer"), bottom_layers).expect("can be sliced")
+    let bodies = body(lattice(&header), struts, 5);
+    Footing::of(&mut Slicer::new(bodies, plan, 1, 0, &budget).expect("a slicer"), bottom_layers).expect("can be sliced")
 }
 
 /// The spike is thinner than a pixel and stands between four pixels' centres.
@@ -239,30 +267,29 @@ fn what_cannot_be_sliced_is_an_error() {
     let struts = [strut([0, 0, 0], [500, 0, 0], 90, 90)];
     let part = Part::new(&struts, CONVOLUTION, Depth::Bit, Mirror::default(), 50.0);
     let small = MemoryBudget::new(1000);
-    assert!(matches!(Slicer::new(part.source.clone(), part.plan.clone(), 1, 0, &small), Err(SliceError::Budget(_))));
+    assert!(matches!(Slicer::new(part.bodies(), part.plan.clone(), 1, 0, &small), Err(SliceError::Budget(_))));
     let budget = MemoryBudget::new(64 << 20);
     assert!(matches!(
-        Slicer::new(part.source.clone(), part.plan.clone(), 0, 0, &budget),
+        Slicer::new(part.bodies(), part.plan.clone(), 0, 0, &budget),
         Err(SliceError::BadThreads { threads: 0, max: Slicer::MAX_THREADS })
     ));
-    let mut slicer = Slicer::new(part.source.clone(), part.plan.clone(), 1, 0, &budget).expect("a slicer");
+    let mut slicer = Slicer::new(part.bodies(), part.plan.clone(), 1, 0, &budget).expect("a slicer");
     let mut wrong = Bitmap::new(WIDTH, HEIGHT, Depth::Grey);
     assert!(matches!(slicer.next_layer(&mut wrong), Err(SliceError::WrongBitmap)));
-    let thick = MemoryStruts::new(header(&struts, Blend::Convolution { support_um: 94.0 }), struts.to_vec(), 1);
-    assert!(matches!(Slicer::new(thick, part.plan, 1, 0, &budget), Err(SliceError::RadiusTooLarge { .. })));
+    let thick = body(lattice(&header(&struts, Blend::Convolution { support_um: 94.0 })), &struts, 1);
+    assert!(matches!(Slicer::new(thick, part.plan.clone(), 1, 0, &budget), Err(SliceError::RadiusTooLarge { .. })));
     for raster in [
         Raster { width_px: 0, ..raster(Mirror::default()) },
         Raster { height_px: Raster::MAX_PX + 1, ..raster(Mirror::default()) },
         Raster { pixel_um: [20.0, f64::NAN], ..raster(Mirror::default()) },
     ] {
-        let planned = SlicePlan::new(part.source.header(), raster, Depth::Bit, 50.0);
+        let planned = SlicePlan::new(&part.header, raster, Depth::Bit, 50.0);
         assert!(matches!(planned, Err(PlanError::BadRaster(_))), "{raster:?}");
     }
     // A header that lies about its radii.
-    let mut lying = header(&struts, CONVOLUTION);
-    lying.radius_range = [10, 80];
-    let plan = SlicePlan::new(&lying, raster(Mirror::default()), Depth::Bit, 50.0).expect("it fits");
-    let mut slicer = Slicer::new(MemoryStruts::new(lying, struts.to_vec(), 1), plan, 1, 0, &budget).expect("a slicer");
+    let plan = SlicePlan::new(&part.header, raster(Mirror::default()), Depth::Bit, 50.0).expect("it fits");
+    let lying = Lattice { radius_range: [10, 80], ..lattice(&part.header) };
+    let mut slicer = Slicer::new(body(lying, &struts, 1), plan, 1, 0, &budget).expect("a slicer");
     let error = slicer.next_layer(&mut Bitmap::new(WIDTH, HEIGHT, Depth::Bit)).expect_err("lying").to_string();
     assert!(error.contains("radius"), "{error}");
 }

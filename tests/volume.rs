@@ -24,7 +24,7 @@ fn sampled(struts: &[Strut], blend: Blend, threads: usize) -> Volume {
     let directory = tempfile::tempdir().expect("temporary directory");
     let path = directory.path().join("part.layerd");
     write_part(&path, struts, blend);
-    Volume::sample(Arc::new(BuildFile::open(&path).expect("is whole")), threads).expect("can be sampled")
+    Volume::sample(&Arc::new(BuildFile::open(&path).expect("is whole")), threads).expect("can be sampled")
 }
 
 /// Three standard errors hold nearly always; what is told is two.

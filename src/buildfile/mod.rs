@@ -15,11 +15,11 @@ mod store;
 
 pub use error::PackError;
 pub use generate::{GenerateOptions, Height, Kind, generate};
-pub use model::{Blend, Bounds, Cap, Caps, Header, Placement, Strut};
+pub use model::{Blend, BodyHeader, Bounds, Cap, Caps, Header, Lattice, Placement, Strut};
 pub use options::{BlendChoice, PackOptions};
 pub use pack::{PackReport, pack};
 pub use progress::PackProgress;
 pub use store::{
-    BEGINNING_BYTES, BuildFile, BuildFileError, CHUNK_STRUTS, ChunkEntry, WriteError, Writer, WriterSettings,
-    check_beginning,
+    BEGINNING_BYTES, BodySettings, BuildFile, BuildFileError, CHUNK_STRUTS, ChunkEntry, WriteError, Writer,
+    WriterSettings, check_beginning,
 };

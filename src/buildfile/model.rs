@@ -108,6 +108,20 @@ impl Bounds {
     /// Of nothing.
     pub(super) const EMPTY: Self = Self { min: [i32::MAX; 3], max: [i32::MIN; 3] };
 
+    /// Of this and another.
+    pub(super) fn joined(mut self, other: &Self) -> Self {
+        for axis in 0..3 {
+            self.min[axis] = self.min[axis].min(other.min[axis]);
+            self.max[axis] = self.max[axis].max(other.max[axis]);
+        }
+        self
+    }
+
+    /// Where it ends below, micrometres.
+    pub(super) fn bottom_um(&self, quantum_um: f64) -> f64 {
+        f64::from(self.min[2]) * quantum_um
+    }
+
     /// Of one strut more, with its radii; `None` where it reaches beyond ±2³¹ quanta.
     pub(super) fn with(mut self, strut: &Strut) -> Option<Self> {
         for (node, radius) in [(strut.a, strut.radius_a), (strut.b, strut.radius_b)] {
@@ -134,14 +148,49 @@ pub enum Placement {
     },
 }
 
-/// The header of a build file: everything a plan needs before the first chunk is read.
+/// The header of a build file: a plate of bodies, and everything a plan needs before the first chunk is read.
 #[derive(Clone, Debug, PartialEq, Encode, Decode)]
 pub struct Header {
     /// Length of one quantum in micrometres, e.g. 1.0.
     pub quantum_um: f64,
-    /// How struts are joined.
+    /// Bounds of all bodies. A blend may bulge past them, see [`Lattice::bulge_um`].
+    pub bounds: Bounds,
+    /// Height of the lowest solid point, micrometres: what stands on the plate. Exact for a union; of a convolution at most
+    /// about 1 µm above the true one.
+    pub bottom_um: f64,
+    /// Where the part stands.
+    pub placement: Placement,
+    /// SHA-256 of the source files' bytes, in the order they were given.
+    pub source_digest: [u8; 32],
+    /// Name of the source for people; at most 255 bytes.
+    pub source_name: String,
+    /// What the part is made of, 1 to [`Header::MAX_BODIES`]. Where bodies overlap the part is solid once.
+    pub bodies: Vec<BodyHeader>,
+}
+
+impl Header {
+    /// Most bodies: their headers fit a header's 4096 bytes three times over.
+    pub const MAX_BODIES: usize = 16;
+
+    /// The lattices among the bodies, in their order.
+    pub fn lattices(&self) -> impl Iterator<Item = &Lattice> {
+        self.bodies.iter().map(|BodyHeader::Lattice(lattice)| lattice)
+    }
+}
+
+/// What one body is.
+#[derive(Clone, Debug, PartialEq, Encode, Decode)]
+pub enum BodyHeader {
+    /// Struts and balls of one blend.
+    Lattice(Lattice),
+}
+
+/// The header of a lattice.
+#[derive(Clone, Debug, PartialEq, Encode, Decode)]
+pub struct Lattice {
+    /// How its struts are joined.
     pub blend: Blend,
-    /// Bounds of all struts with their radii. A blend may bulge past them, see [`Header::bulge_um`].
+    /// Bounds of all its struts with their radii.
     pub bounds: Bounds,
     /// Least and largest strut radius, quanta.
     pub radius_range: [u32; 2],
@@ -151,41 +200,32 @@ pub struct Header {
     pub ball_count: u64,
     /// Number of distinct nodes, or 0 where too many were open at once to be counted.
     pub node_count: u64,
-    /// Where the part stands.
-    pub placement: Placement,
-    /// SHA-256 of the source files' bytes, in the order they were given.
-    pub source_digest: [u8; 32],
-    /// Name of the source for people; at most 255 bytes.
-    pub source_name: String,
-    /// Height of the lowest solid point, micrometres: what stands on the plate. Exact for a union; of a convolution at most
-    /// about 1 µm above the true one. Files of version 1 do not say it: there it is the lower end of `bounds`.
-    pub bottom_um: f64,
 }
 
-impl Header {
+impl Lattice {
     /// How far from its skeleton a strut can make anything solid, micrometres: the support, or the largest radius.
-    pub fn reach_um(&self) -> f64 {
+    pub fn reach_um(&self, quantum_um: f64) -> f64 {
         match self.blend {
             Blend::Convolution { support_um } => support_um,
-            Blend::Union => f64::from(self.radius_range[1]) * self.quantum_um,
+            Blend::Union => f64::from(self.radius_range[1]) * quantum_um,
         }
     }
 
     /// How far the solid may bulge past `bounds`, micrometres: a convolution by less than its support minus the least radius.
-    pub fn bulge_um(&self) -> f64 {
+    pub fn bulge_um(&self, quantum_um: f64) -> f64 {
         match self.blend {
-            Blend::Convolution { support_um } => support_um - f64::from(self.radius_range[0]) * self.quantum_um,
+            Blend::Convolution { support_um } => support_um - f64::from(self.radius_range[0]) * quantum_um,
             Blend::Union => 0.0,
         }
     }
 
-    /// Where the bounds end below, micrometres.
-    pub(super) fn bounds_bottom_um(&self) -> f64 {
-        f64::from(self.bounds.min[2]) * self.quantum_um
+    /// Struts and balls together.
+    pub fn total(&self) -> u64 {
+        self.strut_count.saturating_add(self.ball_count)
     }
 
-    /// [`Header::reach_um`] in whole quanta, rounded up: activity may only be stated too early and too late.
-    pub(super) fn reach_quanta(&self) -> i64 {
-        (self.reach_um() / self.quantum_um).ceil() as i64
+    /// [`Lattice::reach_um`] in whole quanta, rounded up: overestimating activity is safe.
+    pub(super) fn reach_quanta(&self, quantum_um: f64) -> i64 {
+        (self.reach_um(quantum_um) / quantum_um).ceil() as i64
     }
 }

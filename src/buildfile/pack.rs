@@ -9,7 +9,7 @@ use super::model::{Blend, Caps, Header, Strut};
 use super::options::{BlendChoice, PackOptions};
 use super::progress::PackProgress;
 use super::sort::{self, Merge};
-use super::store::{EXPECTED_STRUT_BYTES, WriteError, Writer, WriterSettings};
+use super::store::{BodySettings, EXPECTED_STRUT_BYTES, WriteError, Writer, WriterSettings};
 use crate::output::{self, Output};
 
 /// What packing did.
@@ -53,11 +53,10 @@ pub fn pack(
     sort::check_free_space(directory, EXPECTED_STRUT_BYTES * collected.count).map_err(sort_error)?;
     let settings = WriterSettings {
         quantum_um: options.quantum_um,
-        blend: collected.blend,
-        largest_radius: collected.largest_radius,
         placement: options.placement,
         source_digest: collected.source_digest,
         source_name: source_name(inputs),
+        bodies: vec![BodySettings::Lattice { blend: collected.blend, largest_radius: collected.largest_radius }],
     };
     let writer = Writer::with_threads(output, settings, options.threads)?;
     let mut notes = collected.notes;

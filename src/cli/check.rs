@@ -2,6 +2,7 @@
 //! here whether the bottom holds to the plate, and times: some seconds, or what the slowest of them takes.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::bail;
@@ -141,6 +142,7 @@ fn judge(
     tell_size: &mut dyn FnMut(&Size),
 ) -> anyhow::Result<Findings> {
     let Setting { file, machine, recipe } = setting;
+    let file = Arc::new(file);
     let depth = if recipe.antialias { Depth::Grey } else { Depth::Bit };
     let plan = match SlicePlan::new(file.header(), machine.raster(), depth, recipe.layer_height_um) {
         Ok(plan) => plan,

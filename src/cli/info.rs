@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use serde::Serialize;
 
-use crate::buildfile::{Blend, BuildFile, Placement};
+use crate::buildfile::{BodyHeader, BuildFile, Lattice, Placement};
 use crate::slice::{Estimate, Slicer, Volume};
 use crate::text::{count_text, size_text};
 
@@ -42,27 +42,17 @@ pub fn run(args: InfoArgs) -> anyhow::Result<()> {
 pub struct Summary {
     /// The file's name.
     pub file: String,
-    /// `convolution` or `union`.
-    pub blend: &'static str,
-    /// Struts, balls not counted.
-    pub struts: u64,
-    /// Balls.
-    pub balls: u64,
-    /// Distinct nodes; absent where the writer could not count them.
-    pub nodes: Option<u64>,
+    /// What the part is made of.
+    pub bodies: Vec<BodySummary>,
     /// Lowest corner of all struts with their radii, millimetres.
     pub bounds_min_mm: [f64; 3],
     /// Highest corner.
     pub bounds_max_mm: [f64; 3],
-    /// Least and largest radius, millimetres.
-    pub radius_mm: [f64; 2],
     /// Height of the lowest solid point, which stands on the plate, millimetres.
     pub bottom_mm: f64,
     /// How much material the solid takes.
     #[serde(flatten)]
     pub volume: VolumeFigures,
-    /// Kernel support R, millimetres; absent for a union.
-    pub support_mm: Option<f64>,
     /// Quantum: resolution of coordinates and radii, micrometres.
     pub quantum_um: f64,
     /// Half a quantum: the greatest error that resolution makes of a coordinate along each axis, and of a radius, micrometres.
@@ -83,6 +73,53 @@ pub struct Summary {
     pub source_sha256: String,
 }
 
+/// What is known of one body.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct BodySummary {
+    /// `lattice`.
+    pub kind: &'static str,
+    /// `convolution` or `union`.
+    pub blend: &'static str,
+    /// Kernel support R, millimetres; absent for a union.
+    pub support_mm: Option<f64>,
+    /// Struts, balls not counted.
+    pub struts: u64,
+    /// Balls.
+    pub balls: u64,
+    /// Distinct nodes; absent where the writer could not count them.
+    pub nodes: Option<u64>,
+    /// Least and largest radius, millimetres.
+    pub radius_mm: [f64; 2],
+}
+
+impl BodySummary {
+    fn of(BodyHeader::Lattice(lattice): &BodyHeader, quantum_um: f64) -> Self {
+        let (blend, support_mm) = super::blend_figures(lattice.blend);
+        Self {
+            kind: "lattice",
+            blend,
+            support_mm,
+            struts: lattice.strut_count,
+            balls: lattice.ball_count,
+            nodes: (lattice.node_count > 0).then_some(lattice.node_count),
+            radius_mm: lattice.radius_range.map(|radius| f64::from(radius) * quantum_um / 1000.0),
+        }
+    }
+}
+
+impl fmt::Display for BodySummary {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.support_mm {
+            Some(support_mm) => writeln!(out, "kind          lattice, convolution, support R = {support_mm:.3} mm")?,
+            None => writeln!(out, "kind          lattice, exact union")?,
+        }
+        writeln!(out, "struts        {}", self.struts)?;
+        writeln!(out, "balls         {}", self.balls)?;
+        writeln!(out, "nodes         {}", self.nodes.map_or("not counted".into(), |nodes| nodes.to_string()))?;
+        writeln!(out, "radii         {:.3} to {:.3} mm", self.radius_mm[0], self.radius_mm[1])
+    }
+}
+
 impl Summary {
     /// Summarises an open file and samples its volume.
     ///
@@ -90,29 +127,21 @@ impl Summary {
     /// Where the file cannot be read.
     pub fn of(file: BuildFile) -> anyhow::Result<Self> {
         let file = Arc::new(file);
-        let volume = Volume::sample(Arc::clone(&file), Slicer::default_threads())?.into();
+        let volume = Volume::sample(&file, Slicer::default_threads())?.into();
         let header = file.header();
         let mm = |quanta: f64| quanta * header.quantum_um / 1000.0;
-        let (blend, support_mm) = match header.blend {
-            Blend::Convolution { support_um } => ("convolution", Some(support_um / 1000.0)),
-            Blend::Union => ("union", None),
-        };
+        let total: u64 = header.lattices().map(Lattice::total).sum();
         Ok(Self {
             file: file.path().display().to_string(),
-            blend,
-            struts: header.strut_count,
-            balls: header.ball_count,
-            nodes: (header.node_count > 0).then_some(header.node_count),
+            bodies: header.bodies.iter().map(|body| BodySummary::of(body, header.quantum_um)).collect(),
             bounds_min_mm: header.bounds.min.map(|value| mm(f64::from(value))),
             bounds_max_mm: header.bounds.max.map(|value| mm(f64::from(value))),
-            radius_mm: header.radius_range.map(|value| mm(f64::from(value))),
             bottom_mm: header.bottom_um / 1000.0,
             volume,
-            support_mm,
             quantum_um: header.quantum_um,
             rounding_um: header.quantum_um / 2.0,
             file_bytes: file.file_bytes(),
-            bytes_per_strut: file.file_bytes() as f64 / (header.strut_count + header.ball_count) as f64,
+            bytes_per_strut: file.file_bytes() as f64 / total as f64,
             chunks: file.chunks().len(),
             peak_active: file.peak_active(),
             at_mm: match header.placement {
@@ -189,13 +218,12 @@ impl fmt::Display for Summary {
         let size = |axis: usize| self.bounds_max_mm[axis] - self.bounds_min_mm[axis];
         let [low, high] = [self.bounds_min_mm, self.bounds_max_mm];
         writeln!(out, "file          {}", self.file)?;
-        match self.support_mm {
-            Some(support_mm) => writeln!(out, "kind          lattice, convolution, support R = {support_mm:.3} mm")?,
-            None => writeln!(out, "kind          lattice, exact union")?,
+        for (number, body) in self.bodies.iter().enumerate() {
+            if self.bodies.len() > 1 {
+                writeln!(out, "body          {} of {}", number + 1, self.bodies.len())?;
+            }
+            write!(out, "{body}")?;
         }
-        writeln!(out, "struts        {}", self.struts)?;
-        writeln!(out, "balls         {}", self.balls)?;
-        writeln!(out, "nodes         {}", self.nodes.map_or("not counted".into(), |nodes| nodes.to_string()))?;
         writeln!(
             out,
             "bounds        {:.3} × {:.3} × {:.3} mm, x {:.3}..{:.3}, y {:.3}..{:.3}, z {:.3}..{:.3}",
@@ -209,7 +237,6 @@ impl fmt::Display for Summary {
             low[2],
             high[2]
         )?;
-        writeln!(out, "radii         {:.3} to {:.3} mm", self.radius_mm[0], self.radius_mm[1])?;
         writeln!(
             out,
             "resolution    {} µm: coordinates are off their source by at most {} µm along each axis, radii by as much",

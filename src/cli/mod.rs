@@ -32,6 +32,7 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use time::OffsetDateTime;
 
+use crate::buildfile::Blend;
 use crate::buildfile::PackError;
 use crate::config::{ConfigText, Folder, Machine, find};
 use crate::daemon::api::{JobView, LinkState};
@@ -338,6 +339,14 @@ fn duration_text(seconds: u64) -> String {
         (0, 0, s) => format!("{s} s"),
         (0, m, s) => format!("{m} min {s:02} s"),
         (h, m, _) => format!("{h} h {m:02} min"),
+    }
+}
+
+/// A blend's name and, of a convolution, its support R in millimetres, as JSON has them.
+fn blend_figures(blend: Blend) -> (&'static str, Option<f64>) {
+    match blend {
+        Blend::Convolution { support_um } => ("convolution", Some(support_um / 1000.0)),
+        Blend::Union => ("union", None),
     }
 }
 

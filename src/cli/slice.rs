@@ -3,17 +3,18 @@
 use std::io::Write;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use anyhow::{Context, bail, ensure};
 use clap::builder::RangedU64ValueParser;
 use serde::Serialize;
 
-use crate::buildfile::{Blend, BuildFile, Header};
+use crate::buildfile::{BodyHeader, BuildFile, Header};
 use crate::config::{ConfigText, Folder, Machine, Recipe, find};
 use crate::layer::export::write_png;
 use crate::layer::{Bitmap, Depth, Mirror};
 use crate::output::Output;
-use crate::slice::{SlicePlan, Slicer};
+use crate::slice::{BodySource, SlicePlan, Slicer};
 use crate::solid::ISOVALUE;
 use crate::stream::MemoryBudget;
 use crate::text::count_text;
@@ -99,8 +100,9 @@ impl Setting {
 
 /// A slicer without a printer to keep within bounds for: it may have what its own estimate says.
 pub(super) fn offline_slicer(file: BuildFile, plan: SlicePlan, threads: usize, first: u32) -> anyhow::Result<Slicer> {
-    let budget = MemoryBudget::new(Slicer::memory_bytes(&file, &plan, threads));
-    Ok(Slicer::new(file, plan, threads, first, &budget)?)
+    let bodies = BodySource::of(&Arc::new(file));
+    let budget = MemoryBudget::new(Slicer::memory_bytes(&bodies, &plan, threads));
+    Ok(Slicer::new(bodies, plan, threads, first, &budget)?)
 }
 
 /// Carries the command out.
@@ -182,11 +184,18 @@ struct Manifest {
     mirror: Mirror,
     layer_height_um: f64,
     isovalue: f64,
-    /// R of a convolution surface; `null` for a union.
-    support_mm: Option<f64>,
-    blend: &'static str,
+    bodies: Vec<BodyEntry>,
     source_digest: String,
     layers: Vec<LayerEntry>,
+}
+
+/// One body of the part.
+#[derive(Debug, Serialize)]
+struct BodyEntry {
+    kind: &'static str,
+    blend: &'static str,
+    /// R of a convolution surface; `null` for a union.
+    support_mm: Option<f64>,
 }
 
 #[derive(Debug, Serialize)]
@@ -197,9 +206,9 @@ struct LayerEntry {
 
 impl Manifest {
     fn new(header: &Header, plan: &SlicePlan) -> Self {
-        let (blend, support_mm) = match header.blend {
-            Blend::Convolution { support_um } => ("convolution", Some(support_um / 1000.0)),
-            Blend::Union => ("union", None),
+        let body = |BodyHeader::Lattice(lattice): &BodyHeader| {
+            let (blend, support_mm) = super::blend_figures(lattice.blend);
+            BodyEntry { kind: "lattice", blend, support_mm }
         };
         Self {
             width_px: plan.raster.width_px,
@@ -209,8 +218,7 @@ impl Manifest {
             mirror: plan.raster.mirror,
             layer_height_um: plan.layer_height_um,
             isovalue: ISOVALUE,
-            support_mm,
-            blend,
+            bodies: header.bodies.iter().map(body).collect(),
             source_digest: header.source_digest.iter().map(|byte| format!("{byte:02x}")).collect(),
             layers: Vec::new(),
         }

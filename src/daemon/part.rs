@@ -8,7 +8,7 @@ use crate::config::{Machine, Recipe};
 use crate::device::encoding::{self, Choice};
 use crate::layer::{Bitmap, Depth};
 use crate::link::message::Encoding;
-use crate::slice::{Footing, SliceError, SlicePlan, Slicer};
+use crate::slice::{BodySource, Footing, SliceError, SlicePlan, Slicer};
 use crate::stream::{Ahead, MemoryBudget, Produced};
 
 /// What the line holds at most: queues of the session both ways, the serial buffers, one layer's bookkeeping.
@@ -72,13 +72,14 @@ pub(crate) struct PrintMemory {
 impl PrintMemory {
     /// Of a part on a raster, computed by as many of `most_threads` threads as `limit_bytes` allow: each takes memory of its
     /// own, and a host with many cores is to print what one with few can.
-    pub(crate) fn within(file: &BuildFile, plan: &SlicePlan, most_threads: usize, limit_bytes: u64) -> Self {
-        let mut several = (2..=most_threads).rev().map(|threads| Self::new(file, plan, threads));
-        several.find(|memory| memory.need_bytes() <= limit_bytes).unwrap_or_else(|| Self::new(file, plan, 1))
+    pub(crate) fn within(file: &Arc<BuildFile>, plan: &SlicePlan, most_threads: usize, limit_bytes: u64) -> Self {
+        let bodies = BodySource::of(file);
+        let mut several = (2..=most_threads).rev().map(|threads| Self::new(&bodies, plan, threads));
+        several.find(|memory| memory.need_bytes() <= limit_bytes).unwrap_or_else(|| Self::new(&bodies, plan, 1))
     }
 
-    fn new(file: &BuildFile, plan: &SlicePlan, threads: usize) -> Self {
-        let slicer_bytes = Slicer::memory_bytes(file, plan, threads);
+    fn new(bodies: &[BodySource], plan: &SlicePlan, threads: usize) -> Self {
+        let slicer_bytes = Slicer::memory_bytes(bodies, plan, threads);
         Self { threads, slicer_bytes, ..Self::of_pictures(plan.depth, plan.raster.width_px, plan.raster.height_px) }
     }
 
@@ -126,7 +127,7 @@ impl Part {
         most_threads: usize,
         limit_bytes: u64,
     ) -> Result<Self, Unprintable> {
-        let file = BuildFile::open(path)?;
+        let file = Arc::new(BuildFile::open(path)?);
         let depth = if recipe.antialias { Depth::Grey } else { Depth::Bit };
         let plan = SlicePlan::new(file.header(), machine.raster(), depth, recipe.layer_height_um)
             .map_err(|error| Unprintable::Part(error.to_string()))?;
@@ -154,7 +155,7 @@ impl Part {
     pub(super) fn check_footing(&self, recipe: &Recipe, limit_bytes: u64) -> Result<(), String> {
         let file = BuildFile::open(&self.path).map_err(|error| spool_text(&error))?;
         let budget = MemoryBudget::new(limit_bytes);
-        let footing = Slicer::new(file, self.plan.clone(), self.threads, 0, &budget)
+        let footing = Slicer::new(BodySource::of(&Arc::new(file)), self.plan.clone(), self.threads, 0, &budget)
             .and_then(|mut slicer| Footing::of(&mut slicer, recipe.bottom_layers))
             .map_err(|error| slice_text(&error))?;
         footing.problem(self.plan.layer_count).map_or(Ok(()), Err)
@@ -174,8 +175,8 @@ impl Part {
         let buffers = budget
             .charge("the picture and the line's buffers", self.buffer_bytes)
             .map_err(|error| error.to_string())?;
-        let mut slicer =
-            Slicer::new(file, self.plan.clone(), self.threads, first, budget).map_err(|error| slice_text(&error))?;
+        let mut slicer = Slicer::new(BodySource::of(&Arc::new(file)), self.plan.clone(), self.threads, first, budget)
+            .map_err(|error| slice_text(&error))?;
         let raster = &self.plan.raster;
         let mut bitmap = Bitmap::new(raster.width_px, raster.height_px, self.plan.depth);
         let mut encoded = Vec::new();

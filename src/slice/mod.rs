@@ -13,6 +13,7 @@ mod slicer;
 mod volume;
 mod workers;
 
+pub use body::BodySource;
 pub use body::lattice::{ChunkSpan, MemoryStruts, StrutSource};
 pub use error::SliceError;
 pub use footing::Footing;

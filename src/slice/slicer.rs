@@ -1,8 +1,7 @@
 //! A part as a stream of layers.
 
 use super::band::Band;
-use super::body::lattice::{self, StrutSource};
-use super::body::{Body, Cut};
+use super::body::{Body, BodySource, Cut};
 use super::workers::Workers;
 use super::{SliceError, SlicePlan};
 use crate::layer::Bitmap;
@@ -31,13 +30,13 @@ impl Slicer {
     /// # Errors
     /// [`SliceError`] where the memory is not free, the part cannot be sliced or `threads` is out of range.
     pub fn new(
-        source: impl StrutSource + 'static,
+        bodies: Vec<BodySource>,
         plan: SlicePlan,
         threads: usize,
         first_layer: u32,
         budget: &MemoryBudget,
     ) -> Result<Self, SliceError> {
-        Self::on_path(Path::detect(), source, plan, threads, first_layer, budget)
+        Self::on_path(Path::detect(), bodies, plan, threads, first_layer, budget)
     }
 
     /// The same on a given instruction set: layers are equal bit for bit on every one of [`Path::available`].
@@ -46,7 +45,7 @@ impl Slicer {
     /// As [`Slicer::new`].
     pub fn on_path(
         path: Path,
-        source: impl StrutSource + 'static,
+        bodies: Vec<BodySource>,
         plan: SlicePlan,
         threads: usize,
         first_layer: u32,
@@ -55,13 +54,13 @@ impl Slicer {
         if !(1..=Self::MAX_THREADS).contains(&threads) {
             return Err(SliceError::BadThreads { threads, max: Self::MAX_THREADS });
         }
-        let bodies = vec![lattice::body(path, Box::new(source), &plan, threads, budget)?];
-        Ok(Self { plan, next_layer: first_layer, bodies, workers: Workers::new(threads)? })
+        let bodies: Result<_, _> = bodies.into_iter().map(|source| source.body(path, &plan, threads, budget)).collect();
+        Ok(Self { plan, next_layer: first_layer, bodies: bodies?, workers: Workers::new(threads)? })
     }
 
     /// Bytes a slicer will charge to its budget: known before a chunk is read.
-    pub fn memory_bytes(source: &dyn StrutSource, plan: &SlicePlan, threads: usize) -> u64 {
-        lattice::memory_bytes(source, plan, threads)
+    pub fn memory_bytes(bodies: &[BodySource], plan: &SlicePlan, threads: usize) -> u64 {
+        bodies.iter().fold(0, |sum, body| sum.saturating_add(body.memory_bytes(plan, threads)))
     }
 
     /// Draws the next layer over whatever `bitmap` held and returns its index; `None` after the last.

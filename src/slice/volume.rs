@@ -6,8 +6,8 @@
 
 use std::sync::Arc;
 
-use super::{ChunkSpan, SliceError, SlicePlan, Slicer, StrutSource};
-use crate::buildfile::{Blend, BuildFile, Header, Strut};
+use super::{BodySource, SliceError, SlicePlan, Slicer};
+use crate::buildfile::{Blend, BuildFile, Header};
 use crate::layer::{Bitmap, Depth, Mirror, Raster};
 use crate::stream::MemoryBudget;
 
@@ -58,17 +58,11 @@ impl Volume {
     ///
     /// # Errors
     /// [`SliceError`] where the file cannot be read or `threads` is out of range.
-    pub fn sample(file: Arc<BuildFile>, threads: usize) -> Result<Self, SliceError> {
-        let header = file.header().clone();
-        let plan = plan(&header, file.peak_active());
-        let areas = areas(Source { file: Arc::clone(&file), header: header.clone() }, &plan, threads)?;
-        let union = match header.blend {
-            Blend::Union => None,
-            Blend::Convolution { .. } => {
-                let header = Header { blend: Blend::Union, ..header };
-                Some(self::areas(Source { file, header }, &plan, threads)?)
-            }
-        };
+    pub fn sample(file: &Arc<BuildFile>, threads: usize) -> Result<Self, SliceError> {
+        let plan = plan(file.header(), file.peak_active());
+        let areas = areas(BodySource::of(file), &plan, threads)?;
+        let is_union = file.header().lattices().all(|lattice| lattice.blend == Blend::Union);
+        let union = (!is_union).then(|| self::areas(BodySource::unions_of(file), &plan, threads)).transpose()?;
         let slab_mm3 = plan.layer_height_um * plan.raster.pixel_um[0] * plan.raster.pixel_um[1] * 1e-9;
         let times =
             |estimate: Estimate| Estimate { value: estimate.value * slab_mm3, error: estimate.error * slab_mm3 };
@@ -81,48 +75,16 @@ impl Volume {
     }
 }
 
-/// A build file, as what it is or as the union of its struts.
-struct Source {
-    file: Arc<BuildFile>,
-    header: Header,
-}
-
-impl StrutSource for Source {
-    fn header(&self) -> &Header {
-        &self.header
-    }
-
-    fn chunk_count(&self) -> usize {
-        self.file.chunk_count()
-    }
-
-    fn chunk_span(&self, chunk: usize) -> ChunkSpan {
-        self.file.chunk_span(chunk)
-    }
-
-    /// Of a union no more than of the convolution, which reaches farther.
-    fn peak_active(&self) -> u64 {
-        self.file.peak_active()
-    }
-
-    fn memory_bytes(&self, threads: usize) -> u64 {
-        StrutSource::memory_bytes(&*self.file, threads)
-    }
-
-    fn read_chunk(&self, chunk: usize, struts: &mut Vec<Strut>) -> anyhow::Result<()> {
-        StrutSource::read_chunk(&*self.file, chunk, struts)
-    }
-}
-
 /// A picture round the part, one pixel wider on all sides, and as many slabs of its height as are worth their time.
 fn plan(header: &Header, peak_active: u64) -> SlicePlan {
-    let bulge_um = header.bulge_um();
+    let bulge_um = header.lattices().map(|lattice| lattice.bulge_um(header.quantum_um)).fold(0.0, f64::max);
+    let least_radius = header.lattices().map(|lattice| lattice.radius_range[0]).min().unwrap_or(0);
     let mut low_um = header.bounds.min.map(|x| f64::from(x) * header.quantum_um - bulge_um);
     // A step of the area costs accuracy: no empty slab below the first.
     low_um[2] = header.bottom_um;
     let high_um = header.bounds.max.map(|x| f64::from(x) * header.quantum_um + bulge_um);
     let size_um = [0, 1, 2].map(|axis| high_um[axis] - low_um[axis]);
-    let least_um = f64::from(header.radius_range[0]) * header.quantum_um * LEAST_PIXEL_SHARE;
+    let least_um = f64::from(least_radius) * header.quantum_um * LEAST_PIXEL_SHARE;
     let longest_um = size_um[0].max(size_um[1]) / f64::from(Raster::MAX_PX - 3);
     let pixel_um = (size_um[0] * size_um[1] / PIXELS).sqrt().max(least_um).max(longest_um);
     let [width_px, height_px] = [0, 1].map(|axis| (size_um[axis] / pixel_um).ceil() as u32 + 2);
@@ -145,9 +107,9 @@ fn plan(header: &Header, peak_active: u64) -> SlicePlan {
 }
 
 /// Pixels lit in each plane.
-fn areas(source: Source, plan: &SlicePlan, threads: usize) -> Result<Vec<f64>, SliceError> {
-    let budget = MemoryBudget::new(Slicer::memory_bytes(&source, plan, threads));
-    let mut slicer = Slicer::new(source, plan.clone(), threads, 0, &budget)?;
+fn areas(bodies: Vec<BodySource>, plan: &SlicePlan, threads: usize) -> Result<Vec<f64>, SliceError> {
+    let budget = MemoryBudget::new(Slicer::memory_bytes(&bodies, plan, threads));
+    let mut slicer = Slicer::new(bodies, plan.clone(), threads, 0, &budget)?;
     let mut bitmap = Bitmap::new(plan.raster.width_px, plan.raster.height_px, plan.depth);
     let mut areas = Vec::with_capacity(plan.layer_count as usize);
     for plane in 0..plan.layer_count {

@@ -7,13 +7,18 @@ use std::io::Write as _;
 use std::num::NonZero;
 use std::path::{Path, PathBuf};
 
-use layerd::buildfile::{BlendChoice, BuildFile, PackError, PackOptions, PackReport, Strut, pack};
+use layerd::buildfile::{BlendChoice, BuildFile, Lattice, PackError, PackOptions, PackReport, Strut, pack};
 use zip::write::SimpleFileOptions;
 
 /// Names `3D/odd name.model` as the model.
 pub(crate) const RELATIONSHIPS: &str = r#"<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships">
     <Relationship Target="/3D/odd name.model" Id="r" Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/>
     </Relationships>"#;
+
+/// The lattice of what was packed.
+pub(crate) fn packed_lattice(report: &PackReport) -> &Lattice {
+    report.header.lattices().next().expect("it has one")
+}
 
 pub(crate) struct Bench {
     pub(crate) directory: tempfile::TempDir,

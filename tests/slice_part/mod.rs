@@ -1,9 +1,9 @@
 //! A part in memory on a small raster, sliced layer after layer.
 #![allow(dead_code, unreachable_pub, reason = "each test file uses its part")]
 
-use layerd::buildfile::{Blend, Bounds, Cap, Caps, Header, Placement, Strut};
+use layerd::buildfile::{Blend, BodyHeader, Bounds, Cap, Caps, Header, Lattice, Placement, Strut};
 use layerd::layer::{Bitmap, Depth, Mirror, Raster};
-use layerd::slice::{MemoryStruts, SlicePlan, Slicer};
+use layerd::slice::{BodySource, MemoryStruts, SlicePlan, Slicer};
 use layerd::solid::{self, Beam, Path};
 use layerd::stream::MemoryBudget;
 
@@ -36,24 +36,33 @@ pub fn header(struts: &[Strut], blend: Blend) -> Header {
             }
         }
     }
+    let strut_count = struts.len() as u64;
+    let lattice = Lattice { blend, bounds, radius_range, strut_count, ball_count: 0, node_count: 0 };
     Header {
         quantum_um: 1.0,
-        blend,
         bounds,
-        radius_range,
-        strut_count: struts.len() as u64,
-        ball_count: 0,
-        node_count: 0,
+        bottom_um: f64::from(bounds.min[2]),
         placement: Placement::Centred,
         source_digest: [0; 32],
         source_name: String::new(),
-        bottom_um: f64::from(bounds.min[2]),
+        bodies: vec![BodyHeader::Lattice(lattice)],
     }
+}
+
+/// The lattice of a part that is one.
+pub fn lattice(header: &Header) -> Lattice {
+    header.lattices().next().expect("it has one").clone()
+}
+
+/// Struts as the one body of a part.
+pub fn body(lattice: Lattice, struts: &[Strut], chunk_struts: usize) -> Vec<BodySource> {
+    vec![BodySource::Lattice(Box::new(MemoryStruts::new(1.0, lattice, struts.to_vec(), chunk_struts)))]
 }
 
 /// A part ready to be sliced.
 pub struct Part {
-    pub source: MemoryStruts,
+    pub header: Header,
+    pub struts: Vec<Strut>,
     pub plan: SlicePlan,
 }
 
@@ -66,7 +75,12 @@ impl Part {
     pub fn on(raster: Raster, struts: &[Strut], blend: Blend, depth: Depth, layer_height_um: f64) -> Self {
         let header = header(struts, blend);
         let plan = SlicePlan::new(&header, raster, depth, layer_height_um).expect("it fits");
-        Self { source: MemoryStruts::new(header, struts.to_vec(), 5), plan }
+        Self { header, struts: struts.to_vec(), plan }
+    }
+
+    /// Its bodies, in chunks of five struts.
+    pub fn bodies(&self) -> Vec<BodySource> {
+        body(lattice(&self.header), &self.struts, 5)
     }
 
     pub fn layers(&self, threads: usize, first: u32) -> Vec<Bitmap> {
@@ -76,8 +90,8 @@ impl Part {
     pub fn layers_on(&self, path: Path, threads: usize, first: u32) -> Vec<Bitmap> {
         let budget = MemoryBudget::new(64 << 20);
         let mut slicer =
-            Slicer::on_path(path, self.source.clone(), self.plan.clone(), threads, first, &budget).expect("a slicer");
-        assert!(budget.used_bytes() <= Slicer::memory_bytes(&self.source, &self.plan, threads));
+            Slicer::on_path(path, self.bodies(), self.plan.clone(), threads, first, &budget).expect("a slicer");
+        assert!(budget.used_bytes() <= Slicer::memory_bytes(&self.bodies(), &self.plan, threads));
         let mut bitmap = Bitmap::new(WIDTH, HEIGHT, self.plan.depth);
         // What the bitmap held must not show through.
         bitmap.data_mut().fill(0xa5);

@@ -13,7 +13,7 @@ use self::fit::fit;
 use super::error::PackError;
 use super::model::{Blend, Header, Placement};
 use super::sort::Sorter;
-use super::store::{Writer, WriterSettings};
+use super::store::{BodySettings, Writer, WriterSettings};
 use crate::output;
 
 /// Memory for sorting one layer of nodes; a wider layer is sorted out of core.
@@ -69,13 +69,13 @@ pub fn generate(
     progress: &mut dyn FnMut(u64, u64),
 ) -> Result<Header, PackError> {
     let (grid, radii) = fit(options)?;
+    let blend = Blend::Convolution { support_um: radii.support() * QUANTUM_UM };
     let settings = WriterSettings {
         quantum_um: QUANTUM_UM,
-        blend: Blend::Convolution { support_um: radii.support() * QUANTUM_UM },
-        largest_radius: radii.largest(),
         placement: Placement::Centred,
         source_digest: Sha256::digest(format!("{options:?}").as_bytes()).into(),
         source_name: format!("generated {:?}, seed {}", options.kind, options.seed).to_lowercase(),
+        bodies: vec![BodySettings::Lattice { blend, largest_radius: radii.largest() }],
     };
     let mut writer = Writer::create(output, settings)?;
     let directory = output::directory_of(output);

@@ -3,8 +3,11 @@
 //! Planes are drawn from below until a point is solid. Then the step between the last dark plane and that one is halved. Only
 //! struts within reach of these planes are read.
 
-use super::reader::{BuildFile, BuildFileError};
-use crate::buildfile::model::Strut;
+use std::ops::Range;
+
+use super::error::BuildFileError;
+use super::reader::BuildFile;
+use crate::buildfile::model::{Lattice, Strut};
 use crate::solid::{Convolution, PlaneProbe, Record, Shape};
 
 /// Planes and points are at most this share of R apart: the field changes by less than one per cent over half of it.
@@ -21,19 +24,25 @@ const PATIENT_PLANES: u32 = 512;
 /// Halvings of the last step: to less than a thousandth of it.
 const HALVINGS: u32 = 10;
 
-/// The lowest solid point of a convolution of support R, micrometres; `None` where nothing is solid.
+/// The lowest solid point of a body that is a convolution of support R, micrometres; `None` where nothing is solid.
 ///
 /// # Errors
 /// Where a chunk cannot be read.
-pub(super) fn lowest_of_convolution(file: &BuildFile, support_um: f64) -> Result<Option<f64>, BuildFileError> {
-    let header = file.header();
-    let least_radius_um = f64::from(header.radius_range[0]) * header.quantum_um;
-    let top_um = f64::from(header.bounds.max[2]) * header.quantum_um + header.bulge_um();
+pub(super) fn lowest_of_convolution(
+    file: &BuildFile,
+    body: usize,
+    lattice: &Lattice,
+    support_um: f64,
+) -> Result<Option<f64>, BuildFileError> {
+    let quantum_um = file.header().quantum_um;
+    let least_radius_um = f64::from(lattice.radius_range[0]) * quantum_um;
+    let top_um = f64::from(lattice.bounds.max[2]) * quantum_um + lattice.bulge_um(quantum_um);
     // No strut that prints at its radius slips through between planes, nor its bottom between points.
     let mut step_um = (support_um * LARGEST_STEP_SHARE).min(least_radius_um);
     let pitch_um = (support_um * LARGEST_STEP_SHARE).min(2.0 * (least_radius_um * MISSED_UM).sqrt());
-    let mut probe = PlaneProbe::new(header.quantum_um / support_um, pitch_um / support_um);
-    let mut near = Near { file, support_um, records: Vec::new(), next_chunk: 0, struts: Vec::new() };
+    let mut probe = PlaneProbe::new(quantum_um / support_um, pitch_um / support_um);
+    let chunks = file.body_chunks(body);
+    let mut near = Near { file, chunks, support_um, records: Vec::new(), struts: Vec::new() };
     let (mut dark_um, mut planes) = (f64::NEG_INFINITY, 0);
     let mut solid_um = loop {
         let Some(begin_um) = near.rise(dark_um, dark_um + step_um)? else { return Ok(None) };
@@ -67,9 +76,10 @@ pub(super) fn lowest_of_convolution(file: &BuildFile, support_um: f64) -> Result
 /// The struts within reach of some planes.
 struct Near<'a> {
     file: &'a BuildFile,
+    /// Those of the body that are still to be read.
+    chunks: Range<usize>,
     support_um: f64,
     records: Vec<Record>,
-    next_chunk: usize,
     struts: Vec<Strut>,
 }
 
@@ -83,20 +93,21 @@ impl Near<'_> {
         let lowest_top = ((low_um - self.support_um) / header.quantum_um).floor() as i32;
         let highest_bottom = (high_um + self.support_um) / header.quantum_um;
         self.records.retain(|record| record.b[2] >= lowest_top);
-        while let Some(entry) = self.file.chunks().get(self.next_chunk) {
+        while let Some(chunk) = self.chunks.clone().next() {
+            let entry = &self.file.chunks()[chunk];
             if f64::from(entry.z_low_min) > highest_bottom && !self.records.is_empty() {
                 break;
             }
             if entry.z_high_max >= lowest_top {
                 self.struts.clear();
-                self.file.read_chunk(self.next_chunk, &mut self.struts)?;
+                self.file.read_chunk(chunk, &mut self.struts)?;
                 for strut in self.struts.iter().filter(|strut| strut.b[2] >= lowest_top) {
                     let caps = [strut.caps.a.into(), strut.caps.b.into()];
                     let ends = Convolution::ends([strut.radius_a, strut.radius_b], caps, strut.is_ball(), quantum);
                     self.records.push(Record { a: strut.a, b: strut.b, ends });
                 }
             }
-            self.next_chunk += 1;
+            self.chunks.start += 1;
         }
         let lowest = self.records.iter().map(|record| record.a[2]).min();
         Ok(lowest.map(|lowest| f64::from(lowest) * header.quantum_um - self.support_um))

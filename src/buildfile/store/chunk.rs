@@ -11,7 +11,7 @@
 
 use super::columns;
 use super::index::ChunkEntry;
-use crate::buildfile::model::{Bounds, Cap, Caps, Header, Strut, node_key};
+use crate::buildfile::model::{Bounds, Cap, Caps, Lattice, Strut, node_key};
 
 /// Most struts in one chunk. Few enough that a chunk decodes within a second-level cache and the index bounds the active set
 /// tightly, enough that a chunk's own cost (40 bytes of index, 38 of head, the compressor's tables) vanishes.
@@ -107,10 +107,10 @@ pub(super) fn encode(struts: &[Strut], out: &mut Unpacked) {
 /// Unpacks a chunk and appends its struts to `out`.
 ///
 /// # Errors
-/// A text that says how the bytes contradict themselves, their index entry or the file's header. `out` is as before then.
+/// A text that says how the bytes contradict themselves, their index entry or their body's header. `out` is as before then.
 pub(super) fn decode(
     bytes: &[u8],
-    header: &Header,
+    lattice: &Lattice,
     entry: &ChunkEntry,
     scratch: &mut Scratch,
     out: &mut Vec<Strut>,
@@ -126,7 +126,7 @@ pub(super) fn decode(
         return Err(format!("unknown flags {:#x}", head.flags));
     }
     let first = out.len();
-    let result = decode_columns(&head, &bytes[HEAD_BYTES..], header, scratch, out)
+    let result = decode_columns(&head, &bytes[HEAD_BYTES..], lattice, scratch, out)
         .and_then(|()| check_against_index(&out[first..], entry));
     if result.is_err() {
         out.truncate(first);
@@ -137,7 +137,7 @@ pub(super) fn decode(
 fn decode_columns(
     head: &Head,
     mut bytes: &[u8],
-    header: &Header,
+    lattice: &Lattice,
     scratch: &mut Scratch,
     out: &mut Vec<Strut>,
 ) -> Result<(), String> {
@@ -147,18 +147,18 @@ fn decode_columns(
         bytes = columns::take(bytes, head.nodes as usize, *width, column).ok_or(SHORT)?;
     }
     let [z, y, x, ..] = columns;
-    decode_nodes(head, &header.bounds, [z, y, x], nodes)?;
+    decode_nodes(head, &lattice.bounds, [z, y, x], nodes)?;
 
     let (count, first) = (head.struts as usize, out.len());
     for (column, width) in columns.iter_mut().zip(&head.widths[3..8]) {
         bytes = columns::take(bytes, count, *width, column).ok_or(SHORT)?;
     }
     let [step, dz, dy, dx, radius] = columns;
-    check_radii(radius, head.radius_min[0], header.radius_range)?;
-    join(nodes, [step, dz, dy, dx, radius], head.radius_min[0], &header.bounds, out)?;
+    check_radii(radius, head.radius_min[0], lattice.radius_range)?;
+    join(nodes, [step, dz, dy, dx, radius], head.radius_min[0], &lattice.bounds, out)?;
     if head.flags & FLAG_SECOND_RADIUS != 0 {
         bytes = columns::take(bytes, count, head.widths[8], radius).ok_or(SHORT)?;
-        check_radii(radius, head.radius_min[1], header.radius_range)?;
+        check_radii(radius, head.radius_min[1], lattice.radius_range)?;
         for (strut, radius) in out[first..].iter_mut().zip(&*radius) {
             strut.radius_b = radius + head.radius_min[1];
             if strut.is_ball() && strut.radius_a != strut.radius_b {
@@ -250,7 +250,7 @@ fn check_radii(offsets: &[u32], least: u32, range: [u32; 2]) -> Result<(), Strin
 }
 
 fn check_against_index(struts: &[Strut], entry: &ChunkEntry) -> Result<(), String> {
-    let found = ChunkEntry::describe(struts);
+    let found = ChunkEntry::describe(struts, entry.body);
     let said = ChunkEntry { offset: 0, packed_bytes: 0, unpacked_bytes: 0, crc: 0, ..*entry };
     if found == said {
         return Ok(());

@@ -113,7 +113,7 @@ fn encode(struts: Vec<Strut>, packer: &mut Packer, unpacked: &mut Unpacked) -> i
         packed_bytes: packed.len() as u32,
         unpacked_bytes: unpacked.bytes.len() as u32,
         crc: crc32fast::hash(&packed),
-        ..ChunkEntry::describe(&struts)
+        ..ChunkEntry::describe(&struts, 0)
     };
     Ok(Encoded { entry, packed, struts })
 }

@@ -2,7 +2,7 @@
 //!
 //! `docs/build-file.md` draws every byte.
 
-use crate::buildfile::model::{Blend, Header, Placement, QUANTA_UM};
+use crate::buildfile::model::{Blend, Bounds, Header, Lattice, Placement, QUANTA_UM};
 use crate::codec;
 use crate::solid::{LARGEST_RADIUS, LARGEST_RADIUS_SHARE};
 
@@ -12,12 +12,8 @@ pub(super) const MAGIC: [u8; 8] = *b"\x89LYD\r\n\x1a\n";
 /// Last bytes of every whole build file.
 pub(super) const END_MAGIC: [u8; 8] = *b"LYD-END\n";
 
-/// The version this code writes.
-pub(super) const VERSION: u32 = 2;
-
-/// The version before, which this code reads, too: a print that it began must end with the same layers. Its header ends before
-/// `bottom_um`.
-pub(super) const OLD_VERSION: u32 = 1;
+/// The version this code writes and reads. Those before were never released.
+pub(super) const VERSION: u32 = 3;
 
 /// Magic, version, header length, header CRC.
 pub(super) const PRELUDE_BYTES: usize = 20;
@@ -37,16 +33,16 @@ pub fn check_beginning(bytes: &[u8]) -> Result<(), String> {
     }
     if let Some(&[a, b, c, d]) = bytes.get(MAGIC.len()..BEGINNING_BYTES) {
         let version = u32::from_le_bytes([a, b, c, d]);
-        if ![OLD_VERSION, VERSION].contains(&version) {
+        if version != VERSION {
             return Err(format!(
-                "it is a build file of version {version}; this layerd reads versions {OLD_VERSION} and {VERSION}"
+                "it is a build file of version {version}; this layerd reads version {VERSION}: pack the part again"
             ));
         }
     }
     Ok(())
 }
 
-/// Largest header: ten times what one with the longest source name takes.
+/// Largest header: three times what one with the longest source name and the most bodies takes.
 pub(super) const HEADER_LIMIT_BYTES: u32 = 4096;
 
 /// Most bytes of a source name: what file systems allow.
@@ -126,10 +122,41 @@ impl Footer {
 /// # Errors
 /// A text that names the field, what was found and what is allowed.
 pub(super) fn check_header(header: &Header) -> Result<(), String> {
-    let Header { quantum_um, blend, bounds, radius_range: [least, most], placement, .. } = header;
+    let Header { quantum_um, bounds, bottom_um, placement, source_name, bodies, .. } = header;
     if !QUANTA_UM.contains(quantum_um) {
         return Err(format!("quantum_um = {quantum_um}: allowed is 0.001 to 1000"));
     }
+    if !(1..=Header::MAX_BODIES).contains(&bodies.len()) {
+        return Err(format!("{} bodies: allowed are 1 to {}", bodies.len(), Header::MAX_BODIES));
+    }
+    let (mut joined, mut bulge_um) = (Bounds::EMPTY, 0.0_f64);
+    for lattice in header.lattices() {
+        check_lattice(lattice, *quantum_um)?;
+        joined = joined.joined(&lattice.bounds);
+        bulge_um = bulge_um.max(lattice.bulge_um(*quantum_um));
+    }
+    if joined != *bounds {
+        return Err(format!("bounds {bounds:?}: those of its bodies are {joined:?}"));
+    }
+    let (low_um, high_um) = (bounds.bottom_um(*quantum_um), f64::from(bounds.max[2]) * quantum_um);
+    let allowed_um = low_um - bulge_um..=high_um + bulge_um;
+    if !allowed_um.contains(bottom_um) {
+        let (least, most) = allowed_um.into_inner();
+        return Err(format!("bottom_um = {bottom_um}: allowed is {least} to {most}, as the bounds say"));
+    }
+    if let Placement::At { x_mm, y_mm } = placement
+        && !(x_mm.is_finite() && y_mm.is_finite())
+    {
+        return Err(format!("placement at {x_mm}, {y_mm} mm is no place"));
+    }
+    if source_name.len() > SOURCE_NAME_LIMIT_BYTES {
+        return Err(format!("a source name of {} bytes: allowed are {SOURCE_NAME_LIMIT_BYTES}", source_name.len()));
+    }
+    Ok(())
+}
+
+fn check_lattice(lattice: &Lattice, quantum_um: f64) -> Result<(), String> {
+    let Lattice { blend, bounds, radius_range: [least, most], strut_count, ball_count, node_count } = lattice;
     if *least == 0 || least > most || *most > LARGEST_RADIUS {
         return Err(format!(
             "radius_range = {least} to {most} quanta: allowed is 1 to {LARGEST_RADIUS}, in ascending order"
@@ -142,7 +169,7 @@ pub(super) fn check_header(header: &Header) -> Result<(), String> {
                 "support R = {support_um} µm, but the largest radius, {largest_um} µm, must be below {LARGEST_RADIUS_SHARE} R"
             ));
         }
-        // Activity is reckoned in 64-bit quanta; a support beyond any coordinate has no use.
+        // Activity is counted in 64-bit quanta; a support beyond any coordinate has no use.
         if support_um / quantum_um > f64::from(i32::MAX) {
             return Err(format!("support R = {support_um} µm is beyond the range of coordinates"));
         }
@@ -154,29 +181,11 @@ pub(super) fn check_header(header: &Header) -> Result<(), String> {
             bounds.min, bounds.max
         ));
     }
-    let (low_um, high_um) = (header.bounds_bottom_um(), f64::from(bounds.max[2]) * quantum_um);
-    let bulge_um = header.bulge_um();
-    if !(low_um - bulge_um..=high_um + bulge_um).contains(&header.bottom_um) {
-        return Err(format!(
-            "bottom_um = {}: allowed is {} to {}, as the bounds say",
-            header.bottom_um,
-            low_um - bulge_um,
-            high_um + bulge_um
-        ));
+    if strut_count.checked_add(*ball_count).is_none_or(|total| total == 0) {
+        return Err(format!("{strut_count} struts and {ball_count} balls: nothing to print"));
     }
-    if let Placement::At { x_mm, y_mm } = placement
-        && !(x_mm.is_finite() && y_mm.is_finite())
-    {
-        return Err(format!("placement at {x_mm}, {y_mm} mm is no place"));
-    }
-    if header.strut_count.checked_add(header.ball_count).is_none_or(|total| total == 0) {
-        return Err(format!("{} struts and {} balls: nothing to print", header.strut_count, header.ball_count));
-    }
-    if header.node_count / 2 > header.strut_count.saturating_add(header.ball_count) {
-        return Err(format!("{} nodes are more than its struts have ends", header.node_count));
-    }
-    if header.source_name.len() > SOURCE_NAME_LIMIT_BYTES {
-        return Err(format!("its source name is longer than {SOURCE_NAME_LIMIT_BYTES} bytes"));
+    if node_count / 2 > lattice.total() {
+        return Err(format!("{node_count} nodes are more than its struts have ends"));
     }
     Ok(())
 }

@@ -18,7 +18,9 @@ pub struct ChunkEntry {
     /// Struts and balls in this chunk.
     pub strut_count: u32,
     /// How many of them are balls.
-    pub ball_count: u32,
+    pub ball_count: u16,
+    /// The body they belong to: its place in the header.
+    pub body: u16,
     /// Lowest node z of the first strut.
     pub z_low_min: i32,
     /// Lowest node z of the last strut; the next chunk begins no lower.
@@ -31,15 +33,16 @@ impl ChunkEntry {
     /// Bytes of one entry in the file.
     pub(super) const BYTES: usize = 40;
 
-    /// What the index says of `struts`, with place, lengths and CRC left 0.
-    pub(super) fn describe(struts: &[Strut]) -> Self {
+    /// What the index says of `struts` of a body, with place, lengths and CRC left 0.
+    pub(super) fn describe(struts: &[Strut], body: u16) -> Self {
         Self {
             offset: 0,
             packed_bytes: 0,
             unpacked_bytes: 0,
             crc: 0,
             strut_count: struts.len() as u32,
-            ball_count: struts.iter().filter(|strut| strut.is_ball()).count() as u32,
+            ball_count: struts.iter().filter(|strut| strut.is_ball()).count() as u16,
+            body,
             z_low_min: struts.first().map_or(0, |strut| strut.a[2]),
             z_low_max: struts.last().map_or(0, |strut| strut.a[2]),
             z_high_max: struts.iter().map(|strut| strut.b[2]).max().unwrap_or(0),

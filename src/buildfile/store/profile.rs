@@ -45,36 +45,50 @@ impl ProfileBuilder {
         peak
     }
 
-    /// Bytes of the finished profile: i64 start, i64 slab height, then all begins and all ends as u64.
-    pub(super) fn to_bytes(&self) -> Vec<u8> {
-        let mut bytes = Vec::with_capacity(16 + 16 * self.slabs.len());
+    /// Appends the finished profile: u64 slabs, i64 start, i64 slab height, then all begins and all ends as u64.
+    pub(super) fn append_to(&self, bytes: &mut Vec<u8>) {
+        bytes.extend_from_slice(&(self.slabs.len() as u64).to_le_bytes());
         bytes.extend_from_slice(&self.start.to_le_bytes());
         bytes.extend_from_slice(&self.height.max(1).to_le_bytes());
         for k in 0..2 {
             self.slabs.iter().for_each(|slab| bytes.extend_from_slice(&slab[k].to_le_bytes()));
         }
-        bytes
     }
 }
 
-/// Largest profile in bytes.
-pub(super) const LIMIT_BYTES: usize = 16 + 16 * SLAB_LIMIT;
+/// Largest profile of one body in bytes.
+pub(super) const LIMIT_BYTES: usize = 24 + 16 * SLAB_LIMIT;
 
-/// Most struts active at any one z, from a profile of `total` struts.
+/// Most struts active at any one z of each body, from the profiles of bodies of `totals` struts, one behind another.
 ///
 /// # Errors
-/// A text that says how the bytes contradict themselves or `total`.
-pub(super) fn peak_active(bytes: &[u8], total: u64) -> Result<u64, String> {
+/// A text that says how the bytes contradict themselves or `totals`.
+pub(super) fn peaks(bytes: &[u8], totals: impl Iterator<Item = u64>) -> Result<Vec<u64>, String> {
+    const CUT: &str = "it is cut short";
     let words: Vec<u64> = bytes.as_chunks::<8>().0.iter().map(|word| u64::from_le_bytes(*word)).collect();
-    let [start, height, counts @ ..] = words.as_slice() else { return Err("it is cut short".into()) };
-    if !bytes.len().is_multiple_of(16) || counts.len() > 2 * SLAB_LIMIT {
-        return Err(format!("{} bytes are no whole number of slabs", bytes.len()));
+    let mut rest = words.as_slice();
+    let mut peaks = Vec::new();
+    for total in totals {
+        let [slabs, start, height, counts @ ..] = rest else { return Err(CUT.into()) };
+        if *slabs > SLAB_LIMIT as u64 {
+            return Err(format!("{slabs} slabs: allowed are {SLAB_LIMIT}"));
+        }
+        let (start, height) = (*start as i64, *height as i64);
+        if !(1..=1 << 32).contains(&height) || height.count_ones() != 1 || !(-(1 << 33)..=1 << 33).contains(&start) {
+            return Err(format!("slabs of {height} quanta from {start}"));
+        }
+        let (begins, after) = counts.split_at_checked(*slabs as usize).ok_or(CUT)?;
+        let (ends, after) = after.split_at_checked(*slabs as usize).ok_or(CUT)?;
+        peaks.push(peak(begins, ends, total)?);
+        rest = after;
     }
-    let (start, height) = (*start as i64, *height as i64);
-    if !(1..=1 << 32).contains(&height) || height.count_ones() != 1 || !(-(1 << 33)..=1 << 33).contains(&start) {
-        return Err(format!("slabs of {height} quanta from {start}"));
+    if !rest.is_empty() || !bytes.len().is_multiple_of(8) {
+        return Err("more bytes than its bodies have".into());
     }
-    let (begins, ends) = counts.split_at(counts.len() / 2);
+    Ok(peaks)
+}
+
+fn peak(begins: &[u64], ends: &[u64], total: u64) -> Result<u64, String> {
     let lying = || format!("its slabs do not count {total} struts");
     let (mut begun, mut ended, mut peak) = (0u64, 0u64, 0);
     for (begin, end) in begins.iter().zip(ends) {

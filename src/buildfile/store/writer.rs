@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use super::bottom::lowest_of_convolution;
 use super::chunk::CHUNK_STRUTS;
 use super::encoders::{Encoded, Encoders};
+use super::error::BuildFileError;
 use super::format::{self, Footer};
 use super::index::ChunkEntry;
 use super::lowest::LowestOfUnion;
@@ -16,7 +17,7 @@ use super::nodes::NodeCounter;
 use super::profile::ProfileBuilder;
 use super::reader::BuildFile;
 use crate::buildfile::model::node_key;
-use crate::buildfile::model::{Blend, Bounds, Header, Placement, Strut};
+use crate::buildfile::model::{Blend, BodyHeader, Bounds, Header, Lattice, Placement, Strut};
 use crate::codec;
 use crate::output::Output;
 use crate::solid::LARGEST_RADIUS;
@@ -32,16 +33,26 @@ pub(in crate::buildfile) const EXPECTED_STRUT_BYTES: u64 = 10;
 pub struct WriterSettings {
     /// Length of one quantum in micrometres.
     pub quantum_um: f64,
-    /// How struts are joined.
-    pub blend: Blend,
-    /// No strut is thicker, quanta.
-    pub largest_radius: u32,
     /// Where the part stands.
     pub placement: Placement,
     /// SHA-256 of the source.
     pub source_digest: [u8; 32],
     /// Name of the source, cut to at most 255 bytes.
     pub source_name: String,
+    /// What the part will be made of, in this order; 1 to [`Header::MAX_BODIES`].
+    pub bodies: Vec<BodySettings>,
+}
+
+/// What a writer must know before the first primitive of a body.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum BodySettings {
+    /// Struts and balls.
+    Lattice {
+        /// How they are joined.
+        blend: Blend,
+        /// None is thicker, quanta.
+        largest_radius: u32,
+    },
 }
 
 /// A build file that could not be written. Nothing half-written stays behind.
@@ -65,12 +76,14 @@ pub enum WriteError {
     },
 }
 
-/// Writes a build file from struts in ascending order of (z, y, x) of their lower, then of their upper node.
+/// Writes a build file body by body, each from struts in ascending order of (z, y, x) of their lower, then of their upper node.
 pub struct Writer {
     path: PathBuf,
+    /// Of the bodies, those that are finished.
     header: Header,
-    reach: i64,
-    largest_radius: u32,
+    /// Bodies that are still to come, the next one last.
+    to_come: Vec<BodySettings>,
+    body: Growing,
     /// Declared before `output`, so that buffered bytes are gone when the file is closed.
     file: BufWriter<File>,
     output: Output,
@@ -78,14 +91,84 @@ pub struct Writer {
     offset: u64,
     pending: Vec<Strut>,
     index: Vec<ChunkEntry>,
+    /// Of finished bodies.
+    profiles: Vec<u8>,
+    /// The lowest solid point of each finished body, micrometres; of a convolution at first the lower end of its bounds.
+    bottoms_um: Vec<f64>,
+}
+
+/// The body that is being written.
+struct Growing {
+    lattice: Lattice,
+    largest_radius: u32,
+    reach: i64,
     profile: ProfileBuilder,
     nodes: NodeCounter,
     lowest: LowestOfUnion,
     last: Option<Strut>,
 }
 
+impl Growing {
+    fn new(settings: BodySettings, quantum_um: f64) -> Self {
+        let BodySettings::Lattice { blend, largest_radius } = settings;
+        let lattice = Lattice {
+            blend,
+            bounds: Bounds::EMPTY,
+            radius_range: [u32::MAX, 0],
+            strut_count: 0,
+            ball_count: 0,
+            node_count: 0,
+        };
+        let reach = probe(settings).reach_quanta(quantum_um);
+        Self {
+            lattice,
+            largest_radius,
+            reach,
+            profile: ProfileBuilder::default(),
+            nodes: NodeCounter::default(),
+            lowest: LowestOfUnion::default(),
+            last: None,
+        }
+    }
+
+    /// # Errors
+    /// A text where the strut reaches beyond ±2³¹ quanta.
+    fn add(&mut self, strut: Strut) -> Result<(), String> {
+        let Lattice { bounds, radius_range, strut_count, ball_count, .. } = &mut self.lattice;
+        *bounds = bounds.with(&strut).ok_or_else(|| format!("{strut:?} reaches beyond ±2³¹ quanta"))?;
+        let [least, most] = [strut.radius_a.min(strut.radius_b), strut.radius_a.max(strut.radius_b)];
+        *radius_range = [radius_range[0].min(least), radius_range[1].max(most)];
+        *if strut.is_ball() { ball_count } else { strut_count } += 1;
+        self.profile.add(i64::from(strut.a[2]) - self.reach, i64::from(strut.b[2]) + self.reach);
+        self.nodes.count(&strut);
+        self.lowest.add(&strut);
+        self.last = Some(strut);
+        Ok(())
+    }
+
+    /// # Errors
+    /// A text that says how the strut is out of order or not as [`Strut`] demands.
+    fn check(&self, strut: &Strut) -> Result<(), String> {
+        let ends = [strut.a, strut.b].map(node_key);
+        if ends[0] > ends[1] {
+            return Err(format!("{strut:?}: its lower node must come first"));
+        }
+        if self.last.is_some_and(|last| [last.a, last.b].map(node_key) > ends) {
+            return Err(format!("{strut:?} comes after a higher one"));
+        }
+        let radii = [strut.radius_a, strut.radius_b];
+        if radii.iter().any(|&radius| radius == 0 || radius > self.largest_radius) {
+            return Err(format!("{strut:?}: radii from 1 to {} quanta are allowed", self.largest_radius));
+        }
+        if strut.is_ball() && strut.radius_a != strut.radius_b {
+            return Err(format!("{strut:?}: a ball has one radius"));
+        }
+        Ok(())
+    }
+}
+
 impl Writer {
-    /// Begins a file that will replace `path` when finished.
+    /// Begins a file that will replace `path` when finished, and its first body.
     ///
     /// # Errors
     /// [`WriteError`] where the settings contradict themselves or the place cannot be written to.
@@ -101,112 +184,107 @@ impl Writer {
         threads: NonZero<usize>,
     ) -> Result<Self, WriteError> {
         let io_error = |source| WriteError::Io { path: path.into(), source };
-        let largest_radius = settings.largest_radius;
+        let refused = |problem| WriteError::Refused { path: path.into(), problem };
+        let mut to_come = settings.bodies.clone();
         let header = first_header(settings);
         // Stands in the file until the true one, of the same length, is known.
-        let reached = largest_radius.min(LARGEST_RADIUS) as i32;
-        let probe = Header {
-            bounds: Bounds { min: [-reached; 3], max: [reached; 3] },
-            radius_range: [largest_radius; 2],
-            strut_count: 1,
-            bottom_um: 0.0,
-            ..header.clone()
-        };
-        let front = format::check_header(&probe).and_then(|()| format::front(&probe));
-        let front = front.map_err(|problem| WriteError::Refused { path: path.into(), problem })?;
+        let front = probe_header(&header, &to_come);
+        let front = format::check_header(&front).and_then(|()| format::front(&front)).map_err(refused)?;
+        to_come.reverse();
+        let first = to_come.pop().ok_or_else(|| refused("no bodies".into()))?;
         let output = Output::create(path).map_err(io_error)?;
         let mut file = BufWriter::with_capacity(256 << 10, output.file().try_clone().map_err(io_error)?);
         file.write_all(&front).map_err(io_error)?;
         Ok(Self {
             path: path.into(),
-            reach: probe.reach_quanta(),
-            largest_radius,
+            body: Growing::new(first, header.quantum_um),
             header,
+            to_come,
             file,
             output,
             encoders: Encoders::new(threads).map_err(io_error)?,
             offset: front.len() as u64,
             pending: Vec::with_capacity(CHUNK_STRUTS),
             index: Vec::new(),
-            profile: ProfileBuilder::default(),
-            nodes: NodeCounter::default(),
-            lowest: LowestOfUnion::default(),
-            last: None,
+            profiles: Vec::new(),
+            bottoms_um: Vec::new(),
         })
     }
 
-    /// Adds one strut, no lower than the one before it.
+    /// Adds one strut to the body under way, no lower than the one before it.
     ///
     /// # Errors
     /// [`WriteError`] where the strut is out of order or not as [`Strut`] demands, or the file system refuses.
     pub fn push(&mut self, strut: Strut) -> Result<(), WriteError> {
-        self.check(&strut)?;
-        let bounds = self.header.bounds.with(&strut);
-        self.header.bounds = bounds.ok_or_else(|| self.refused(format!("{strut:?} reaches beyond ±2³¹ quanta")))?;
-        let radii = [strut.radius_a, strut.radius_b];
-        let range = &mut self.header.radius_range;
-        *range = [range[0].min(radii[0]).min(radii[1]), range[1].max(radii[0]).max(radii[1])];
-        *if strut.is_ball() { &mut self.header.ball_count } else { &mut self.header.strut_count } += 1;
-        self.profile.add(i64::from(strut.a[2]) - self.reach, i64::from(strut.b[2]) + self.reach);
-        self.nodes.count(&strut);
-        self.lowest.add(&strut);
-        self.last = Some(strut);
+        let added = self.body.check(&strut).and_then(|()| self.body.add(strut));
+        added.map_err(|problem| self.refused(problem))?;
         self.pending.push(strut);
         if self.pending.len() == CHUNK_STRUTS { self.flush() } else { Ok(()) }
+    }
+
+    /// Ends the body under way and begins the next one.
+    ///
+    /// # Errors
+    /// [`WriteError`] where the body is empty, there is no next one, or the file system refuses.
+    pub fn next_body(&mut self) -> Result<(), WriteError> {
+        let Some(next) = self.to_come.pop() else {
+            return Err(self.refused("it has no more bodies than its settings said".into()));
+        };
+        let next = Growing::new(next, self.header.quantum_um);
+        self.end_body(next)
+    }
+
+    fn end_body(&mut self, next: Growing) -> Result<(), WriteError> {
+        if !self.pending.is_empty() {
+            self.flush()?;
+        }
+        while self.write_oldest().map_err(|source| WriteError::Io { path: self.path.clone(), source })?.is_some() {}
+        let Growing { mut lattice, profile, nodes, lowest, .. } = std::mem::replace(&mut self.body, next);
+        if lattice.total() == 0 {
+            return Err(self.refused(format!("body {} has no struts", self.header.bodies.len())));
+        }
+        lattice.node_count = nodes.total();
+        profile.append_to(&mut self.profiles);
+        let quantum_um = self.header.quantum_um;
+        self.bottoms_um.push(match lattice.blend {
+            Blend::Union => lowest.um(quantum_um),
+            // Until the file can be read.
+            Blend::Convolution { .. } => lattice.bounds.bottom_um(quantum_um),
+        });
+        self.header.bounds = self.header.bounds.joined(&lattice.bounds);
+        self.header.bodies.push(BodyHeader::Lattice(lattice));
+        Ok(())
     }
 
     /// Completes the file, syncs it and gives it its name.
     ///
     /// # Errors
-    /// [`WriteError`] where no strut was added or the file system refuses; nothing stays behind then.
+    /// [`WriteError`] where a body is missing or empty or the file system refuses; nothing stays behind then.
     pub fn finish(mut self) -> Result<Header, WriteError> {
-        if !self.pending.is_empty() {
-            self.flush()?;
+        if !self.to_come.is_empty() {
+            return Err(self.refused(format!("{} of its bodies are missing", self.to_come.len())));
         }
-        while self.write_oldest().map_err(|source| WriteError::Io { path: self.path.clone(), source })?.is_some() {}
-        self.header.node_count = self.nodes.total();
-        self.header.bottom_um = match self.header.blend {
-            Blend::Union => self.lowest.um(self.header.quantum_um),
-            // Until the file can be read.
-            Blend::Convolution { .. } => self.header.bounds_bottom_um(),
-        };
+        let none = Growing::new(BodySettings::Lattice { blend: Blend::Union, largest_radius: 0 }, 1.0);
+        self.end_body(none)?;
+        self.header.bottom_um = least(&self.bottoms_um);
         if let Err(problem) = format::check_header(&self.header) {
             return Err(self.refused(problem));
         }
         let front = format::front(&self.header).map_err(|problem| self.refused(problem))?;
-        let Self { path, mut header, output, file, index, profile, offset, .. } = self;
+        let Self { path, mut header, output, file, index, profiles, offset, mut bottoms_um, .. } = self;
         let io_error = |source| WriteError::Io { path: path.clone(), source };
-        complete(file, &front, &index, &profile, offset).map_err(io_error)?;
-        if let Blend::Convolution { support_um } = header.blend {
+        complete(file, &front, &index, &profiles, offset).map_err(io_error)?;
+        if header.lattices().any(|lattice| lattice.blend != Blend::Union) {
             let refused = |problem: String| WriteError::Refused { path: path.clone(), problem };
             let whole = BuildFile::of(&path, output.file().try_clone().map_err(io_error)?);
-            let bottom_um = whole.and_then(|file| lowest_of_convolution(&file, support_um));
-            if let Some(bottom_um) = bottom_um.map_err(|error| refused(error.to_string()))? {
-                header.bottom_um = bottom_um;
-            }
+            let found = whole.and_then(|file| find_bottoms(&file, &mut bottoms_um));
+            found.map_err(|error| refused(error.to_string()))?;
+            header.bottom_um = least(&bottoms_um);
             let front = format::front(&header).map_err(refused)?;
             output.file().write_all_at(&front, 0).map_err(io_error)?;
         }
         output.persist().map_err(io_error)?;
         Ok(header)
-    }
-
-    fn check(&self, strut: &Strut) -> Result<(), WriteError> {
-        let ends = [strut.a, strut.b].map(node_key);
-        if ends[0] > ends[1] {
-            return Err(self.refused(format!("{strut:?}: its lower node must come first")));
-        }
-        if self.last.is_some_and(|last| [last.a, last.b].map(node_key) > ends) {
-            return Err(self.refused(format!("{strut:?} comes after a higher one")));
-        }
-        let radii = [strut.radius_a, strut.radius_b];
-        if radii.iter().any(|&radius| radius == 0 || radius > self.largest_radius) {
-            return Err(self.refused(format!("{strut:?}: radii from 1 to {} quanta are allowed", self.largest_radius)));
-        }
-        if strut.is_ball() && strut.radius_a != strut.radius_b {
-            return Err(self.refused(format!("{strut:?}: a ball has one radius")));
-        }
-        Ok(())
     }
 
     /// Sends the pending struts to be compressed.
@@ -225,7 +303,9 @@ impl Writer {
     fn write_oldest(&mut self) -> io::Result<Option<Vec<Strut>>> {
         let Some(Encoded { entry, packed, mut struts }) = self.encoders.receive()? else { return Ok(None) };
         self.file.write_all(&packed)?;
-        self.index.push(ChunkEntry { offset: self.offset, ..entry });
+        // No chunk of another body is under way: each is written whole before the next one begins.
+        let body = self.header.bodies.len() as u16;
+        self.index.push(ChunkEntry { offset: self.offset, body, ..entry });
         self.offset += packed.len() as u64;
         struts.clear();
         Ok(Some(struts))
@@ -241,7 +321,7 @@ fn complete(
     mut file: BufWriter<File>,
     front: &[u8],
     index: &[ChunkEntry],
-    profile: &ProfileBuilder,
+    profiles: &[u8],
     index_offset: u64,
 ) -> io::Result<()> {
     let mut index_crc = crc32fast::Hasher::new();
@@ -250,7 +330,7 @@ fn complete(
         index_crc.update(&bytes);
         file.write_all(&bytes)?;
     }
-    let profile = zstd::bulk::compress(&profile.to_bytes(), PROFILE_LEVEL)?;
+    let profile = zstd::bulk::compress(profiles, PROFILE_LEVEL)?;
     file.write_all(&profile)?;
     let footer = Footer {
         index_offset,
@@ -266,21 +346,53 @@ fn complete(
 }
 
 fn first_header(settings: WriterSettings) -> Header {
-    let WriterSettings { quantum_um, blend, placement, source_digest, mut source_name, .. } = settings;
+    let WriterSettings { quantum_um, placement, source_digest, mut source_name, .. } = settings;
     let cut = (0..=format::SOURCE_NAME_LIMIT_BYTES.min(source_name.len())).rev();
     let cut = cut.into_iter().find(|&end| source_name.is_char_boundary(end)).unwrap_or(0);
     source_name.truncate(cut);
     Header {
         quantum_um,
-        blend,
         bounds: Bounds::EMPTY,
-        radius_range: [u32::MAX, 0],
-        strut_count: 0,
-        ball_count: 0,
-        node_count: 0,
+        bottom_um: 0.0,
         placement,
         source_digest,
         source_name,
-        bottom_um: 0.0,
+        bodies: Vec::new(),
     }
+}
+
+/// The header with the smallest bodies of such settings.
+fn probe_header(header: &Header, bodies: &[BodySettings]) -> Header {
+    let lattices: Vec<_> = bodies.iter().copied().map(probe).collect();
+    let bounds = lattices.iter().fold(Bounds::EMPTY, |bounds, lattice| bounds.joined(&lattice.bounds));
+    Header { bounds, bodies: lattices.into_iter().map(BodyHeader::Lattice).collect(), ..header.clone() }
+}
+
+/// One ball of the largest radius.
+fn probe(BodySettings::Lattice { blend, largest_radius }: BodySettings) -> Lattice {
+    let reached = largest_radius.min(LARGEST_RADIUS) as i32;
+    Lattice {
+        blend,
+        bounds: Bounds { min: [-reached; 3], max: [reached; 3] },
+        radius_range: [largest_radius; 2],
+        strut_count: 0,
+        ball_count: 1,
+        node_count: 0,
+    }
+}
+
+/// Finds the lowest solid points of the bodies that are convolutions.
+fn find_bottoms(file: &BuildFile, bottoms_um: &mut [f64]) -> Result<(), BuildFileError> {
+    for (body, (lattice, bottom_um)) in file.header().lattices().zip(bottoms_um).enumerate() {
+        if let Blend::Convolution { support_um } = lattice.blend
+            && let Some(found_um) = lowest_of_convolution(file, body, lattice, support_um)?
+        {
+            *bottom_um = found_um;
+        }
+    }
+    Ok(())
+}
+
+fn least(heights_um: &[f64]) -> f64 {
+    heights_um.iter().copied().fold(f64::INFINITY, f64::min)
 }

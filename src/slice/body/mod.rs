@@ -2,10 +2,62 @@
 
 pub(super) mod lattice;
 
-use super::SliceError;
+use std::sync::Arc;
+
 use super::band::Band;
 use super::workers::Workers;
-use crate::solid::Effort;
+use super::{SliceError, SlicePlan};
+use crate::buildfile::{Blend, BodyHeader, BuildFile, Lattice};
+use crate::solid::{Effort, Path};
+use crate::stream::MemoryBudget;
+use lattice::{StoredLattice, StrutSource};
+
+/// Where the primitives of one body come from.
+pub enum BodySource {
+    /// Struts.
+    Lattice(Box<dyn StrutSource>),
+}
+
+impl BodySource {
+    /// The bodies of a build file.
+    pub fn of(file: &Arc<BuildFile>) -> Vec<Self> {
+        Self::drawn_as(file, Lattice::clone)
+    }
+
+    /// The bodies of a build file, each lattice drawn as the exact union of its struts.
+    pub(super) fn unions_of(file: &Arc<BuildFile>) -> Vec<Self> {
+        // A union reaches less far than a convolution, so the file's bounds on active struts hold for it too.
+        Self::drawn_as(file, |lattice| Lattice { blend: Blend::Union, ..lattice.clone() })
+    }
+
+    fn drawn_as(file: &Arc<BuildFile>, drawn: impl Fn(&Lattice) -> Lattice) -> Vec<Self> {
+        let source = |(body, BodyHeader::Lattice(lattice)): (usize, &BodyHeader)| {
+            Self::Lattice(Box::new(StoredLattice { file: Arc::clone(file), body, lattice: drawn(lattice) }))
+        };
+        file.header().bodies.iter().enumerate().map(source).collect()
+    }
+
+    /// Bytes that [`BodySource::body`] charges: known before anything is read.
+    pub(super) fn memory_bytes(&self, plan: &SlicePlan, threads: usize) -> u64 {
+        let Self::Lattice(source) = self;
+        lattice::memory_bytes(&**source, plan, threads)
+    }
+
+    /// A body to draw, with instructions of `path` on `threads` threads; what it needs is charged to `budget`.
+    ///
+    /// # Errors
+    /// [`SliceError`] where the memory is not free or the body cannot be drawn.
+    pub(super) fn body(
+        self,
+        path: Path,
+        plan: &SlicePlan,
+        threads: usize,
+        budget: &MemoryBudget,
+    ) -> Result<Box<dyn Body>, SliceError> {
+        let Self::Lattice(source) = self;
+        lattice::body(path, source, plan, threads, budget)
+    }
+}
 
 /// A plane through a part, and where its pixels lie.
 #[derive(Clone, Copy, Debug)]

@@ -5,6 +5,7 @@ mod brush;
 mod source;
 mod sweep;
 
+pub(in crate::slice) use source::StoredLattice;
 pub use source::{ChunkSpan, MemoryStruts, StrutSource};
 
 use super::{Body, Brush, Cut};
@@ -38,10 +39,9 @@ pub(in crate::slice) fn body(
     threads: usize,
     budget: &MemoryBudget,
 ) -> Result<Box<dyn Body>, SliceError> {
-    match source.header().blend {
+    match source.lattice().blend {
         Blend::Convolution { support_um } => {
-            let header = source.header();
-            let radius_um = f64::from(header.radius_range[1]) * header.quantum_um;
+            let radius_um = f64::from(source.lattice().radius_range[1]) * source.quantum_um();
             if radius_um.partial_cmp(&(support_um * LARGEST_RADIUS_SHARE)) != Some(std::cmp::Ordering::Less) {
                 return Err(SliceError::RadiusTooLarge { radius_um, support_um });
             }
@@ -53,7 +53,7 @@ pub(in crate::slice) fn body(
 
 /// Bytes that [`body`] charges: known before a chunk is read.
 pub(in crate::slice) fn memory_bytes(source: &dyn StrutSource, plan: &SlicePlan, threads: usize) -> u64 {
-    match source.header().blend {
+    match source.lattice().blend {
         Blend::Convolution { .. } => Lattice::<Convolution>::memory_bytes(source, plan, threads),
         Blend::Union => Lattice::<Union>::memory_bytes(source, plan, threads),
     }

@@ -1,6 +1,8 @@
 //! Where the sweep gets its struts: chunks in ascending order of the lowest z.
 
-use crate::buildfile::{BuildFile, CHUNK_STRUTS, Header, Strut};
+use std::sync::Arc;
+
+use crate::buildfile::{BuildFile, CHUNK_STRUTS, Lattice, Strut};
 
 /// Where a chunk's struts lie, in quanta.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -11,10 +13,13 @@ pub struct ChunkSpan {
     pub highest_z: i32,
 }
 
-/// A part whose struts can be read chunk by chunk, in ascending order of `a[2]`.
+/// A lattice whose struts can be read chunk by chunk, in ascending order of `a[2]`.
 pub trait StrutSource: Send + Sync {
-    /// The part.
-    fn header(&self) -> &Header;
+    /// The lattice.
+    fn lattice(&self) -> &Lattice;
+
+    /// Length of a quantum, micrometres.
+    fn quantum_um(&self) -> f64;
 
     /// Number of chunks.
     fn chunk_count(&self) -> usize;
@@ -35,47 +40,60 @@ pub trait StrutSource: Send + Sync {
     fn read_chunk(&self, chunk: usize, struts: &mut Vec<Strut>) -> anyhow::Result<()>;
 }
 
-impl StrutSource for BuildFile {
-    fn header(&self) -> &Header {
-        self.header()
+/// One lattice of a build file.
+pub(in crate::slice) struct StoredLattice {
+    pub(in crate::slice) file: Arc<BuildFile>,
+    pub(in crate::slice) body: usize,
+    /// As it is to be drawn.
+    pub(in crate::slice) lattice: Lattice,
+}
+
+impl StrutSource for StoredLattice {
+    fn lattice(&self) -> &Lattice {
+        &self.lattice
+    }
+
+    fn quantum_um(&self) -> f64 {
+        self.file.header().quantum_um
     }
 
     fn chunk_count(&self) -> usize {
-        self.chunks().len()
+        self.file.body_chunks(self.body).len()
     }
 
     fn chunk_span(&self, chunk: usize) -> ChunkSpan {
-        let entry = &self.chunks()[chunk];
+        let entry = &self.file.chunks()[self.file.body_chunks(self.body).start + chunk];
         ChunkSpan { lowest_z: entry.z_low_min, highest_z: entry.z_high_max }
     }
 
     fn peak_active(&self) -> u64 {
-        self.peak_active()
+        self.file.body_peak_active(self.body)
     }
 
     fn memory_bytes(&self, threads: usize) -> u64 {
-        (self.memory_bytes() + threads * self.scratch_bytes()) as u64
+        (self.file.memory_bytes() + threads * self.file.scratch_bytes()) as u64
     }
 
     fn read_chunk(&self, chunk: usize, struts: &mut Vec<Strut>) -> anyhow::Result<()> {
         struts.clear();
-        Ok(BuildFile::read_chunk(self, chunk, struts)?)
+        Ok(self.file.read_chunk(self.file.body_chunks(self.body).start + chunk, struts)?)
     }
 }
 
 /// Struts in memory as a source, for tests and benchmarks.
 #[derive(Clone, Debug)]
 pub struct MemoryStruts {
-    header: Header,
+    quantum_um: f64,
+    lattice: Lattice,
     struts: Vec<Strut>,
     chunk_struts: usize,
 }
 
 impl MemoryStruts {
     /// Sorts `struts` (stably) and cuts them into chunks of `chunk_struts`, at least 1 and at most [`CHUNK_STRUTS`].
-    pub fn new(header: Header, mut struts: Vec<Strut>, chunk_struts: usize) -> Self {
+    pub fn new(quantum_um: f64, lattice: Lattice, mut struts: Vec<Strut>, chunk_struts: usize) -> Self {
         struts.sort_by_key(|strut| strut.a[2]);
-        Self { header, struts, chunk_struts: chunk_struts.clamp(1, CHUNK_STRUTS) }
+        Self { quantum_um, lattice, struts, chunk_struts: chunk_struts.clamp(1, CHUNK_STRUTS) }
     }
 
     fn chunk(&self, chunk: usize) -> &[Strut] {
@@ -85,8 +103,12 @@ impl MemoryStruts {
 }
 
 impl StrutSource for MemoryStruts {
-    fn header(&self) -> &Header {
-        &self.header
+    fn lattice(&self) -> &Lattice {
+        &self.lattice
+    }
+
+    fn quantum_um(&self) -> f64 {
+        self.quantum_um
     }
 
     fn chunk_count(&self) -> usize {

@@ -70,8 +70,8 @@ impl Sweep {
     ) -> Result<Self, SliceError> {
         let bytes = Self::memory_bytes(&*source, plan, least_rows, threads);
         let charge = budget.charge("the struts within reach of one layer", bytes)?;
-        let header = source.header();
-        let quantum_um = header.quantum_um;
+        let quantum_um = source.quantum_um();
+        let reach_um = source.lattice().reach_um(quantum_um);
         let dy = plan.step_um()[1];
         Ok(Self {
             ends: S::ends,
@@ -79,9 +79,9 @@ impl Sweep {
                 row_0: plan.origin_um[1] / dy,
                 rows_per_quantum: quantum_um / dy,
                 // Sub-rows of a union's grey, or moved rows, lie up to half a row from a row's middle; the rest is for rounding.
-                reach: header.reach_um() / dy.abs() + 1.0,
+                reach: reach_um / dy.abs() + 1.0,
             },
-            reach: header.reach_um() / quantum_um,
+            reach: reach_um / quantum_um,
             quantum_um,
             quantum: quantum_um / unit_um,
             most_active: usize::try_from(source.peak_active()).unwrap_or(usize::MAX),
@@ -179,7 +179,7 @@ impl Sweep {
     }
 
     fn check(&mut self, strut: &Strut) -> Result<(), SliceError> {
-        let radii = self.source.header().radius_range;
+        let radii = self.source.lattice().radius_range;
         let in_order = strut.a[2] >= self.last_z && strut.b[2] >= strut.a[2];
         let in_range = |radius: u32| (radii[0].max(1)..=radii[1].min(LARGEST_RADIUS)).contains(&radius);
         if !in_order || !in_range(strut.radius_a) || !in_range(strut.radius_b) {
