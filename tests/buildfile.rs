@@ -417,10 +417,7 @@ fn a_bottom_that_the_struts_contradict_is_refused() {
     ] {
         let mut writer = Writer::create(
             &path,
-            WriterSettings {
-                bodies: vec![BodySettings::Lattice { blend: blend, largest_radius: 99 }],
-                ..settings(blend)
-            },
+            WriterSettings { bodies: vec![BodySettings::Lattice { blend, largest_radius: 99 }], ..settings(blend) },
         )
         .expect("can be");
         writer.push(up).expect("in order");
