@@ -95,7 +95,7 @@ fn a_part_that_fits_is_said_to_fit_and_the_memory_named_is_just_enough() {
     let short = check(dir.path(), &["--json", "--budget", &(need_bytes - 1).to_string()]);
     assert_eq!((short.status.code(), &json(&short)["fits"]), (Some(1), &Value::from(false)));
     // What the daemon takes at all.
-    let advised_bytes = need_bytes.max(layerd::config::LEAST_BUDGET_BYTES);
+    let advised_bytes = need_bytes.max(layerd::config::MIN_BUDGET_BYTES);
     let remedy = format!("memory_budget = \"{}MiB\"", advised_bytes.div_ceil(1 << 20));
     assert!(stderr(&short).contains(&remedy), "{}", stderr(&short));
 }

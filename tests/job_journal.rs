@@ -7,7 +7,7 @@ use std::fs;
 use std::path::Path;
 
 use layerd::job::{
-    EndOrder, Entry, Forgotten, History, JobState, Journal, JournalError, MOST_PARTS, MOST_RECORDS, NewJob, PlateAfter,
+    EndOrder, Entry, Forgotten, History, JobState, Journal, JournalError, MAX_PARTS, MAX_RECORDS, NewJob, PlateAfter,
     Record, ResumeChoice, ResumeError, Spool, SpoolError, Trace, read_journal,
 };
 use proptest::prelude::*;
@@ -230,7 +230,7 @@ fn a_full_disk_is_told_before_anything_is_written() {
 fn old_jobs_lose_their_part_then_their_record() {
     let directory = TempDir::new().expect("temp");
     let spool = Spool::open(directory.path()).expect("opened");
-    let count = MOST_RECORDS as u32 + 3;
+    let count = MAX_RECORDS as u32 + 3;
     for id in 1..=count {
         // Made by hand: a hundred flushed creations would take seconds.
         let job = directory.path().join(format!("jobs/{id:08}"));
@@ -241,9 +241,9 @@ fn old_jobs_lose_their_part_then_their_record() {
     let over: Vec<_> = (2..=count).map(over).collect();
     assert_eq!(spool.tidy(&over).expect("tidied"), [3, 2], "the oldest two");
     let left = spool.jobs().expect("listed");
-    assert_eq!(left.len(), MOST_RECORDS + 1);
+    assert_eq!(left.len(), MAX_RECORDS + 1);
     assert!(left[0].id == 1 && left[0].part().exists(), "what can be resumed stays");
-    assert_eq!(left.iter().filter(|job| job.part().exists()).count(), MOST_PARTS + 1);
+    assert_eq!(left.iter().filter(|job| job.part().exists()).count(), MAX_PARTS + 1);
 }
 
 fn over(id: u32) -> Forgotten {

@@ -11,7 +11,7 @@ use serde::Serialize;
 use super::duration_text;
 use super::slice::{Setting, offline_slicer};
 use crate::buildfile::BuildFile;
-use crate::config::{LEAST_BUDGET_BYTES, Recipe, byte_size};
+use crate::config::{MIN_BUDGET_BYTES, Recipe, byte_size};
 use crate::daemon::PrintMemory;
 use crate::device::encoding;
 use crate::layer::{Bitmap, Depth};
@@ -167,7 +167,7 @@ fn judge(
         let problem = format!(
             "it needs more memory than the budget of {}: set memory_budget = \"{}MiB\" in the daemon's configuration",
             size_text(budget),
-            memory_needed_bytes.max(LEAST_BUDGET_BYTES).div_ceil(1 << 20)
+            memory_needed_bytes.max(MIN_BUDGET_BYTES).div_ceil(1 << 20)
         );
         return Ok(Findings { fits: false, problems: vec![problem], size: Some(size), times: None });
     }

@@ -43,7 +43,7 @@ fn default_spool() -> PathBuf {
 }
 
 /// Below this not even a small picture and the line's buffers have room.
-pub const LEAST_BUDGET_BYTES: u64 = 8 << 20;
+pub const MIN_BUDGET_BYTES: u64 = 8 << 20;
 
 /// More than the cores of any host that drives a printer.
 pub const MAX_THREADS: usize = 256;
@@ -67,11 +67,11 @@ impl DaemonConfig {
     }
 
     fn check(&self) -> Vec<OutOfRange> {
-        let is_in_range = (LEAST_BUDGET_BYTES..=1 << 40).contains(&self.memory_budget);
+        let is_in_range = (MIN_BUDGET_BYTES..=1 << 40).contains(&self.memory_budget);
         let budget = (!is_in_range).then(|| OutOfRange {
             key: "memory_budget".into(),
             value: size_text(self.memory_budget),
-            allowed: format!("{}MiB to 1024GiB", LEAST_BUDGET_BYTES >> 20),
+            allowed: format!("{}MiB to 1024GiB", MIN_BUDGET_BYTES >> 20),
         });
         let threads = within("threads", self.threads.unwrap_or(1), 1, MAX_THREADS);
         budget.into_iter().chain(threads).collect()

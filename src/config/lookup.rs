@@ -99,7 +99,7 @@ pub fn find(folder: Folder, name: &str) -> Result<ConfigText, FindError> {
 }
 
 /// More names than this would not be read.
-const MOST_KNOWN: usize = 20;
+const MAX_NAMES: usize = 20;
 
 /// The names that lie in the folders looked in, and those built in.
 fn known(folder: Folder, looked: &[PathBuf]) -> Vec<String> {
@@ -109,7 +109,7 @@ fn known(folder: Folder, looked: &[PathBuf]) -> Vec<String> {
     let name = |path: PathBuf| Some(path.file_stem()?.to_str()?.to_owned());
     let shipped = SHIPPED.iter().filter(|(of, ..)| *of == folder).map(|(_, called, _)| (*called).to_owned());
     let names: std::collections::BTreeSet<String> = files.filter(is_toml).filter_map(name).chain(shipped).collect();
-    names.into_iter().take(MOST_KNOWN).collect()
+    names.into_iter().take(MAX_NAMES).collect()
 }
 
 #[cfg(test)]

@@ -9,7 +9,7 @@ mod recipe;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-pub use daemon::{DEFAULT_SOCKET, DEFAULT_SPOOL, DaemonConfig, LEAST_BUDGET_BYTES, MAX_THREADS, byte_size};
+pub use daemon::{DEFAULT_SOCKET, DEFAULT_SPOOL, DaemonConfig, MAX_THREADS, MIN_BUDGET_BYTES, byte_size};
 pub use lookup::{ConfigText, FindError, Folder, NotFound, find};
 pub use machine::{FlowControl, LinkConfig, Machine};
 pub use recipe::Recipe;
@@ -68,15 +68,15 @@ fn within<T: PartialOrd + std::fmt::Display + Copy>(key: &str, value: T, low: T,
 }
 
 /// No configuration file is larger; a wrong path must not fill memory.
-const LARGEST_FILE_BYTES: u64 = 1 << 20;
+const MAX_FILE_BYTES: u64 = 1 << 20;
 
 fn read_text(path: &Path) -> Result<String, ConfigError> {
     let read = || {
         let mut text = String::new();
         // Not by its length: a device has none, and no end either.
-        std::fs::File::open(path)?.take(LARGEST_FILE_BYTES + 1).read_to_string(&mut text)?;
-        if text.len() as u64 > LARGEST_FILE_BYTES {
-            let message = format!("more than {LARGEST_FILE_BYTES} bytes are too many for a configuration file");
+        std::fs::File::open(path)?.take(MAX_FILE_BYTES + 1).read_to_string(&mut text)?;
+        if text.len() as u64 > MAX_FILE_BYTES {
+            let message = format!("more than {MAX_FILE_BYTES} bytes are too many for a configuration file");
             return Err(std::io::Error::new(std::io::ErrorKind::InvalidData, message));
         }
         Ok(text)

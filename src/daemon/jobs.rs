@@ -8,7 +8,7 @@ use super::clock::unix_ms;
 use super::past::Past;
 use super::plate::{self, Sign};
 use crate::job::{
-    Command, EndOrder, Entry as JournalEntry, Forgotten, History, JobDirectory, JobState, MOST_FORGOTTEN, PlateAfter,
+    Command, EndOrder, Entry as JournalEntry, Forgotten, History, JobDirectory, JobState, MAX_FORGOTTEN, PlateAfter,
     Progress, Record, ResumeChoice, Trace, Unconfirmed, read_journal,
 };
 use crate::link::message::ExposureId;
@@ -274,7 +274,7 @@ impl Jobs {
         for job in ids.iter().filter_map(|id| self.jobs.remove(id)) {
             self.forgotten.insert(job.directory.id, job.forgotten());
         }
-        while self.forgotten.len() > MOST_FORGOTTEN {
+        while self.forgotten.len() > MAX_FORGOTTEN {
             self.forgotten.pop_first();
         }
     }

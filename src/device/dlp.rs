@@ -22,7 +22,7 @@ const STATE_TIMEOUT_US: u64 = 5_000_000;
 const LAYER_TIMEOUT_US: u64 = 10_000_000;
 /// Questions without an answer. One is asked twice a second and one behind each act; a device that leaves so many open is
 /// silent, and no more are asked until the oldest times out.
-const MOST_QUESTIONS: usize = 4;
+const MAX_QUESTIONS: usize = 4;
 
 /// What came of what the driver was given.
 #[derive(Clone, Debug, PartialEq)]
@@ -71,11 +71,11 @@ pub enum DriverBusy {
 pub struct DlpDriver {
     job: u64,
     last_number: u32,
-    /// Requests not yet sent: one act, [`MOST_QUESTIONS`] and one upload's beginning at most.
+    /// Requests not yet sent: one act, [`MAX_QUESTIONS`] and one upload's beginning at most.
     requests: VecDeque<(u32, Request)>,
     /// The act whose reply is due.
     act: Option<(u32, Act)>,
-    /// The questions whose replies are due, at most [`MOST_QUESTIONS`].
+    /// The questions whose replies are due, at most [`MAX_QUESTIONS`].
     questions: VecDeque<(u32, Deadline)>,
     /// The layer on its way.
     upload: Option<Upload>,
@@ -147,7 +147,7 @@ impl DlpDriver {
     }
 
     fn ask(&mut self, now_us: u64) {
-        if self.questions.len() < MOST_QUESTIONS {
+        if self.questions.len() < MAX_QUESTIONS {
             let number = self.request(Request::State);
             self.questions.push_back((number, Deadline::at(now_us + STATE_TIMEOUT_US)));
         }

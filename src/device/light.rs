@@ -8,7 +8,7 @@ use crate::link::message::{DeviceState, ExposureId};
 const GRACE_US: u64 = 500_000;
 /// A request whose arrival nobody has confirmed counts as arrived after this time. A line that carries nothing for so long is
 /// lost anyway.
-const LONGEST_ROUND_TRIP_US: u64 = 2_000_000;
+const MAX_ROUND_TRIP_US: u64 = 2_000_000;
 /// A device that was told to put its light off must report dark within this time, microseconds: it takes 100 ms, and the rest is
 /// for a line that is just being repaired.
 pub const DARK_LIMIT_US: u64 = 5_000_000;
@@ -193,7 +193,7 @@ impl LightWatch {
 
 impl Exposure {
     fn limit_us(&self) -> u64 {
-        let began_us = self.taken_us.unwrap_or(self.commanded_us + LONGEST_ROUND_TRIP_US);
+        let began_us = self.taken_us.unwrap_or(self.commanded_us + MAX_ROUND_TRIP_US);
         began_us + u64::from(self.duration_ms) * 1000 + GRACE_US
     }
 

@@ -6,7 +6,7 @@ use crate::layer::Depth;
 use crate::link::message::{Capabilities, DeviceKind};
 
 /// One layer is exposed while the next arrives.
-const LEAST_SLOTS: u8 = 2;
+const MIN_SLOTS: u8 = 2;
 
 /// The device is not the machine that is configured.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -106,10 +106,10 @@ pub fn check_capabilities(machine: &Machine, capabilities: &Capabilities) -> Res
     if wanted != capabilities.pixel_nm {
         return differs("a pixel pitch of", pitch(wanted), pitch(capabilities.pixel_nm));
     }
-    if capabilities.layer_slots < LEAST_SLOTS {
+    if capabilities.layer_slots < MIN_SLOTS {
         return differs(
             "a device of",
-            format!("{LEAST_SLOTS} layer slots or more"),
+            format!("{MIN_SLOTS} layer slots or more"),
             capabilities.layer_slots.to_string(),
         );
     }

@@ -44,17 +44,18 @@ mod ending;
 mod light;
 mod outbox;
 mod pace;
+mod phase;
 mod recovery;
+mod report;
 mod uploads;
 
-use disk::{DiskWatch, WAITS_FOR_DISK};
+use disk::DiskWatch;
 use outbox::Outbox;
 use pace::Pace;
+use phase::{Intent, Phase};
 use uploads::Uploads;
 
-use super::{
-    Action, Command, EndOrder, Event, JobPlan, JobState, Progress, Record, ResumeChoice, StartPoint, Unconfirmed,
-};
+use super::{Action, Command, EndOrder, Event, JobPlan, JobState, Record, ResumeChoice, StartPoint, Unconfirmed};
 use crate::deadline::Deadline;
 use crate::device::{Act, LightWatch, least_move_us};
 use crate::link::message::DeviceState;
@@ -69,77 +70,12 @@ pub const ACT_MARGIN_US: u64 = 15 * SECOND_US;
 /// A layer that takes ten minutes to compute will not come.
 const LATE_LIMIT_US: u64 = 600 * SECOND_US;
 /// A device that breaks the protocol so many times without one layer printed in between will do so again.
-const MOST_MISBEHAVIOURS: u32 = 3;
+const MAX_MISBEHAVIOURS: u32 = 3;
 /// Each break of the protocol is made good by so many layers printed. Each costs a session and some seconds, in which a layer
 /// stays in the resin for longer than the others: one in an hour or so is bearable, one a layer makes bad parts.
 const LAYERS_A_MISBEHAVIOUR: u32 = 50;
 /// So many that are not made good end the job: a few in a row are a bad moment, more are how the device is.
-const MOST_MISBEHAVIOURS_OPEN: u32 = 8;
-
-/// Why the engine does not simply print on.
-#[derive(Clone, Debug, PartialEq, Eq)]
-enum Intent {
-    Print,
-    Pause,
-    /// Park the plate, then end in that state for that reason.
-    End(JobState, String),
-}
-
-/// The step under way; what ends it stands beside it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Phase {
-    /// Ready, Connected.
-    Checking,
-    /// ActDone.
-    Homing,
-    /// Uploaded: the first layer of a run; the machine has not begun, so it is not late.
-    WarmingUp,
-    /// ActDone.
-    Approaching,
-    /// Timeout.
-    Settling,
-    /// Uploaded: a late layer.
-    Waiting {
-        since_us: u64,
-    },
-    /// Journalled.
-    Commanding,
-    /// ActDone.
-    Exposing {
-        light_until_us: u64,
-    },
-    /// ActDone, after a light-off.
-    CuttingShort,
-    /// State, UrgentDone: a device that was told to put its light off reports dark.
-    Darkening {
-        until_us: u64,
-    },
-    /// Journalled.
-    Confirming,
-    /// Timeout.
-    Curing,
-    /// ActDone.
-    Lifting,
-    /// Timeout.
-    Dripping,
-    /// ActDone.
-    Parking,
-    /// Command.
-    Resting,
-    /// Connected.
-    Lost,
-    /// State, asked for again and again until the device is at rest.
-    Asking {
-        until_us: u64,
-    },
-    /// UrgentDone, Connected; State, asked for again and again, where the device goes on shining.
-    AbortSent,
-    /// Connected.
-    AbortReconnect,
-    /// Journalled.
-    Ending,
-    Done,
-}
+const MAX_MISBEHAVIOURS_OPEN: u32 = 8;
 
 /// The engine of one job.
 #[derive(Debug)]
@@ -351,97 +287,6 @@ impl Engine {
     /// When [`Event::Timeout`] is due.
     pub fn next_timeout_us(&self) -> Option<u64> {
         self.deadline.map(Deadline::at_us).into_iter().chain(self.disk.due_us()).min()
-    }
-
-    /// Where the job stands.
-    pub fn progress(&self) -> Progress {
-        Progress {
-            state: self.state(),
-            layer: self.next_layer,
-            layers_done: self.next_layer,
-            layers_total: self.plan.layer_count,
-            late_layers: self.pace.late_layers,
-            late_ms_total: self.pace.late_us_total / 1000,
-            exposing: matches!(self.phase, Phase::Exposing { .. } | Phase::CuttingShort),
-            eta_ms: self.is_printing().then(|| self.pace.remaining_ms(&self.plan, self.next_layer)),
-            light_ms: self.light_ms,
-            in_doubt: self.in_doubt.is_some().then_some(self.next_layer),
-            reason: self.reason(),
-            part_in_vat: self.touched && !self.lifted,
-        }
-    }
-
-    /// Whether an order to end the job, which was given to the engine, is still on its way to the disk.
-    pub fn order_unwritten(&self) -> bool {
-        self.out.order_unwritten()
-    }
-
-    /// Whether a record could not be written: the job ends, and a restart may not know all of it.
-    pub fn journal_failed(&self) -> bool {
-        self.out.journal_broken
-    }
-
-    /// Whether light may ever have fallen for this job, so that what hangs on the plate is its own part.
-    pub fn touched(&self) -> bool {
-        self.touched
-    }
-
-    /// Whether it is to print and has had no light: it would move the plate down, and nothing of its own hangs there.
-    pub fn goes_down_bare(&self) -> bool {
-        !self.touched && !self.aborting && !self.is_over() && matches!(self.intent, Intent::Print | Intent::Pause)
-    }
-
-    /// Whether the job's end is decided and only its record is missing, if that.
-    pub fn is_over(&self) -> bool {
-        matches!(self.phase, Phase::Ending | Phase::Done)
-    }
-
-    /// Whether it has begun: a device and the part were there, and acts may have been commanded.
-    pub fn has_begun(&self) -> bool {
-        self.phase != Phase::Checking
-    }
-
-    /// The layer that was commanded and neither confirmed nor denied.
-    pub fn unconfirmed(&self) -> Option<Unconfirmed> {
-        self.unconfirmed
-    }
-
-    /// Whether layers follow one another: an absent device or a pause has no end that could be foretold.
-    fn is_printing(&self) -> bool {
-        let at_work =
-            !matches!(self.phase, Phase::Checking | Phase::Lost | Phase::Resting | Phase::Ending | Phase::Done);
-        at_work && matches!(self.intent, Intent::Print | Intent::End(JobState::Completed, _))
-    }
-
-    /// The job's state.
-    pub fn state(&self) -> JobState {
-        match (&self.phase, &self.intent) {
-            // Not before its record is on disk and the machine given back: only then can the job be resumed.
-            (Phase::Done, Intent::End(state, _)) => *state,
-            _ if self.aborting => JobState::Aborting,
-            (Phase::Checking, Intent::Print | Intent::Pause) => JobState::Checking,
-            (Phase::Resting, Intent::Pause) => JobState::Paused,
-            (_, Intent::Pause) => JobState::Pausing,
-            (_, Intent::End(JobState::Completed, _) | Intent::Print) => JobState::Printing,
-            (_, Intent::End(..)) => JobState::Stopping,
-        }
-    }
-
-    fn reason(&self) -> String {
-        match (&self.intent, &self.phase) {
-            (Intent::End(..), _) => {
-                let texts = [self.end_reason(), self.wait_before_end()];
-                texts.into_iter().filter(|text| !text.is_empty()).collect::<Vec<_>>().join("; ")
-            }
-            (_, Phase::Lost) => format!("waiting for the device: {}", self.loss),
-            (_, Phase::Commanding | Phase::Confirming | Phase::Resting) if self.disk.is_slow() => WAITS_FOR_DISK.into(),
-            (_, Phase::Checking) if self.ready => "waiting for the device".into(),
-            (_, Phase::Darkening { .. }) => "waiting for the device to report dark".into(),
-            (_, Phase::Asking { .. }) => "waiting for the device to come to rest".into(),
-            (_, Phase::Waiting { .. }) => format!("layer {} is late; the device waits dark", self.next_layer),
-            (_, Phase::WarmingUp) => format!("layer {} is being computed and sent", self.next_layer),
-            _ => String::new(),
-        }
     }
 
     fn on_ready(&mut self, now_us: u64) {

@@ -92,14 +92,14 @@ fn remedy(source: &std::io::Error) -> &'static str {
 const MAGIC: [u8; 12] = *b"layerjnl\x01\0\0\0";
 const FRAME_BYTES: usize = 8;
 /// The longest record is an end with its reason, which the engine keeps below 4 KiB.
-const LARGEST_RECORD_BYTES: usize = 16 << 10;
+const MAX_RECORD_BYTES: usize = 16 << 10;
 /// Room for 1.5 million layers at two records of 40 bytes each.
-const LARGEST_JOURNAL_BYTES: u64 = 128 << 20;
+const MAX_JOURNAL_BYTES: u64 = 128 << 20;
 /// Room that records which begin something leave free: two of the longest records, a confirmation, orders and an end need
 /// less.
-const RESERVE_BYTES: u64 = 2 * LARGEST_RECORD_BYTES as u64;
+const RESERVE_BYTES: u64 = 2 * MAX_RECORD_BYTES as u64;
 /// Room that only the end that is final may use: a job interrupted again and again on a full disk must still be ended.
-const FINAL_BYTES: u64 = LARGEST_RECORD_BYTES as u64;
+const FINAL_BYTES: u64 = MAX_RECORD_BYTES as u64;
 /// Reserved beyond that at once: some eighty layers, so that most records ask for nothing.
 const STEP_BYTES: u64 = 4 << 10;
 
@@ -184,7 +184,7 @@ impl Journal {
         let payload = codec::encode(&Entry { at_unix_ms, record })
             .map_err(|error| self.io_error(std::io::Error::other(error)))?;
         let length = u32::try_from(payload.len()).unwrap_or(u32::MAX);
-        if payload.len() > LARGEST_RECORD_BYTES {
+        if payload.len() > MAX_RECORD_BYTES {
             return Err(self.io_error(std::io::Error::other(format!("a record of {length} bytes is too long"))));
         }
         let mut frame = Vec::with_capacity(FRAME_BYTES + payload.len());
@@ -285,9 +285,9 @@ fn replay(path: &Path, entries: &[Entry]) -> Result<History, JournalError> {
 fn contents(path: &Path, file: &mut File) -> Result<Vec<u8>, JournalError> {
     let io = |source| JournalError::Io { what: "read", path: path.into(), source };
     let mut bytes = Vec::new();
-    file.take(LARGEST_JOURNAL_BYTES + 1).read_to_end(&mut bytes).map_err(io)?;
-    if bytes.len() as u64 > LARGEST_JOURNAL_BYTES {
-        let what = format!("it is longer than {LARGEST_JOURNAL_BYTES} bytes");
+    file.take(MAX_JOURNAL_BYTES + 1).read_to_end(&mut bytes).map_err(io)?;
+    if bytes.len() as u64 > MAX_JOURNAL_BYTES {
+        let what = format!("it is longer than {MAX_JOURNAL_BYTES} bytes");
         return Err(JournalError::Damaged { path: path.into(), what });
     }
     Ok(bytes)
@@ -308,7 +308,7 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<(Vec<Entry>, u64), JournalError> {
             }
             return Err(damaged(format!("record {} at byte {at} is not what was written", entries.len())));
         };
-        let entry = codec::decode::<Entry, LARGEST_RECORD_BYTES>(payload)
+        let entry = codec::decode::<Entry, MAX_RECORD_BYTES>(payload)
             .map_err(|error| damaged(format!("record {} at byte {at}: {error}", entries.len())))?;
         entries.push(entry);
         at += FRAME_BYTES + payload.len();
@@ -321,7 +321,7 @@ fn frame(bytes: &[u8]) -> Option<&[u8]> {
     let (length, rest) = bytes.split_first_chunk::<4>()?;
     let (crc, rest) = rest.split_first_chunk::<4>()?;
     let length = u32::from_le_bytes(*length);
-    if length == 0 || length as usize > LARGEST_RECORD_BYTES {
+    if length == 0 || length as usize > MAX_RECORD_BYTES {
         return None;
     }
     let payload = rest.get(..length as usize)?;
@@ -330,7 +330,7 @@ fn frame(bytes: &[u8]) -> Option<&[u8]> {
 
 /// Whether what follows the last true record can be one write that did not end: short, and no true record after it.
 fn is_torn_tail(tail: &[u8]) -> bool {
-    tail.len() <= FRAME_BYTES + LARGEST_RECORD_BYTES && (1..tail.len()).all(|skip| frame(&tail[skip..]).is_none())
+    tail.len() <= FRAME_BYTES + MAX_RECORD_BYTES && (1..tail.len()).all(|skip| frame(&tail[skip..]).is_none())
 }
 
 fn checksum(length: u32, payload: &[u8]) -> u32 {

@@ -18,6 +18,6 @@ pub use journal::{Entry, Journal, JournalError, read_journal};
 pub use plan::JobPlan;
 pub use record::{Contradiction, EndOrder, History, Record, ResumeChoice, ResumeError, StartPoint, Trace, Unconfirmed};
 pub use spool::{
-    Forgotten, JobDirectory, MOST_FORGOTTEN, MOST_PARTS, MOST_RECORDS, NewJob, PlateAfter, Spool, SpoolError,
+    Forgotten, JobDirectory, MAX_FORGOTTEN, MAX_PARTS, MAX_RECORDS, NewJob, PlateAfter, Spool, SpoolError,
 };
 pub use state::JobState;

@@ -12,8 +12,8 @@
 //! ```
 //!
 //! A job appears whole or not at all: its directory is made under a hidden name, flushed, renamed, and its parent flushed.
-//! Of jobs that are over, the newest [`MOST_RECORDS`] are kept for `layerctl jobs`, and the parts of the newest
-//! [`MOST_PARTS`]; [`Spool::tidy`] deletes the rest, and [`Spool::remove`] what an operator names. Of a removed job the name of
+//! Of jobs that are over, the newest [`MAX_RECORDS`] are kept for `layerctl jobs`, and the parts of the newest
+//! [`MAX_PARTS`]; [`Spool::tidy`] deletes the rest, and [`Spool::remove`] what an operator names. Of a removed job the name of
 //! its directory tells for a while what must still be known: its number, which is not given again, its key, by which a device
 //! may speak of it, and whether its part was left in the vat (`-left` or `-clear` behind
 //! the key). A rename needs no room on a full disk.
@@ -31,12 +31,12 @@ use crate::disk;
 use crate::text::size_text;
 
 /// Finished jobs whose records are kept: some months of a busy machine, a few kilobytes to megabytes each.
-pub const MOST_RECORDS: usize = 100;
+pub const MAX_RECORDS: usize = 100;
 /// Finished jobs whose part files are kept, each up to gigabytes.
-pub const MOST_PARTS: usize = 10;
+pub const MAX_PARTS: usize = 10;
 /// Removed jobs that are remembered by key. A device speaks of the last layer it exposed and of the last it cut short; the
 /// latter may lie many jobs back.
-pub const MOST_FORGOTTEN: usize = 1000;
+pub const MAX_FORGOTTEN: usize = 1000;
 
 const PART: &str = "part.layerd";
 const RECIPE: &str = "recipe.toml";
@@ -245,7 +245,7 @@ impl Spool {
         entries.map(|entry| Ok(entry.map_err(io("list", &jobs))?.path())).collect()
     }
 
-    /// Deletes the parts and records of jobs that are over, beyond [`MOST_PARTS`] and [`MOST_RECORDS`]. `over` lists the
+    /// Deletes the parts and records of jobs that are over, beyond [`MAX_PARTS`] and [`MAX_RECORDS`]. `over` lists the
     /// jobs in whose state nothing can change any more. Gives the numbers of those whose records are gone.
     ///
     /// # Errors
@@ -255,10 +255,10 @@ impl Spool {
         let jobs = self.jobs()?;
         let of = |job: &JobDirectory| over.iter().find(|over| over.id == job.id);
         for (age, (job, over)) in jobs.iter().rev().filter_map(|job| Some((job, of(job)?))).enumerate() {
-            if age >= MOST_RECORDS {
+            if age >= MAX_RECORDS {
                 self.remove(*over)?;
                 forgotten.push(job.id);
-            } else if age >= MOST_PARTS && job.part().exists() {
+            } else if age >= MAX_PARTS && job.part().exists() {
                 fs::remove_file(job.part()).map_err(io("delete", &job.part()))?;
             }
         }
@@ -279,7 +279,7 @@ impl Spool {
         let bytes = empty(&to)?;
         sync_parent(&to).map_err(io("flush", &jobs))?;
         let mut forgotten = self.forgotten()?;
-        forgotten.truncate(forgotten.len().saturating_sub(MOST_FORGOTTEN));
+        forgotten.truncate(forgotten.len().saturating_sub(MAX_FORGOTTEN));
         for old in forgotten {
             let path = jobs.join(old.name());
             fs::remove_dir(&path).map_err(io("delete", &path))?;

@@ -3,9 +3,9 @@
 /// Pause after a session that failed: short at first, since a device that restarts is back soon.
 const FIRST_PAUSE_US: u64 = 100_000;
 /// Longest pause: a device that is switched on again is not waited for longer than this.
-const LONGEST_PAUSE_US: u64 = 5_000_000;
+const MAX_PAUSE_US: u64 = 5_000_000;
 /// A session that stood as long as the longest pause was a good one: the next pause is short again.
-const STEADY_US: u64 = LONGEST_PAUSE_US;
+const STEADY_US: u64 = MAX_PAUSE_US;
 /// Sessions the owner may begin in a row without a pause. A job needs one at its beginning, after an abort and at its end.
 const BURST: u64 = 6;
 /// After a burst, one session in this time.
@@ -38,7 +38,7 @@ impl Spacing {
             self.pause_us = FIRST_PAUSE_US;
         }
         let pause_us = self.pause_us;
-        self.pause_us = (2 * pause_us).min(LONGEST_PAUSE_US);
+        self.pause_us = (2 * pause_us).min(MAX_PAUSE_US);
         pause_us
     }
 

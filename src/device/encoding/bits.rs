@@ -45,7 +45,7 @@ pub(super) struct BitReader {
 
 impl BitReader {
     /// No code of any encoding here is longer.
-    const LONGEST_CODE_BITS: u32 = 40;
+    const MAX_CODE_BITS: u32 = 40;
 
     /// Takes as many of `bytes` as there is room for; the rest remains.
     pub(super) fn fill(&mut self, bytes: &mut &[u8]) {
@@ -65,7 +65,7 @@ impl BitReader {
 
     /// Whether a whole code can be taken.
     pub(super) fn is_ready(&self) -> bool {
-        self.count >= Self::LONGEST_CODE_BITS || self.ended
+        self.count >= Self::MAX_CODE_BITS || self.ended
     }
 
     /// Whether more was taken than given.

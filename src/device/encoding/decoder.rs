@@ -1,27 +1,11 @@
 //! Decoding what arrives in pieces.
 
 use super::bits::BitReader;
+use super::error::DecodeError;
 use super::range::RangeDecoder;
 use super::{depth_of, group4, run_grey};
 use crate::layer::{Bitmap, Depth};
 use crate::link::message::Encoding;
-
-/// Bytes that are not a picture of the agreed size.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum DecodeError {
-    /// A code that does not exist or leads out of the row.
-    #[error("a code that does not exist or leads out of its row")]
-    BadCode,
-    /// The bytes end before the picture does.
-    #[error("the bytes end before the last row")]
-    TooFewRows,
-    /// Bytes are left after the last row.
-    #[error("there are bytes after the last row")]
-    TooManyRows,
-    /// Padding bits that are not 0.
-    #[error("padding bits are not 0")]
-    BadPadding,
-}
 
 /// Turns the bytes of one layer, given in pieces, into a picture. What it keeps besides that does not grow with the bytes.
 #[derive(Debug)]

@@ -6,7 +6,7 @@
 use fax::maps::{Mode, black, mode, white};
 
 use super::bits::{BitReader, BitWriter};
-use super::decoder::DecodeError;
+use super::error::DecodeError;
 use crate::layer::Bitmap;
 
 /// The mode codes of T.6 table 1: code and length.
@@ -17,7 +17,7 @@ const VERTICAL: [(u32, u32); 7] = [(0b10, 7), (0b10, 6), (0b10, 3), (1, 1), (0b1
 /// Half of the end of the block.
 const EOL: (u32, u32) = (1, 12);
 /// The longest run one code carries; longer runs repeat it.
-const LONGEST_MAKE_UP: u32 = 2560;
+const MAX_MAKE_UP_PX: u32 = 2560;
 
 /// Appends a 1-bit picture to `bytes`.
 pub(super) fn encode(bitmap: &Bitmap, bytes: &mut Vec<u8>) {
@@ -92,9 +92,9 @@ fn encode_run(mut length_px: u32, lit: bool, writer: &mut BitWriter<'_>) {
         writer.put(u32::from(bits.data), u32::from(bits.len));
     };
     // The table holds the runs 0 to 63, then the multiples of 64.
-    while length_px >= LONGEST_MAKE_UP {
-        put(63 + LONGEST_MAKE_UP / 64);
-        length_px -= LONGEST_MAKE_UP;
+    while length_px >= MAX_MAKE_UP_PX {
+        put(63 + MAX_MAKE_UP_PX / 64);
+        length_px -= MAX_MAKE_UP_PX;
     }
     if length_px >= 64 {
         put(63 + length_px / 64);

@@ -13,12 +13,14 @@
 
 mod bits;
 mod decoder;
+mod error;
 mod grey_model;
 pub mod group4;
 mod range;
 pub mod run_grey;
 
-pub use decoder::{DecodeError, Decoder};
+pub use decoder::Decoder;
+pub use error::DecodeError;
 
 use crate::layer::{Bitmap, Depth};
 use crate::link::message::Encoding;

@@ -6,7 +6,7 @@
 //! one: whether dark, lit or grey, and a grey as its difference from a guess. A decoder needs the current and the
 //! previous row and the `Model`, nothing else.
 
-use super::decoder::DecodeError;
+use super::error::DecodeError;
 use super::grey_model::{Model, Near};
 use super::range::{RangeDecoder, RangeEncoder};
 use crate::layer::Bitmap;
@@ -44,7 +44,7 @@ fn encode_row(row: &[u8], above: &[u8], model: &mut Model, coder: &mut RangeEnco
 }
 
 /// A place in a zone takes at most 16 bits, which is what the coder writes at once.
-const LONGEST_ZONE: usize = 0xffff;
+const MAX_ZONE_PX: usize = 0xffff;
 
 /// Where zones end in one row; the row above is searched once, however often its runs are broken below.
 #[derive(Clone, Copy, Debug, Default)]
@@ -61,7 +61,7 @@ impl Zones {
         }
         // Outside the picture all is dark: there a dark zone reaches the edge, a lit one ends a pixel before.
         let end = if self.above_end == width && colour == 0 { width } else { self.above_end - 1 };
-        end.min(x + LONGEST_ZONE)
+        end.min(x + MAX_ZONE_PX)
     }
 }
 

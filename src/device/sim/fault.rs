@@ -124,7 +124,7 @@ pub(super) struct FrameFaults {
 }
 
 /// Bytes without a delimiter are passed on at this length: no frame is longer.
-const LONGEST_FRAME_BYTES: usize = 8192;
+const MAX_FRAME_BYTES: usize = 8192;
 
 impl FrameFaults {
     /// Faults as specified; `stream` tells the directions apart.
@@ -150,7 +150,7 @@ impl FrameFaults {
         }
         for &byte in bytes {
             self.partial.push(byte);
-            if byte == 0 || self.partial.len() >= LONGEST_FRAME_BYTES {
+            if byte == 0 || self.partial.len() >= MAX_FRAME_BYTES {
                 self.pass_frame(out);
             }
         }

@@ -43,7 +43,7 @@ pub struct SimulateOptions {
 }
 
 /// Messages that wait for room in the session. A host that asks without ever acknowledging is not listened to beyond this.
-const MOST_WAITING_MESSAGES: usize = 64;
+const MAX_WAITING_MESSAGES: usize = 64;
 /// One read takes at most this much: a pseudo-terminal holds no more.
 const READ_BYTES: usize = 4096;
 /// With nothing to do the loop turns this often.
@@ -52,8 +52,6 @@ const IDLE_US: u64 = 1_000_000;
 const REOPEN_US: u64 = 500_000;
 /// Fault code of a log that cannot be written.
 const FAULT_LOG: u16 = 1;
-/// What a fault's text may take on the wire.
-const MOST_FAULT_BYTES: usize = 120;
 /// The session wants a rate for its timers even where the line has none: the fastest a machine file allows.
 const UNLIMITED_BAUD: u32 = 12_000_000;
 
@@ -207,7 +205,7 @@ impl Device {
                 // Sent, or void because its session has ended.
                 self.waiting.pop_front();
             }
-            if self.waiting.len() >= MOST_WAITING_MESSAGES {
+            if self.waiting.len() >= MAX_WAITING_MESSAGES {
                 return;
             }
             let Some(event) = self.session.event() else { return };
@@ -263,12 +261,9 @@ impl Device {
 
     /// A device that cannot keep its log says so and works no more; it does not try again at every act.
     fn log_failed(&mut self, error: &io::Error, now_us: u64) {
-        eprint(&error.to_string());
+        let text = error.to_string();
+        eprint(&text);
         self.log = None;
-        let mut text = error.to_string();
-        while text.len() > MOST_FAULT_BYTES {
-            text.pop();
-        }
         let device_us = self.device_us(now_us);
         self.core.set_fault(Some(Fault { code: FAULT_LOG, text }), device_us);
     }

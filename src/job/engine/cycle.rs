@@ -9,7 +9,7 @@ use crate::link::message::ExposureId;
 /// Homing of the largest build height (2 m) at 10 mm/s takes 200 s.
 const HOMING_US: u64 = 300 * SECOND_US;
 /// How often one layer may be commanded: each time but the first follows a lost line or a refusal.
-const MOST_COMMANDS: u32 = 10;
+const MAX_COMMANDS: u32 = 10;
 
 impl Engine {
     /// Takes the next step once nothing is under way: no act, no unconfirmed exposure.
@@ -75,9 +75,9 @@ impl Engine {
 
     pub(super) fn command_exposure(&mut self, now_us: u64) {
         self.commands_of_layer += 1;
-        if self.commands_of_layer > MOST_COMMANDS {
+        if self.commands_of_layer > MAX_COMMANDS {
             let text =
-                format!("layer {} was commanded {MOST_COMMANDS} times in vain; check the device", self.next_layer);
+                format!("layer {} was commanded {MAX_COMMANDS} times in vain; check the device", self.next_layer);
             return self.wind_down(JobState::Interrupted, text, now_us);
         }
         let boot_id = self.device.boot_id;

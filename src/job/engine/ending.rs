@@ -17,7 +17,7 @@ const ABORT_RECONNECT_US: u64 = 10 * SECOND_US;
 /// the repeated frame for the one it knows, so that only a new session gives it the order again. Also how often it is asked.
 const ABORT_OBEYED_US: u64 = SECOND_US / 2;
 /// Sessions with a device that does not answer an abort, or goes on showing light or moving after one.
-const MOST_ABORT_SESSIONS: u32 = 5;
+const MAX_ABORT_SESSIONS: u32 = 5;
 
 impl Engine {
     /// Ends the job after the step under way.
@@ -350,7 +350,7 @@ impl Engine {
                 if self.abort_answered && dark && !moving {
                     return self.park(now_us);
                 }
-                if self.abort_sessions == MOST_ABORT_SESSIONS {
+                if self.abort_sessions == MAX_ABORT_SESSIONS {
                     self.light_known_off = dark;
                     return self.end_aborted();
                 }

@@ -7,7 +7,7 @@ use crate::job::{Action, JobState, Record};
 use crate::link::message::Urgent;
 
 /// Notices kept for a caller that does not fetch them; older ones are dropped.
-const MOST_NOTICES: usize = 64;
+const MAX_NOTICES: usize = 64;
 
 /// Urgent first; then the journal; nothing else before the journal is on disk, but for a lift that waits too long for it.
 #[derive(Debug, Default)]
@@ -100,7 +100,7 @@ impl Outbox {
     }
 
     pub(super) fn notice(&mut self, text: impl Into<String>) {
-        if self.notices.len() == MOST_NOTICES {
+        if self.notices.len() == MAX_NOTICES {
             self.notices.pop_front();
         }
         self.notices.push_back(text.into());

@@ -5,7 +5,7 @@ use crate::job::JobPlan;
 /// A layer is late where the machine stood still for longer than this in its cycle. Three orders cross even a slow line in less.
 const LATE_US: u64 = 250_000;
 /// The pace is a mean over at most about this many layers: enough to even out single waits, few enough to follow a change.
-const MOST_LAYERS_AVERAGED: u32 = 16;
+const MAX_LAYERS_AVERAGED: u32 = 16;
 
 /// Observed from layer to layer.
 #[derive(Debug, Default)]
@@ -41,7 +41,7 @@ impl Pace {
         self.waited_us = 0;
         if let Some(before_us) = self.confirmed_us.replace(now_us) {
             let excess_us = (now_us - before_us) as f64 - planned_ms as f64 * 1000.0;
-            self.layers_averaged = MOST_LAYERS_AVERAGED.min(self.layers_averaged + 1);
+            self.layers_averaged = MAX_LAYERS_AVERAGED.min(self.layers_averaged + 1);
             self.excess_us += (excess_us - self.excess_us) / f64::from(self.layers_averaged);
         }
     }

@@ -1,7 +1,7 @@
 //! Finding out where the device stands: at the start, after a lost line, after a crash of the host.
 
 use super::{
-    Engine, Intent, LAYERS_A_MISBEHAVIOUR, MOST_MISBEHAVIOURS, MOST_MISBEHAVIOURS_OPEN, Phase, RECONNECT_US, SECOND_US,
+    Engine, Intent, LAYERS_A_MISBEHAVIOUR, MAX_MISBEHAVIOURS, MAX_MISBEHAVIOURS_OPEN, Phase, RECONNECT_US, SECOND_US,
 };
 use crate::deadline::Deadline;
 use crate::device::Light;
@@ -13,10 +13,10 @@ const ASK_EVERY_US: u64 = SECOND_US / 2;
 /// The longest exposure a recipe may ask (ten minutes) and then some.
 const ASK_LIMIT_US: u64 = 620 * SECOND_US;
 /// Lines lost in a row without one layer printed in between.
-const MOST_LOSSES: u32 = 20;
+const MAX_LOSSES: u32 = 20;
 
 /// A reason this long gets no further ones added: it goes into the journal, whose records are limited.
-const LONGEST_REASON_BYTES: usize = 1000;
+const MAX_REASON_BYTES: usize = 1000;
 
 const WENT_BACK_REMEDY: &str = "look at the device and the part, then resume";
 
@@ -113,16 +113,16 @@ impl Engine {
     pub(super) fn on_misbehaved(&mut self, text: &str, now_us: u64) {
         self.misbehaviours_in_a_row += 1;
         self.layers_of_misbehaviour += LAYERS_A_MISBEHAVIOUR;
-        if self.misbehaviours_in_a_row > MOST_MISBEHAVIOURS {
+        if self.misbehaviours_in_a_row > MAX_MISBEHAVIOURS {
             // Not even the lift.
             return self.end_unparked(format!("{text}; the plate was not lifted"));
         }
-        if self.misbehaviours_in_a_row == MOST_MISBEHAVIOURS {
-            let reason = format!("{text} ({MOST_MISBEHAVIOURS} times without a layer printed in between)");
+        if self.misbehaviours_in_a_row == MAX_MISBEHAVIOURS {
+            let reason = format!("{text} ({MAX_MISBEHAVIOURS} times without a layer printed in between)");
             self.intend_to_end(self.failed_or_interrupted(), reason);
-        } else if self.layers_of_misbehaviour > MOST_MISBEHAVIOURS_OPEN * LAYERS_A_MISBEHAVIOUR {
+        } else if self.layers_of_misbehaviour > MAX_MISBEHAVIOURS_OPEN * LAYERS_A_MISBEHAVIOUR {
             let reason = format!(
-                "{text} (it has broken the protocol more than {MOST_MISBEHAVIOURS_OPEN} times, more often than once in \
+                "{text} (it has broken the protocol more than {MAX_MISBEHAVIOURS_OPEN} times, more often than once in \
                  {LAYERS_A_MISBEHAVIOUR} layers)"
             );
             self.intend_to_end(self.failed_or_interrupted(), reason);
@@ -142,9 +142,9 @@ impl Engine {
     pub(super) fn lose(&mut self, now_us: u64) {
         self.pace.break_off();
         self.losses_in_a_row += 1;
-        if self.losses_in_a_row > MOST_LOSSES {
+        if self.losses_in_a_row > MAX_LOSSES {
             let text = format!(
-                "the line was lost {MOST_LOSSES} times without one layer printed in between ({}): check cable and device, \
+                "the line was lost {MAX_LOSSES} times without one layer printed in between ({}): check cable and device, \
                  then resume",
                 self.loss
             );
@@ -210,7 +210,7 @@ impl Engine {
         self.deadline = Some(Deadline::at(now_us + ASK_EVERY_US));
     }
 
-    /// Decides from the device's state how to go on. Nothing is under way on our side.
+    /// Decides from the device's state how to go on. The host has nothing under way.
     pub(super) fn take_stock(&mut self, now_us: u64) {
         let state = self.device.clone();
         if let Some(commanded) = self.unconfirmed.filter(|commanded| commanded.boot_id == state.boot_id) {
@@ -227,15 +227,24 @@ impl Engine {
         if let Some(fault) = state.fault {
             return self.on_fault_at_rest(&fault, now_us);
         }
-        if let Some(busy_until_us) = busy_until_us {
-            // Polled without a request in between: the timer asks.
-            let until_us = match self.phase {
-                Phase::Asking { until_us } => until_us,
-                _ => now_us + ASK_LIMIT_US,
-            };
-            let next_us = until_us.min(busy_until_us).min(now_us + ASK_EVERY_US);
-            return self.wait_until(Phase::Asking { until_us }, next_us);
+        match busy_until_us {
+            Some(busy_until_us) => self.poll(busy_until_us, now_us),
+            None => self.take_stock_at_rest(now_us),
         }
+    }
+
+    /// Waits for a device that still moves or exposes: the timer asks for its state again.
+    fn poll(&mut self, busy_until_us: u64, now_us: u64) {
+        let until_us = match self.phase {
+            Phase::Asking { until_us } => until_us,
+            _ => now_us + ASK_LIMIT_US,
+        };
+        let next_us = until_us.min(busy_until_us).min(now_us + ASK_EVERY_US);
+        self.wait_until(Phase::Asking { until_us }, next_us);
+    }
+
+    /// The device is dark and stands still: compares what it exposed with the journal.
+    fn take_stock_at_rest(&mut self, now_us: u64) {
         if self.aborting {
             return self.advance(now_us);
         }
@@ -249,29 +258,13 @@ impl Engine {
         }
         let shone = self.light.has_shone(self.exposure_id());
         self.light.ended();
-        // It was said of this layer, as it is now, and of no later one.
+        // The operator's choice is for this layer as it is now, not for a later one.
         let choice = std::mem::take(&mut self.choice);
         if self.unconfirmed.is_some() || self.in_doubt.is_some() {
-            let fate = fate(self.exposure_id(), self.unconfirmed, shone, &self.device);
-            match fate {
-                // It forgot what it exposed before, and with it perhaps this one.
-                Fate::NotExposed if self.went_back.is_some() => {
-                    return self.doubt("the device denies that it exposed it", now_us);
-                }
-                Fate::Exposed => {
-                    self.tell_exposed_whole(choice);
-                    let too_soon = self.unconfirmed.and_then(|_| self.exposed_too_soon(now_us));
-                    return match too_soon {
-                        Some(text) => self.doubt(&text, now_us),
-                        None => self.confirm(None, now_us),
-                    };
-                }
-                Fate::NotExposed => self.deny(),
-                Fate::Unknown(why) => return self.settle_doubt(choice, &why, now_us),
-            }
-        } else if let Some(id) =
-            self.device.last_exposed.filter(|id| id.job == self.plan.key && id.layer >= self.next_layer)
-        {
+            return self.settle_commanded(choice, shone, now_us);
+        }
+        let last = self.device.last_exposed.filter(|id| id.job == self.plan.key && id.layer >= self.next_layer);
+        if let Some(id) = last {
             let text = format!(
                 "the device says it exposed layer {} of this job, but by the journal layer {} is next: the journal is not complete, \
                  the job cannot go on",
@@ -280,6 +273,28 @@ impl Engine {
             return self.wind_down_at_rest(JobState::Failed, text, now_us);
         }
         self.advance(now_us);
+    }
+
+    /// Settles what became of the next layer, which was commanded.
+    fn settle_commanded(&mut self, choice: ResumeChoice, shone: bool, now_us: u64) {
+        match fate(self.exposure_id(), self.unconfirmed, shone, &self.device) {
+            // The device forgot earlier exposures, so it may have forgotten this one as well.
+            Fate::NotExposed if self.went_back.is_some() => {
+                self.doubt("the device denies that it exposed it", now_us);
+            }
+            Fate::NotExposed => {
+                self.deny();
+                self.advance(now_us);
+            }
+            Fate::Exposed => {
+                self.tell_exposed_whole(choice);
+                match self.unconfirmed.and_then(|_| self.exposed_too_soon(now_us)) {
+                    Some(text) => self.doubt(&text, now_us),
+                    None => self.confirm(None, now_us),
+                }
+            }
+            Fate::Unknown(why) => self.settle_doubt(choice, &why, now_us),
+        }
     }
 
     /// The device names a layer as exposed that was in doubt: its word counts, for it would refuse the layer.
@@ -326,7 +341,7 @@ impl Engine {
             Intent::End(JobState::Completed, _) | Intent::Print | Intent::Pause => {
                 self.intent = Intent::End(state, reason);
             }
-            Intent::End(_, known) if known.contains(&reason) || known.len() > LONGEST_REASON_BYTES => {}
+            Intent::End(_, known) if known.contains(&reason) || known.len() > MAX_REASON_BYTES => {}
             Intent::End(_, known) if known.is_empty() => *known = reason,
             Intent::End(_, known) => *known = format!("{known}; {reason}"),
         }

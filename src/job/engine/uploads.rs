@@ -4,7 +4,7 @@ use crate::link::message::{DeviceState, Refusal};
 
 /// How often in a row a layer is sent again when the device does not take it. The line repairs its own errors, so a second
 /// refusal already means a device that cannot decode it.
-const MOST_REFUSALS: u8 = 3;
+const MAX_REFUSALS: u8 = 3;
 
 /// The device's slots as far as this job is concerned.
 #[derive(Debug, Default)]
@@ -70,10 +70,10 @@ impl Uploads {
         }
         self.cancel();
         self.refusals += 1;
-        if self.refusals < MOST_REFUSALS {
+        if self.refusals < MAX_REFUSALS {
             return Ok(());
         }
-        Err(format!("the device refused layer {layer} {MOST_REFUSALS} times: {}", remedy(refusal)))
+        Err(format!("the device refused layer {layer} {MAX_REFUSALS} times: {}", remedy(refusal)))
     }
 
     /// The next upload, now that the layers from `next_layer` on are to be exposed; `None` while one is under way, all slots

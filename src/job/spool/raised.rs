@@ -9,7 +9,7 @@ use crate::output::Output;
 
 const RAISED: &str = "raised";
 /// A height in micrometres as text takes less.
-const LARGEST_BYTES: usize = 16;
+const MAX_TEXT_BYTES: usize = 16;
 
 impl Spool {
     /// From where a plate was raised of which nobody has said since that it is bare, micrometres above the bottom of the vat.
@@ -23,7 +23,7 @@ impl Spool {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
             Err(error) => return Err(super::io("read", &path)(error)),
         };
-        let short = text.get(..LARGEST_BYTES.min(text.len())).unwrap_or_default();
+        let short = text.get(..MAX_TEXT_BYTES.min(text.len())).unwrap_or_default();
         let height = str::from_utf8(short).ok().and_then(|text| text.trim().parse().ok());
         height.map(Some).ok_or_else(|| {
             let error = io::Error::new(io::ErrorKind::InvalidData, "it does not hold a height in micrometres");

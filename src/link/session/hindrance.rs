@@ -1,7 +1,7 @@
 //! What keeps data from getting through while the session stands, told apart by what the acknowledgements say.
 
 /// Shorter waits are ordinary: one retransmission takes up to 500 ms.
-const LEAST_WAIT_US: u64 = 1_000_000;
+const MIN_WAIT_US: u64 = 1_000_000;
 /// Throughput is measured over this time, with data waiting all the while.
 const SPAN_US: u64 = 2_000_000;
 /// Less than this part of the line's rate is slow. A small window and a slow adapter cost half of the rate, not three quarters.
@@ -89,7 +89,7 @@ impl Watch {
     /// What hinders data now; `free_bytes` is the room the device states where the next frame does not fit into it.
     pub(super) fn hindrance(&self, free_bytes: Option<usize>, now_us: u64) -> Option<Hindrance> {
         let waited_us = now_us.saturating_sub(self.stuck_since_us?);
-        if waited_us >= LEAST_WAIT_US {
+        if waited_us >= MIN_WAIT_US {
             let waited_ms = waited_us / 1000;
             return Some(match free_bytes {
                 Some(free_bytes) => Hindrance::NoCredit { waited_ms, free_bytes: free_bytes as u64 },

@@ -1,10 +1,14 @@
 //! The host's end of a session.
 
+mod event;
+
 use std::collections::VecDeque;
 
-use crate::link::message::{Capabilities, DeviceMessage, DeviceState, HostMessage, Reply, Urgent};
+pub use event::{HelloRefusal, HostEvent, LostReason};
+
+use crate::link::message::{DeviceMessage, DeviceState, HostMessage, Reply, Urgent};
 use crate::link::wire::{
-    Ack, Decoded, Frame, FrameKind, Hello, HelloRefused, MIN_FRAME_BYTES, PROTOCOL_VERSION, SLOT_LIMIT, UrgentDone,
+    Ack, Decoded, Frame, FrameKind, Hello, HelloRefused, MAX_SLOTS, MIN_FRAME_BYTES, PROTOCOL_VERSION, UrgentDone,
     Welcome, WireError, decode_device_message, encode_host_message, encode_urgent,
 };
 
@@ -12,10 +16,10 @@ use super::endpoint::{Endpoint, Terms};
 use super::hindrance::Hindrance;
 use super::line::Line;
 use super::outgoing::FalseAck;
-use super::{DEAD_MAN_US, HELLO_REPEAT_US, SendError, Statistics, URGENT_LIMIT, URGENT_REPEAT_US, line_bytes};
+use super::{DEAD_MAN_US, HELLO_REPEAT_US, MAX_URGENTS, SendError, Statistics, URGENT_REPEAT_US, line_bytes};
 
 /// Largest frame the host takes; the largest the protocol needs is 640 bytes.
-const LARGEST_FRAME_BYTES: u16 = 1024;
+const MAX_FRAME_BYTES: u16 = 1024;
 /// Replies and reports the host takes unread: a dozen states.
 const WINDOW_BYTES: u32 = 8192;
 /// An urgent frame waits for the frame before it: this much line time at most.
@@ -30,108 +34,6 @@ pub struct HostSettings {
     pub escaped: bool,
 }
 
-/// What happened.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum HostEvent {
-    /// The device accepted the session.
-    Connected {
-        /// Of this session.
-        session_id: u32,
-        /// What it is.
-        capabilities: Capabilities,
-        /// What it was doing when it answered. As in every state from here, `slots` has an entry for each slot.
-        state: DeviceState,
-        /// The longest piece of layer data that fits a frame.
-        largest_layer_data_bytes: usize,
-    },
-    /// A message, in order, once.
-    Message(DeviceMessage),
-    /// The device carried out an urgent frame.
-    UrgentDone {
-        /// Its number.
-        number: u32,
-        /// Whether there is light now.
-        light_on: bool,
-    },
-    /// The session has ended; the last event but for messages.
-    Lost(LostReason),
-    /// The device does not accept this host, or cannot be used; the session has ended.
-    Refused(HelloRefusal),
-}
-
-/// Why a session ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum LostReason {
-    /// No answer to the hello within 2 s.
-    #[error("{}", no_answer(*.garbage_frames))]
-    NoAnswer {
-        /// Frames that were damaged or no frames at all.
-        garbage_frames: u64,
-    },
-    /// Nothing heard for 2 s.
-    #[error("the device has been silent for 2 s")]
-    Silent,
-    /// The device does not know the session: it was reset, or had not heard the host for 2 s.
-    #[error("the device no longer knows the session; it was reset or had lost the line")]
-    DeviceForgot,
-    /// A message came whole but makes no sense.
-    #[error("the device sent a message that makes no sense: {0}")]
-    BadMessage(WireError),
-    /// An acknowledgement of data that was never sent.
-    #[error(
-        "the device acknowledged data frames up to {acknowledged}, but only those below {sent} were sent: its firmware does \
-         not follow the protocol"
-    )]
-    FalseAck {
-        /// The number that the device expects next, by its own word.
-        acknowledged: u32,
-        /// The first number that was not sent.
-        sent: u32,
-    },
-}
-
-/// Without the count, which is another each time: one cause is told once.
-fn no_answer(garbage_frames: u64) -> &'static str {
-    if garbage_frames == 0 {
-        "the device does not answer; is it switched on, and is this its port?"
-    } else {
-        "the device does not answer, and what comes is garbage; is `baud` its line rate, and is this its port?"
-    }
-}
-
-fn versions(lowest: u16, highest: u16) -> String {
-    if lowest == highest { format!("version {lowest}") } else { format!("versions {lowest} to {highest}") }
-}
-
-/// Why host and device do not fit.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum HelloRefusal {
-    /// No common version.
-    #[error("the device speaks {} of the protocol, this host speaks {PROTOCOL_VERSION}", versions(*.lowest, *.highest))]
-    Version {
-        /// Lowest version the device speaks.
-        lowest: u16,
-        /// Highest version the device speaks.
-        highest: u16,
-    },
-    /// The device asks for larger limits than this host's.
-    #[error("the device finds the host's window or frames too small")]
-    Limits,
-    /// The welcome makes no sense.
-    #[error("the device's welcome makes no sense: {0}")]
-    BadWelcome(WireError),
-    /// The device's own limits are below what the protocol asks for.
-    #[error(
-        "the device states a window of {window_bytes} bytes and frames of {largest_frame_bytes}; both must be at least {MIN_FRAME_BYTES}"
-    )]
-    BadLimits {
-        /// Window it stated.
-        window_bytes: u32,
-        /// Largest frame it stated.
-        largest_frame_bytes: u16,
-    },
-}
-
 /// One session as the host sees it, from hello to loss. A lost session's [`Self::successor`] starts the next.
 #[derive(Debug)]
 pub struct HostSession {
@@ -142,7 +44,7 @@ pub struct HostSession {
     /// Of the open session's device.
     layer_slots: u8,
     events: VecDeque<HostEvent>,
-    /// Not yet answered, oldest first; at most [`URGENT_LIMIT`].
+    /// Not yet answered, oldest first; at most [`MAX_URGENTS`].
     urgents: VecDeque<PendingUrgent>,
     last_urgent: u32,
     first_sequence: u32,
@@ -183,7 +85,7 @@ impl HostSession {
         Self {
             session_id,
             settings,
-            line: Line::new(LARGEST_FRAME_BYTES.into(), settings.escaped, statistics),
+            line: Line::new(MAX_FRAME_BYTES.into(), settings.escaped, statistics),
             phase: Phase::Greeting { hello_at_us: now_us, give_up_at_us: now_us + DEAD_MAN_US, garbage_before },
             layer_slots: 0,
             events: VecDeque::new(),
@@ -287,7 +189,7 @@ impl HostSession {
             first_sequence: self.first_sequence,
         };
         self.phase = Phase::Open(Box::new(Endpoint::new(&terms, self.now_us)));
-        self.layer_slots = capabilities.layer_slots.min(SLOT_LIMIT);
+        self.layer_slots = capabilities.layer_slots.min(MAX_SLOTS);
         name_every_slot(&mut state, self.layer_slots);
         let (session_id, largest_layer_data_bytes) = (self.session_id, self.largest_layer_data_bytes());
         self.events.push_back(HostEvent::Connected { session_id, capabilities, state, largest_layer_data_bytes });
@@ -326,7 +228,7 @@ impl HostSession {
                 let hello = Hello {
                     version: PROTOCOL_VERSION,
                     window_bytes: WINDOW_BYTES,
-                    largest_frame_bytes: LARGEST_FRAME_BYTES,
+                    largest_frame_bytes: MAX_FRAME_BYTES,
                 };
                 Some(self.line.frame(FrameKind::Hello, self.session_id, 0, &hello.encode()))
             }
@@ -435,10 +337,10 @@ impl HostSession {
     }
 
     /// Sends something that overtakes all data, now or once connected, and again until it is answered by
-    /// [`HostEvent::UrgentDone`] with the number returned. Of more than [`URGENT_LIMIT`] unanswered the oldest is given up.
+    /// [`HostEvent::UrgentDone`] with the number returned. Of more than [`MAX_URGENTS`] unanswered the oldest is given up.
     pub fn send_urgent(&mut self, urgent: Urgent, now_us: u64) -> u32 {
         self.now_us = now_us;
-        if self.urgents.len() >= URGENT_LIMIT {
+        if self.urgents.len() >= MAX_URGENTS {
             self.urgents.pop_front();
         }
         self.last_urgent = self.last_urgent.wrapping_add(1);

@@ -41,7 +41,7 @@ pub const ACK_DELAY_US: u64 = 5_000;
 
 /// Most urgent frames without answer. They are answered within 100 ms, so more means that nothing is answered; the oldest
 /// is given up then, and never the newest.
-pub const URGENT_LIMIT: usize = 16;
+pub const MAX_URGENTS: usize = 16;
 
 /// A message that was not queued.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]

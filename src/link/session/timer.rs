@@ -3,10 +3,10 @@
 /// Granularity of the clock the owner has (RFC 6298's G).
 const GRANULARITY_US: u64 = 1_000;
 /// Room for scheduling on a busy host, above the time the line itself needs.
-const LEAST_US: u64 = 25_000;
+const MIN_US: u64 = 25_000;
 /// A quarter of the dead-man time: a sender tries several times before the line is given up. Still above the floor, which is
 /// at most 275 ms (see the endpoint's bound of the window).
-const MOST_US: u64 = 500_000;
+const MAX_US: u64 = 500_000;
 
 /// Smoothed round trip and time-out.
 #[derive(Debug)]
@@ -20,9 +20,9 @@ pub(super) struct RetransmitTimer {
 impl RetransmitTimer {
     /// `window_time_us`: how long the line needs for a full window; a time-out below it would be false.
     pub(super) fn new(window_time_us: u64) -> Self {
-        let floor_us = (LEAST_US + window_time_us).min(MOST_US);
+        let floor_us = (MIN_US + window_time_us).min(MAX_US);
         // No sample yet: RFC 6298 takes one second for the internet; twice the floor is ample for a cable.
-        Self { smoothed_us: None, variation_us: 0, floor_us, timeout_us: (2 * floor_us).min(MOST_US) }
+        Self { smoothed_us: None, variation_us: 0, floor_us, timeout_us: (2 * floor_us).min(MAX_US) }
     }
 
     pub(super) fn timeout_us(&self) -> u64 {
@@ -54,11 +54,11 @@ impl RetransmitTimer {
             Some(smoothed) => smoothed + (4 * self.variation_us).max(GRANULARITY_US),
             None => 2 * self.floor_us,
         };
-        self.timeout_us = estimate.clamp(self.floor_us, MOST_US);
+        self.timeout_us = estimate.clamp(self.floor_us, MAX_US);
     }
 
     /// Ran out: doubles.
     pub(super) fn back_off(&mut self) {
-        self.timeout_us = (2 * self.timeout_us).min(MOST_US);
+        self.timeout_us = (2 * self.timeout_us).min(MAX_US);
     }
 }

@@ -16,13 +16,13 @@ const REPLY: u8 = 0x81;
 const REPORT: u8 = 0x82;
 
 /// Longest device name, bytes.
-const NAME_LIMIT: u8 = 64;
+const MAX_NAME_BYTES: u8 = 64;
 /// Longest text of a fault, bytes.
-const FAULT_TEXT_LIMIT: u8 = 120;
+const MAX_FAULT_BYTES: u8 = 120;
 /// Most layer slots a device may have; bounds a state, which must fit a frame.
-pub const SLOT_LIMIT: u8 = 16;
+pub const MAX_SLOTS: u8 = 16;
 /// Most encodings a device may list.
-const ENCODING_LIMIT: u8 = 16;
+const MAX_ENCODINGS: u8 = 16;
 
 /// The payload of a data frame to the device.
 pub fn encode_host_message(message: &HostMessage) -> Vec<u8> {
@@ -172,7 +172,7 @@ fn read_reply(reader: &mut Reader<'_>) -> Result<Reply, WireError> {
 pub(super) fn write_capabilities(writer: &mut Writer, capabilities: &Capabilities) {
     writer
         .u8(capabilities.kind as u8)
-        .text(&capabilities.name, NAME_LIMIT)
+        .text(&capabilities.name, MAX_NAME_BYTES)
         .u32(capabilities.width_px)
         .u32(capabilities.height_px)
         .u32(capabilities.pixel_nm[0])
@@ -180,7 +180,7 @@ pub(super) fn write_capabilities(writer: &mut Writer, capabilities: &Capabilitie
         .u8(capabilities.layer_slots)
         .u32(capabilities.window_bytes)
         .u16(capabilities.largest_frame_bytes)
-        .list(&capabilities.encodings, ENCODING_LIMIT, |writer, encoding| {
+        .list(&capabilities.encodings, MAX_ENCODINGS, |writer, encoding| {
             writer.u8(*encoding as u8);
         })
         .u32(capabilities.max_exposure_ms)
@@ -194,7 +194,7 @@ pub(super) fn read_capabilities(reader: &mut Reader<'_>) -> Result<Capabilities,
             2 => DeviceKind::Slm,
             other => return Err(WireError::BadValue { field: "kind", value: other.into() }),
         },
-        name: reader.text("name", NAME_LIMIT.into())?,
+        name: reader.text("name", MAX_NAME_BYTES.into())?,
         width_px: reader.u32("width_px")?,
         height_px: reader.u32("height_px")?,
         pixel_nm: [reader.u32("pixel_nm")?, reader.u32("pixel_nm")?],
@@ -203,7 +203,7 @@ pub(super) fn read_capabilities(reader: &mut Reader<'_>) -> Result<Capabilities,
         largest_frame_bytes: reader.u16("largest_frame_bytes")?,
         // A device may list encodings of its own; the host uses those it knows.
         encodings: reader
-            .list("encodings", ENCODING_LIMIT.into(), |reader| reader.u8("encoding"))?
+            .list("encodings", MAX_ENCODINGS.into(), |reader| reader.u8("encoding"))?
             .into_iter()
             .filter_map(encoding_from_code)
             .collect(),
@@ -226,7 +226,7 @@ pub(super) fn write_state(writer: &mut Writer, state: &DeviceState) {
             writer.i32(*position_um);
         })
         .bool(state.moving)
-        .list(&state.slots, SLOT_LIMIT, |writer, slot| {
+        .list(&state.slots, MAX_SLOTS, |writer, slot| {
             writer.option(slot.as_ref(), write_id);
         })
         .option(state.fault.as_ref(), write_fault);
@@ -241,7 +241,7 @@ pub(super) fn read_state(reader: &mut Reader<'_>) -> Result<DeviceState, WireErr
         light_on: reader.bool("light_on")?,
         position_um: reader.option("position_um", |reader| reader.i32("position_um"))?,
         moving: reader.bool("moving")?,
-        slots: reader.list("slots", SLOT_LIMIT.into(), |reader| reader.option("slot", read_id))?,
+        slots: reader.list("slots", MAX_SLOTS.into(), |reader| reader.option("slot", read_id))?,
         fault: reader.option("fault", read_fault)?,
     })
 }
@@ -255,11 +255,11 @@ fn read_id(reader: &mut Reader<'_>) -> Result<ExposureId, WireError> {
 }
 
 fn write_fault(writer: &mut Writer, fault: &Fault) {
-    writer.u16(fault.code).text(&fault.text, FAULT_TEXT_LIMIT);
+    writer.u16(fault.code).text(&fault.text, MAX_FAULT_BYTES);
 }
 
 fn read_fault(reader: &mut Reader<'_>) -> Result<Fault, WireError> {
-    Ok(Fault { code: reader.u16("code")?, text: reader.text("text", FAULT_TEXT_LIMIT.into())? })
+    Ok(Fault { code: reader.u16("code")?, text: reader.text("text", MAX_FAULT_BYTES.into())? })
 }
 
 fn read_encoding(reader: &mut Reader<'_>) -> Result<Encoding, WireError> {

@@ -15,7 +15,7 @@ mod handshake;
 pub mod message;
 
 pub use bytes::WireError;
-pub use codec::{SLOT_LIMIT, decode_device_message, decode_host_message, encode_device_message, encode_host_message};
+pub use codec::{MAX_SLOTS, decode_device_message, decode_host_message, encode_device_message, encode_host_message};
 pub use escape::{Unescaper, escape};
 pub use frame::{Decoded, Frame, FrameDecoder, FrameError, FrameKind, encode_frame, payload_limit};
 pub use handshake::{Ack, Hello, HelloRefused, UrgentDone, Welcome, decode_urgent, encode_urgent};
