@@ -10,11 +10,11 @@ use std::time::{Duration, Instant};
 
 use divan::Bencher;
 use divan::counter::BytesCount;
-use layerd::config::{FlowControl, LinkConfig};
 use layerd::link::driver::{LinkEvent, LinkHandle, link};
 use layerd::link::message::{Capabilities, DeviceKind, DeviceMessage, DeviceState, HostMessage, Reply, Request};
 use layerd::link::session::{DeviceEvent, DeviceSession, DeviceSettings, HostEvent};
 use layerd::link::wire::{FrameDecoder, FrameKind, encode_frame};
+use layerd::link::{FlowControl, LinkSettings};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use tokio::sync::mpsc::Receiver;
 
@@ -51,7 +51,7 @@ fn busy_line(bencher: Bencher<'_, '_>) {
     let stop = AtomicBool::new(false);
     std::thread::scope(|scope| {
         scope.spawn(|| device(&master, &stop));
-        let (handle, mut events, driver) = link(LinkConfig { path, baud: BAUD, flow_control: FlowControl::None });
+        let (handle, mut events, driver) = link(LinkSettings { path, baud: BAUD, flow_control: FlowControl::None });
         runtime.spawn(driver.run());
         let session_id = runtime.block_on(connected(&mut events));
         let mut number = 0;

@@ -5,13 +5,13 @@ use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use layerd::config::{FlowControl, LinkConfig};
 use layerd::link::driver::{LinkEvent, link};
 use layerd::link::message::{
     Capabilities, DeviceKind, DeviceMessage, DeviceState, HostMessage, Reply, Request, Urgent,
 };
 use layerd::link::session::{DeviceEvent, DeviceSession, DeviceSettings, HostEvent};
 use layerd::link::transport::{OpenError, SerialLine};
+use layerd::link::{FlowControl, LinkSettings};
 use rustix::fs::inotify;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{ControlModes, InputModes, LocalModes, OptionalActions, tcgetattr, tcsetattr};
@@ -27,8 +27,8 @@ fn terminal() -> (OwnedFd, PathBuf) {
     (master, PathBuf::from(name.to_str().expect("ASCII")))
 }
 
-fn config(path: &Path) -> LinkConfig {
-    LinkConfig { path: path.into(), baud: 3_000_000, flow_control: FlowControl::None }
+fn config(path: &Path) -> LinkSettings {
+    LinkSettings { path: path.into(), baud: 3_000_000, flow_control: FlowControl::None }
 }
 
 /// Answers every request with `Done` and every urgent frame, until the time is over or `requests` were answered.
@@ -236,7 +236,7 @@ async fn a_port_is_opened_once_and_set_up_so_that_closing_it_drops_no_line() {
         (FlowControl::XonXoff, ControlModes::empty(), InputModes::IXON | InputModes::IXOFF),
     ] {
         // A rate that has no constant of its own.
-        let _line = SerialLine::open(&LinkConfig { flow_control, baud: 250_000, ..config(&name) }).expect("opens");
+        let _line = SerialLine::open(&LinkSettings { flow_control, baud: 250_000, ..config(&name) }).expect("opens");
         let modes = tcgetattr(&master).expect("modes");
         assert_eq!((modes.input_speed(), modes.output_speed()), (250_000, 250_000));
         assert!(modes.control_modes.contains(control) && modes.input_modes.contains(input), "{flow_control:?}");

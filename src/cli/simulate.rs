@@ -6,8 +6,9 @@ use std::path::PathBuf;
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 
-use crate::config::{FlowControl, Machine};
+use crate::config::Machine;
 use crate::device::sim::{FAULT_HELP, FaultSpec, SimulateOptions, Statistics, run as simulate};
+use crate::link::FlowControl;
 use crate::link::message::{Capabilities, DeviceKind, Encoding};
 use crate::signals::Signals;
 use crate::text::{count_text, size_text};

@@ -1,11 +1,12 @@
 //! One machine: its line, its picture, its travel.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
 use super::{ConfigError, OutOfRange, parse, read_text, within};
 use crate::layer::{Mirror, Raster};
+use crate::link::LinkSettings;
 
 /// A DLP machine, `config/machines/*.toml`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -38,7 +39,7 @@ pub struct Machine {
     #[serde(default)]
     pub mirror: Mirror,
     /// The line.
-    pub link: LinkConfig,
+    pub link: LinkSettings,
 }
 
 fn yes() -> bool {
@@ -55,32 +56,6 @@ fn real_time() -> f64 {
 pub enum MachineKind {
     /// Resin, a projector or masked panel.
     Dlp,
-}
-
-/// The serial line to the device.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct LinkConfig {
-    /// Device file, e.g. `/dev/serial/by-id/…`, or the pseudo-terminal of a simulated device.
-    pub path: PathBuf,
-    /// Line rate, 8N1.
-    pub baud: u32,
-    /// Flow control below the credit of the protocol.
-    #[serde(default)]
-    pub flow_control: FlowControl,
-}
-
-/// Flow control of the serial port itself.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum FlowControl {
-    /// None: credit alone.
-    #[default]
-    None,
-    /// RTS/CTS.
-    RtsCts,
-    /// XON/XOFF; the frame codec then escapes both bytes.
-    XonXoff,
 }
 
 impl Machine {

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 
 pub use daemon::{DEFAULT_SOCKET, DEFAULT_SPOOL, DaemonConfig, MAX_THREADS, MIN_BUDGET_BYTES, byte_size};
 pub use lookup::{ConfigText, FindError, Folder, NotFound, find};
-pub use machine::{FlowControl, LinkConfig, Machine};
+pub use machine::Machine;
 pub use recipe::Recipe;
 
 /// A configuration file that cannot be used.

@@ -3,7 +3,7 @@
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 
-use crate::config::LinkConfig;
+use crate::link::LinkSettings;
 use crate::link::driver::{LinkEvent, LinkHandle, link};
 use crate::link::message::{HostMessage, Urgent};
 use crate::link::session::{Hindrance, HostEvent, Statistics};
@@ -20,7 +20,7 @@ pub(super) struct Line {
 
 impl Line {
     /// Starts the task that opens the port and keeps a session with the device, for ever.
-    pub(super) fn start(config: LinkConfig) -> Self {
+    pub(super) fn start(config: LinkSettings) -> Self {
         let (handle, events, driver) = link(config);
         Self { handle, events, task: tokio::spawn(driver.run()), session_id: None, piece_bytes: 0, urgents: 0 }
     }

@@ -9,7 +9,7 @@ use std::time::Duration;
 use tokio::sync::{Notify, mpsc};
 use tokio::time::{Instant, sleep_until};
 
-use crate::config::{FlowControl, LinkConfig};
+use super::settings::{FlowControl, LinkSettings};
 use crate::random;
 
 use super::message::{HostMessage, Urgent};
@@ -119,7 +119,7 @@ impl LinkHandle {
 /// The task's own end of the channels.
 #[derive(Debug)]
 pub struct LinkDriver {
-    config: LinkConfig,
+    settings: LinkSettings,
     start: Instant,
     session: HostSession,
     messages: mpsc::Receiver<(u32, HostMessage)>,
@@ -133,18 +133,18 @@ pub struct LinkDriver {
 }
 
 /// Makes a line: the handle, its events, and the driver whose [`LinkDriver::run`] moves the bytes.
-pub fn link(config: LinkConfig) -> (LinkHandle, mpsc::Receiver<LinkEvent>, LinkDriver) {
+pub fn link(settings: LinkSettings) -> (LinkHandle, mpsc::Receiver<LinkEvent>, LinkDriver) {
     let (message_sender, messages) = mpsc::channel(1);
     let (urgent_sender, urgents) = mpsc::channel(URGENT_QUEUE);
     let (events, event_receiver) = mpsc::channel(EVENT_QUEUE);
     let shared = Arc::new(Shared::default());
     let handle = LinkHandle { messages: message_sender, urgents: urgent_sender, shared: Arc::clone(&shared) };
-    let settings = HostSettings { baud: config.baud, escaped: config.flow_control == FlowControl::XonXoff };
+    let host_settings = HostSettings { baud: settings.baud, escaped: settings.flow_control == FlowControl::XonXoff };
     let driver = LinkDriver {
-        pacing: Pacing::new(config.baud),
-        config,
+        pacing: Pacing::new(settings.baud),
+        settings,
         start: Instant::now(),
-        session: HostSession::new(random_id(), settings, 0),
+        session: HostSession::new(random_id(), host_settings, 0),
         messages,
         urgents,
         events,
@@ -184,7 +184,7 @@ impl LinkDriver {
     pub async fn run(mut self) {
         let mut last_reason = String::new();
         loop {
-            let line = match SerialLine::open(&self.config) {
+            let line = match SerialLine::open(&self.settings) {
                 Ok(line) => line,
                 Err(error) => {
                     let reason = error.to_string();
@@ -201,7 +201,7 @@ impl LinkDriver {
             last_reason.clear();
             self.pacing.reset();
             self.renew();
-            let port = port_at(&self.config.path);
+            let port = port_at(&self.settings.path);
             match self.run_line(line, port).await {
                 Left::Elsewhere => {}
                 Left::Owner | Left::Session | Left::Renewed => return,
@@ -224,7 +224,7 @@ impl LinkDriver {
                     if self.rest_after_failure().await {
                         return Left::Owner;
                     }
-                    if port_at(&self.config.path).is_some_and(|now| port != Some(now)) {
+                    if port_at(&self.settings.path).is_some_and(|now| port != Some(now)) {
                         return Left::Elsewhere;
                     }
                     self.renew();

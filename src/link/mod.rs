@@ -12,8 +12,10 @@
 pub mod driver;
 mod pacing;
 pub mod session;
+mod settings;
 mod spacing;
 pub mod transport;
 pub mod wire;
 
+pub use settings::{FlowControl, LinkSettings};
 pub use wire::message;

@@ -14,7 +14,7 @@ use serialport::{ErrorKind, SerialPort};
 use tokio::io::{AsyncReadExt, AsyncWriteExt, ReadHalf, WriteHalf};
 use tokio_serial::{SerialPortBuilderExt, SerialStream};
 
-use crate::config::{FlowControl, LinkConfig};
+use super::settings::{FlowControl, LinkSettings};
 use crate::text::shell_word;
 
 /// Further from the rate asked for, a receiver samples the last bit of a byte wrongly.
@@ -99,7 +99,7 @@ impl SerialLine {
     ///
     /// # Errors
     /// [`OpenError`] names the port and what to do.
-    pub fn open(config: &LinkConfig) -> Result<Self, OpenError> {
+    pub fn open(config: &LinkSettings) -> Result<Self, OpenError> {
         let path = &config.path;
         let major = major_of_device(path)?;
         let name = path.to_str().ok_or_else(|| other(path, "the path is not UTF-8"))?;
@@ -167,7 +167,7 @@ fn clear_modes(stream: &SerialStream) -> Result<(), Errno> {
 }
 
 /// Compares what the port has with what the machine's file asks for.
-fn check_taken(config: &LinkConfig, baud: u32, flow_control: serialport::FlowControl) -> Result<(), OpenError> {
+fn check_taken(config: &LinkSettings, baud: u32, flow_control: serialport::FlowControl) -> Result<(), OpenError> {
     let (path, wanted) = (&config.path, config.baud);
     if u64::from(baud.abs_diff(wanted)) * 100 > u64::from(wanted) * RATE_TOLERANCE_PERCENT {
         return Err(unsuited(path, "baud", wanted.to_string(), format!(", but has {baud}")));
@@ -179,7 +179,7 @@ fn check_taken(config: &LinkConfig, baud: u32, flow_control: serialport::FlowCon
 }
 
 /// What an error of the serial library means.
-fn port_error(config: &LinkConfig, major: u32, error: &serialport::Error) -> OpenError {
+fn port_error(config: &LinkSettings, major: u32, error: &serialport::Error) -> OpenError {
     let path = &config.path;
     match error.kind() {
         // Its word for EBUSY and for a lock that another program holds.
@@ -255,7 +255,7 @@ mod tests {
     /// What is told for an error number that the library met. Few of them can be had from the system in a test that runs as
     /// root.
     fn told(errno: Errno) -> String {
-        let config = LinkConfig { path: "/dev/ttyUSB0".into(), baud: 250_000, flow_control: FlowControl::RtsCts };
+        let config = LinkSettings { path: "/dev/ttyUSB0".into(), baud: 250_000, flow_control: FlowControl::RtsCts };
         port_error(&config, 188, &serialport::Error::from(errno)).to_string()
     }
 
@@ -299,7 +299,7 @@ mod tests {
     #[test]
     fn a_port_that_takes_only_a_part_is_refused() {
         use serialport::FlowControl::{Hardware, None};
-        let config = LinkConfig { path: "/dev/ttyUSB0".into(), baud: 250_000, flow_control: FlowControl::RtsCts };
+        let config = LinkSettings { path: "/dev/ttyUSB0".into(), baud: 250_000, flow_control: FlowControl::RtsCts };
         let refused = |baud, flow_control| check_taken(&config, baud, flow_control).expect_err("refused").to_string();
         assert!(check_taken(&config, 257_500, Hardware).is_ok() && check_taken(&config, 242_500, Hardware).is_ok());
         assert!(refused(9600, Hardware).contains("does not take baud = 250000, but has 9600"));

@@ -1,0 +1,31 @@
+//! How the serial line to the device is opened: part of a machine's configuration.
+
+use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
+
+/// The serial line to the device.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LinkSettings {
+    /// Device file, e.g. `/dev/serial/by-id/…`, or the pseudo-terminal of a simulated device.
+    pub path: PathBuf,
+    /// Line rate, 8N1.
+    pub baud: u32,
+    /// Flow control below the credit of the protocol.
+    #[serde(default)]
+    pub flow_control: FlowControl,
+}
+
+/// Flow control of the serial port itself.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FlowControl {
+    /// None: credit alone.
+    #[default]
+    None,
+    /// RTS/CTS.
+    RtsCts,
+    /// XON/XOFF; the frame codec then escapes both bytes.
+    XonXoff,
+}
