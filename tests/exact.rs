@@ -6,7 +6,7 @@ mod slice_part;
 
 use layerd::buildfile::{Blend, Caps, Strut};
 use layerd::layer::{Depth, Mirror, Raster};
-use layerd::solid::Path;
+use layerd::solid::InstructionSet;
 use layerd::solid::reference::beam_field;
 use proptest::prelude::*;
 use slice_part::{HEIGHT, Part, WIDTH, beam, lit, raster, strut};
@@ -69,11 +69,11 @@ fn check(lattice: &Lattice) -> Result<(), TestCaseError> {
     let part = Part::on(raster, &lattice.struts, blend, Depth::Bit, 833.0);
     let beams: Vec<_> = lattice.struts.iter().map(beam).collect();
     let layers = part.layers(2, 0);
-    for path in Path::available() {
-        prop_assert_eq!(&part.layers_on(path, 1, 0), &layers);
+    for instructions in InstructionSet::available() {
+        prop_assert_eq!(&part.layers_with(instructions, 1, 0), &layers);
     }
     // Without fused multiply-add its bits may differ, where the processor has it.
-    let portable = part.layers_on(Path::PORTABLE, 1, 0);
+    let portable = part.layers_with(InstructionSet::PORTABLE, 1, 0);
     for (layer, (bitmap, portable)) in layers.iter().zip(&portable).enumerate() {
         for (x, y) in (0..HEIGHT).flat_map(|y| (0..WIDTH).map(move |x| (x, y))) {
             let p = part.point(x, y, layer);

@@ -6,7 +6,7 @@ mod slice_part;
 use layerd::buildfile::{Blend, Bounds, Cap, Caps, Header, Lattice, Placement, Strut};
 use layerd::layer::{Bitmap, Depth, Mirror, Raster};
 use layerd::slice::{BodySource, Footing, MemoryStruts, PlanError, SliceError, SlicePlan, Slicer};
-use layerd::solid::{Beam, Path};
+use layerd::solid::{Beam, InstructionSet};
 use layerd::stream::MemoryBudget;
 use proptest::prelude::*;
 use slice_part::{HEIGHT, PIXEL_UM, Part, WIDTH, beam, body, header, lattice, lit, raster, strut};
@@ -80,8 +80,8 @@ proptest! {
         let part = Part::new(&struts, blend, depth, Mirror::default(), 40.0);
         let whole = part.layers(1, 0);
         prop_assert_eq!(&part.layers(3, 0), &whole);
-        for path in Path::available() {
-            prop_assert_eq!(&part.layers_on(path, 1, 0), &whole);
+        for instructions in InstructionSet::available() {
+            prop_assert_eq!(&part.layers_with(instructions, 1, 0), &whole);
         }
         let start = start.min(whole.len() as u32 - 1);
         prop_assert_eq!(&part.layers(2, start)[..], &whole[start as usize..]);

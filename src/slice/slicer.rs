@@ -5,7 +5,7 @@ use super::body::{Body, BodySource, Cut};
 use super::workers::Workers;
 use super::{SliceError, SlicePlan};
 use crate::layer::Bitmap;
-use crate::solid::{Effort, Path};
+use crate::solid::{Effort, InstructionSet};
 use crate::stream::MemoryBudget;
 
 /// Computes the layers of a plan, in ascending order.
@@ -36,15 +36,15 @@ impl Slicer {
         first_layer: u32,
         budget: &MemoryBudget,
     ) -> Result<Self, SliceError> {
-        Self::on_path(Path::detect(), bodies, plan, threads, first_layer, budget)
+        Self::with_instructions(InstructionSet::detect(), bodies, plan, threads, first_layer, budget)
     }
 
-    /// The same on a given instruction set: layers are equal bit for bit on every one of [`Path::available`].
+    /// The same on a given instruction set: layers are equal bit for bit on every one of [`InstructionSet::available`].
     ///
     /// # Errors
     /// As [`Slicer::new`].
-    pub fn on_path(
-        path: Path,
+    pub fn with_instructions(
+        instructions: InstructionSet,
         bodies: Vec<BodySource>,
         plan: SlicePlan,
         threads: usize,
@@ -54,7 +54,8 @@ impl Slicer {
         if !(1..=Self::MAX_THREADS).contains(&threads) {
             return Err(SliceError::BadThreads { threads, max: Self::MAX_THREADS });
         }
-        let bodies: Result<_, _> = bodies.into_iter().map(|source| source.body(path, &plan, threads, budget)).collect();
+        let bodies: Result<_, _> =
+            bodies.into_iter().map(|source| source.body(instructions, &plan, threads, budget)).collect();
         Ok(Self { plan, next_layer: first_layer, bodies: bodies?, workers: Workers::new(threads)? })
     }
 

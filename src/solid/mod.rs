@@ -14,8 +14,8 @@
 
 mod block;
 mod convolution;
+mod instruction_set;
 mod lowest;
-mod path;
 mod pixels;
 mod probe;
 pub mod reference;
@@ -26,8 +26,8 @@ mod weight;
 
 pub use block::{Block, Record};
 pub use convolution::Convolution;
+pub use instruction_set::InstructionSet;
 pub use lowest::lowest_z;
-pub use path::Path;
 pub use probe::PlaneProbe;
 pub use strip::{Effort, Grid, Plane, Strip};
 pub use union::Union;
@@ -85,13 +85,30 @@ pub trait Shape: Send + Sync + Sized {
     fn ends(radii: [u32; 2], caps: [Cap; 2], is_ball: bool, quantum: f64) -> [u32; 2];
 
     /// Draws the records of blocks, in their order, on the rows of `strip`.
-    fn draw<'a>(path: Path, blocks: impl Iterator<Item = &'a Block>, plane: &Plane, strip: &mut Strip<Self::Cell>);
+    fn draw<'a>(
+        instructions: InstructionSet,
+        blocks: impl Iterator<Item = &'a Block>,
+        plane: &Plane,
+        strip: &mut Strip<Self::Cell>,
+    );
 
     /// Sets the bits of one row's pixels that are solid at their centres, the first pixel of a byte in its highest bit, beginning
     /// with pixel `8 × first_byte`, and leaves all others as they are; `row` counts from the band's first.
-    fn merge_bits(path: Path, strip: &Strip<Self::Cell>, row: usize, first_byte: usize, out: &mut [u8]);
+    fn merge_bits(
+        instructions: InstructionSet,
+        strip: &Strip<Self::Cell>,
+        row: usize,
+        first_byte: usize,
+        out: &mut [u8],
+    );
 
     /// Raises one row's pixels from `first_pixel` on to their covered shares, 0 to 255, where they are less; `row` counts from
     /// the band's first.
-    fn merge_coverage(path: Path, strip: &Strip<Self::Cell>, row: usize, first_pixel: usize, out: &mut [u8]);
+    fn merge_coverage(
+        instructions: InstructionSet,
+        strip: &Strip<Self::Cell>,
+        row: usize,
+        first_pixel: usize,
+        out: &mut [u8],
+    );
 }

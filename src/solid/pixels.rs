@@ -1,6 +1,6 @@
 //! From fields to pixels, a row at a time.
 
-use super::path::Work;
+use super::instruction_set::Work;
 use super::vector::{greater, lesser};
 
 /// Sets the bits of pixels whose fields reach the isovalue, the first pixel of a byte in its highest bit.

@@ -3,7 +3,7 @@
 //! Only where struts are is anything drawn: rows in bands, in which a sweep along y finds the struts, and of a band tiles, in
 //! which one along x does. Tiles have grids of their own, so that `f32` counts their columns however far they lie apart.
 
-use super::{Block, Convolution, Grid, Path, Plane, Record, Shape, Strip};
+use super::{Block, Convolution, Grid, InstructionSet, Plane, Record, Shape, Strip};
 
 /// Rows and columns of a tile: 256 KiB of fields, which a level-2 cache holds.
 const TILE_ROWS: usize = 64;
@@ -92,7 +92,7 @@ impl PlaneProbe {
 
     /// The same in one tile from a corner.
     fn is_solid_tile(&mut self, records: &[Record], tile: &[Span], [x0, y0, z]: [f64; 3]) -> bool {
-        let path = Path::detect();
+        let instructions = InstructionSet::detect();
         let grid = Grid { x0, dx: self.pitch, y0, dy: self.pitch, width: TILE_COLUMNS, samples: 1 };
         let plane = Plane { grid, z, quantum: self.quantum };
         self.strip.begin(0, TILE_ROWS);
@@ -101,14 +101,14 @@ impl PlaneProbe {
             some.iter().for_each(|span| {
                 block.push(records[span.at]);
             });
-            Convolution::draw(path, std::iter::once(&block), &plane, &mut self.strip);
+            Convolution::draw(instructions, std::iter::once(&block), &plane, &mut self.strip);
         }
         for pixels in self.strip.used_pixels(TILE_COLUMNS) {
             let bytes = pixels.start / 8..pixels.end.div_ceil(8);
             for row in 0..TILE_ROWS {
                 let bits = &mut self.bits[bytes.clone()];
                 bits.fill(0);
-                Convolution::merge_bits(path, &self.strip, row, bytes.start, bits);
+                Convolution::merge_bits(instructions, &self.strip, row, bytes.start, bits);
                 if bits.iter().any(|byte| *byte != 0) {
                     return true;
                 }

@@ -60,15 +60,22 @@ impl std::iter::Sum for Effort {
     }
 }
 
+/// Entries before and after those of [`Strip::touched`] that nobody writes: lists of several threads lie behind one another in memory,
+/// and a cache line (up to 128 bytes, fetched in pairs) that two threads write goes back and forth between them.
+const APART: usize = 256;
+
 /// Some rows of cells, `halo` more columns on each side than the grid has.
+///
+/// Aligned so that the counters of no two threads' strips share a cache line.
 #[derive(Debug)]
+#[repr(align(256))]
 pub struct Strip<Cell> {
     cells: Vec<Cell>,
     stride: usize,
     halo: usize,
     first_row: i32,
     rows: usize,
-    /// In which blocks of [`BLOCK`] columns any row may hold anything but the default.
+    /// In which blocks of [`BLOCK`] columns any row may hold anything but the default; [`APART`] more before and after.
     touched: Vec<bool>,
     /// Since the strip was made.
     effort: Effort,
@@ -79,7 +86,7 @@ impl<Cell: Copy + Default> Strip<Cell> {
     pub fn new(width: usize, rows: usize, halo: usize) -> Self {
         let stride = Self::stride(width, halo);
         let cells = vec![Cell::default(); stride * (rows + 2 * halo)];
-        let touched = vec![false; stride.div_ceil(BLOCK)];
+        let touched = vec![false; stride.div_ceil(BLOCK) + 2 * APART];
         Self { cells, stride, halo, first_row: 0, rows: 0, touched, effort: Effort::default() }
     }
 
@@ -94,7 +101,7 @@ impl<Cell: Copy + Default> Strip<Cell> {
 
     /// Clears the strip and lets it stand for rows `first_row .. first_row + rows` of the grid, halo rows besides.
     pub fn begin(&mut self, first_row: usize, rows: usize) {
-        for range in runs(&self.touched, self.stride) {
+        for range in runs(&self.touched[APART..], self.stride) {
             for row in self.cells.chunks_exact_mut(self.stride) {
                 row[range.clone()].fill(Cell::default());
             }
@@ -152,7 +159,7 @@ impl<Cell: Copy + Default> Strip<Cell> {
     /// Notes that cells of some rows were written; the range is not empty.
     #[inline(always)]
     pub(super) fn touch(&mut self, cells: Range<usize>) {
-        let (first, last) = (cells.start / BLOCK, (cells.end.min(self.stride) - 1) / BLOCK);
+        let (first, last) = (APART + cells.start / BLOCK, APART + (cells.end.min(self.stride) - 1) / BLOCK);
         (self.touched[first], self.touched[last]) = (true, true);
         if last - first > 1 {
             self.touched[first + 1..last].fill(true);
@@ -181,7 +188,7 @@ impl<Cell: Copy + Default> Strip<Cell> {
     pub fn used_pixels(&self, width: usize) -> impl Iterator<Item = Range<usize>> {
         // Cell c is pixel c − halo; a pixel's coverage hangs on cells up to the halo away.
         let before = 2 * self.halo;
-        let pixels = runs(&self.touched, self.stride);
+        let pixels = runs(&self.touched[APART..], self.stride);
         pixels.map(move |cells| cells.start.saturating_sub(before).min(width)..cells.end.min(width))
     }
 
@@ -197,10 +204,10 @@ impl<Cell: Copy + Default> Strip<Cell> {
     }
 }
 
-/// The cells of a row of `stride` cells whose blocks are touched, in as few ranges as there are.
+/// The cells of a row of `stride` cells whose blocks are touched, in as few ranges as possible.
 fn runs(touched: &[bool], stride: usize) -> impl Iterator<Item = Range<usize>> {
     let mut first = 0;
-    touched.chunk_by(|one, other| one == other).filter_map(move |run| {
+    touched[..stride.div_ceil(BLOCK)].chunk_by(|one, other| one == other).filter_map(move |run| {
         let blocks = first..first + run.len();
         first = blocks.end;
         run[0].then(|| blocks.start * BLOCK..(blocks.end * BLOCK).min(stride))

@@ -5,7 +5,7 @@
 //! centres of 8 × 8 sub-pixels by eight such rows, each exact: the sub-pixels inside any body are counted once.
 
 use super::block::Record;
-use super::{Block, Cap, Grid, Path, Plane, Shape, Strip};
+use super::{Block, Cap, Grid, InstructionSet, Plane, Shape, Strip};
 
 /// Solid inside any beam or ball.
 #[derive(Clone, Copy, Debug)]
@@ -43,7 +43,7 @@ impl Shape for Union {
         [0, 1].map(|end| radii[end] | (caps[end] as u32) << CAP_SHIFT)
     }
 
-    fn draw<'a>(_: Path, blocks: impl Iterator<Item = &'a Block>, plane: &Plane, strip: &mut Strip<u64>) {
+    fn draw<'a>(_: InstructionSet, blocks: impl Iterator<Item = &'a Block>, plane: &Plane, strip: &mut Strip<u64>) {
         let Plane { grid, z, quantum } = plane;
         for block in blocks {
             strip.count(block.len(), 0);
@@ -59,14 +59,14 @@ impl Shape for Union {
         }
     }
 
-    fn merge_bits(_: Path, strip: &Strip<u64>, row: usize, first_byte: usize, out: &mut [u8]) {
+    fn merge_bits(_: InstructionSet, strip: &Strip<u64>, row: usize, first_byte: usize, out: &mut [u8]) {
         let pixels = strip.pixels(row, first_byte * 8).as_chunks::<8>().0;
         for (byte, pixels) in out.iter_mut().zip(pixels) {
             *byte |= pixels.iter().fold(0, |bits, cell| bits << 1 | u8::from(*cell != 0));
         }
     }
 
-    fn merge_coverage(_: Path, strip: &Strip<u64>, row: usize, first_pixel: usize, out: &mut [u8]) {
+    fn merge_coverage(_: InstructionSet, strip: &Strip<u64>, row: usize, first_pixel: usize, out: &mut [u8]) {
         for (grey, cell) in out.iter_mut().zip(strip.pixels(row, first_pixel)) {
             *grey = (*grey).max(((cell.count_ones() * 255 + 32) / 64) as u8);
         }

@@ -1,4 +1,4 @@
-//! The field of struts, vectors of pixels at a time. See [`super::path`] for what may be used here.
+//! The field of struts, vectors of pixels at a time. See [`super::instruction_set`] for what may be used here.
 
 /// Pixels evaluated at once. Rows of a strut are often some 15 pixels wide: longer vectors would mostly overshoot.
 pub(super) const LANES: usize = 8;

@@ -4,7 +4,7 @@
 use layerd::buildfile::{Blend, BodyHeader, Bounds, Cap, Caps, Header, Lattice, Placement, Strut};
 use layerd::layer::{Bitmap, Depth, Mirror, Raster};
 use layerd::slice::{BodySource, MemoryStruts, SlicePlan, Slicer};
-use layerd::solid::{self, Beam, Path};
+use layerd::solid::{self, Beam, InstructionSet};
 use layerd::stream::MemoryBudget;
 
 pub const WIDTH: u32 = 100;
@@ -84,13 +84,14 @@ impl Part {
     }
 
     pub fn layers(&self, threads: usize, first: u32) -> Vec<Bitmap> {
-        self.layers_on(Path::detect(), threads, first)
+        self.layers_with(InstructionSet::detect(), threads, first)
     }
 
-    pub fn layers_on(&self, path: Path, threads: usize, first: u32) -> Vec<Bitmap> {
+    pub fn layers_with(&self, instructions: InstructionSet, threads: usize, first: u32) -> Vec<Bitmap> {
         let budget = MemoryBudget::new(64 << 20);
         let mut slicer =
-            Slicer::on_path(path, self.bodies(), self.plan.clone(), threads, first, &budget).expect("a slicer");
+            Slicer::with_instructions(instructions, self.bodies(), self.plan.clone(), threads, first, &budget)
+                .expect("a slicer");
         assert!(budget.used_bytes() <= Slicer::memory_bytes(&self.bodies(), &self.plan, threads));
         let mut bitmap = Bitmap::new(WIDTH, HEIGHT, self.plan.depth);
         // What the bitmap held must not show through.

@@ -8,7 +8,7 @@ use super::band::Band;
 use super::workers::Workers;
 use super::{SliceError, SlicePlan};
 use crate::buildfile::{Blend, BodyHeader, BuildFile, Lattice};
-use crate::solid::{Effort, Path};
+use crate::solid::{Effort, InstructionSet};
 use crate::stream::MemoryBudget;
 use lattice::{StoredLattice, StrutSource};
 
@@ -43,19 +43,19 @@ impl BodySource {
         lattice::memory_bytes(&**source, plan, threads)
     }
 
-    /// A body to draw, with instructions of `path` on `threads` threads; what it needs is charged to `budget`.
+    /// A body to draw, with `instructions` on `threads` threads; what it needs is charged to `budget`.
     ///
     /// # Errors
     /// [`SliceError`] where the memory is not free or the body cannot be drawn.
     pub(super) fn body(
         self,
-        path: Path,
+        instructions: InstructionSet,
         plan: &SlicePlan,
         threads: usize,
         budget: &MemoryBudget,
     ) -> Result<Box<dyn Body>, SliceError> {
         let Self::Lattice(source) = self;
-        lattice::body(path, source, plan, threads, budget)
+        lattice::body(instructions, source, plan, threads, budget)
     }
 }
 

@@ -128,7 +128,7 @@ impl Footprints {
     }
 }
 
-/// Not `array::map`, which is not inlined and so not compiled for the path.
+/// Not `array::map`, which is not inlined and so not compiled for the instruction set.
 #[inline(always)]
 fn gather<T: Copy + Default>(column: &[T; Block::LEN], at: &[u8; LANES]) -> [T; LANES] {
     let mut values = [T::default(); LANES];

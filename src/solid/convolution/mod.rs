@@ -11,9 +11,9 @@ mod line;
 mod patch;
 mod reach;
 
-use super::path::Work;
+use super::instruction_set::Work;
 use super::pixels::{Coverage, PackBits};
-use super::{Block, Cap, Path, Plane, Shape, Strip, weight};
+use super::{Block, Cap, InstructionSet, Plane, Shape, Strip, weight};
 use cut::Footprints;
 use line::ConvolutionStrut;
 use reach::{Reach, Window};
@@ -40,16 +40,27 @@ impl Shape for Convolution {
         radii.map(|radius| (weight(f64::from(radius) * quantum) as f32).to_bits())
     }
 
-    fn draw<'a>(path: Path, blocks: impl Iterator<Item = &'a Block>, plane: &Plane, strip: &mut Strip<f32>) {
-        path.run(Draw { blocks, plane, strip });
+    fn draw<'a>(
+        instructions: InstructionSet,
+        blocks: impl Iterator<Item = &'a Block>,
+        plane: &Plane,
+        strip: &mut Strip<f32>,
+    ) {
+        instructions.run(Draw { blocks, plane, strip });
     }
 
-    fn merge_bits(path: Path, strip: &Strip<f32>, row: usize, first_byte: usize, out: &mut [u8]) {
-        path.run(PackBits { cells: strip.pixels(row, first_byte * 8), out });
+    fn merge_bits(instructions: InstructionSet, strip: &Strip<f32>, row: usize, first_byte: usize, out: &mut [u8]) {
+        instructions.run(PackBits { cells: strip.pixels(row, first_byte * 8), out });
     }
 
-    fn merge_coverage(path: Path, strip: &Strip<f32>, row: usize, first_pixel: usize, out: &mut [u8]) {
-        path.run(Coverage { around: strip.around(row, first_pixel), out });
+    fn merge_coverage(
+        instructions: InstructionSet,
+        strip: &Strip<f32>,
+        row: usize,
+        first_pixel: usize,
+        out: &mut [u8],
+    ) {
+        instructions.run(Coverage { around: strip.around(row, first_pixel), out });
     }
 }
 

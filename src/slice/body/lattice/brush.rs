@@ -5,7 +5,7 @@ use crate::layer::Depth;
 use crate::slice::band::Band;
 use crate::slice::body::Brush;
 use crate::slice::{SliceError, SlicePlan};
-use crate::solid::{Effort, Path, Plane, Shape, Strip};
+use crate::solid::{Effort, InstructionSet, Plane, Shape, Strip};
 use crate::stream::{Charge, MemoryBudget};
 
 /// Bytes of a strip at most, where its rows are not too long for one group. Compared with half as much it saves a tenth of the
@@ -22,18 +22,23 @@ const ROW_GROUP: usize = 8;
 /// The strips of all threads.
 pub(super) struct Strips<S: Shape> {
     rows_per_band: usize,
-    path: Path,
+    instructions: InstructionSet,
     strips: Vec<Strip<S::Cell>>,
     _charge: Charge,
 }
 
 impl<S: Shape> Strips<S> {
-    pub(super) fn new(plan: &SlicePlan, path: Path, threads: usize, budget: &MemoryBudget) -> Result<Self, SliceError> {
+    pub(super) fn new(
+        plan: &SlicePlan,
+        instructions: InstructionSet,
+        threads: usize,
+        budget: &MemoryBudget,
+    ) -> Result<Self, SliceError> {
         let charge = budget.charge("the strips of the rasteriser", Self::memory_bytes(plan, threads))?;
         let (width, halo) = (plan.raster.width_px as usize, halo::<S>(plan.depth));
         let rows_per_band = rows_per_band::<S>(plan);
         let strips = (0..threads).map(|_| Strip::new(width, rows_per_band, halo)).collect();
-        Ok(Self { rows_per_band, path, strips, _charge: charge })
+        Ok(Self { rows_per_band, instructions, strips, _charge: charge })
     }
 
     /// Bytes the strips take.
@@ -48,8 +53,8 @@ impl<S: Shape> Strips<S> {
     }
 
     /// The instruction set.
-    pub(super) fn path(&self) -> Path {
-        self.path
+    pub(super) fn instructions(&self) -> InstructionSet {
+        self.instructions
     }
 
     /// One strip for each thread.
@@ -82,7 +87,7 @@ fn halo<S: Shape>(depth: Depth) -> usize {
 pub(super) struct StripBrush<'a, S: Shape> {
     pub(super) active: &'a ActiveSet,
     pub(super) plane: Plane,
-    pub(super) path: Path,
+    pub(super) instructions: InstructionSet,
     pub(super) strip: &'a mut Strip<S::Cell>,
 }
 
@@ -91,7 +96,7 @@ impl<S: Shape> StripBrush<'_, S> {
     fn draw(&mut self, first: usize, count: usize, halo: usize) {
         self.strip.begin(first, count);
         let rows = first as i64 - halo as i64..(first + count + halo) as i64;
-        S::draw(self.path, self.active.blocks(rows), &self.plane, self.strip);
+        S::draw(self.instructions, self.active.blocks(rows), &self.plane, self.strip);
     }
 }
 
@@ -104,7 +109,7 @@ impl<S: Shape> Brush for StripBrush<'_, S> {
                 for (row, out) in rows.each_mut().enumerate() {
                     for pixels in self.strip.used_pixels(width) {
                         let bytes = pixels.start / 8..pixels.end.div_ceil(8);
-                        S::merge_bits(self.path, self.strip, row, bytes.start, &mut out[bytes]);
+                        S::merge_bits(self.instructions, self.strip, row, bytes.start, &mut out[bytes]);
                     }
                 }
             }
@@ -112,7 +117,7 @@ impl<S: Shape> Brush for StripBrush<'_, S> {
                 self.draw(rows.first, rows.count(), halo::<S>(Depth::Grey));
                 for (row, out) in rows.each_mut().enumerate() {
                     for pixels in self.strip.used_pixels(width) {
-                        S::merge_coverage(self.path, self.strip, row, pixels.start, &mut out[pixels]);
+                        S::merge_coverage(self.instructions, self.strip, row, pixels.start, &mut out[pixels]);
                     }
                 }
             }

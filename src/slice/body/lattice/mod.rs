@@ -13,7 +13,7 @@ use crate::buildfile::Blend;
 use crate::layer::Depth;
 use crate::slice::workers::Workers;
 use crate::slice::{SliceError, SlicePlan};
-use crate::solid::{Convolution, Effort, Grid, LARGEST_RADIUS_SHARE, Path, Plane, Shape, Union};
+use crate::solid::{Convolution, Effort, Grid, InstructionSet, LARGEST_RADIUS_SHARE, Plane, Shape, Union};
 use crate::stream::MemoryBudget;
 use brush::{StripBrush, Strips};
 use sweep::Sweep;
@@ -28,12 +28,12 @@ struct Lattice<S: Shape> {
     strips: Strips<S>,
 }
 
-/// A lattice drawn with instructions of `path` on `threads` threads; what it needs is charged to `budget`.
+/// A lattice drawn with `instructions` on `threads` threads; what it needs is charged to `budget`.
 ///
 /// # Errors
 /// [`SliceError`] where the memory is not free, or a strut is too thick for the support.
 pub(in crate::slice) fn body(
-    path: Path,
+    instructions: InstructionSet,
     source: Box<dyn StrutSource>,
     plan: &SlicePlan,
     threads: usize,
@@ -45,9 +45,9 @@ pub(in crate::slice) fn body(
             if radius_um.partial_cmp(&(support_um * LARGEST_RADIUS_SHARE)) != Some(std::cmp::Ordering::Less) {
                 return Err(SliceError::RadiusTooLarge { radius_um, support_um });
             }
-            Ok(Box::new(Lattice::<Convolution>::new(path, source, plan, support_um, threads, budget)?))
+            Ok(Box::new(Lattice::<Convolution>::new(instructions, source, plan, support_um, threads, budget)?))
         }
-        Blend::Union => Ok(Box::new(Lattice::<Union>::new(path, source, plan, 1.0, threads, budget)?)),
+        Blend::Union => Ok(Box::new(Lattice::<Union>::new(instructions, source, plan, 1.0, threads, budget)?)),
     }
 }
 
@@ -61,14 +61,14 @@ pub(in crate::slice) fn memory_bytes(source: &dyn StrutSource, plan: &SlicePlan,
 
 impl<S: Shape> Lattice<S> {
     fn new(
-        path: Path,
+        instructions: InstructionSet,
         source: Box<dyn StrutSource>,
         plan: &SlicePlan,
         unit_um: f64,
         threads: usize,
         budget: &MemoryBudget,
     ) -> Result<Self, SliceError> {
-        let strips = Strips::new(plan, path, threads, budget)?;
+        let strips = Strips::new(plan, instructions, threads, budget)?;
         let sweep = Sweep::new::<S>(source, plan, unit_um, strips.rows_per_band(), threads, budget)?;
         Ok(Self { grid: grid(plan, unit_um), unit_um, sweep, strips })
     }
@@ -93,8 +93,8 @@ impl<S: Shape> Body for Lattice<S> {
         grid.x0 += cut.shift_px[0] * grid.dx;
         grid.y0 += cut.shift_px[1] * grid.dy;
         let plane = Plane { grid, z: cut.z_um / self.unit_um, quantum: self.sweep.quantum() };
-        let (active, path) = (self.sweep.active(), self.strips.path());
-        let brush = |strip| Box::new(StripBrush::<S> { active, plane, path, strip }) as Box<dyn Brush>;
+        let (active, instructions) = (self.sweep.active(), self.strips.instructions());
+        let brush = |strip| Box::new(StripBrush::<S> { active, plane, instructions, strip }) as Box<dyn Brush>;
         self.strips.each_mut().map(brush).collect()
     }
 
