@@ -1,16 +1,16 @@
-//! A deadline for somebody else's answer that is judged fairly: a host that stood still (SIGSTOP, suspend, a stalled machine) first
-//! reads what has been said meanwhile.
+//! A deadline for an answer. If the host itself stood still (SIGSTOP, suspend, overload), the deadline is extended, so that the host
+//! can first read the answers that arrived in the meantime.
 
-/// A deadline noticed this much too late shows that the host stood still. A loaded machine is some 10 ms late.
+/// If a deadline is noticed this late, the host stood still. A loaded machine is some 10 ms late.
 const STANDSTILL_US: u64 = 500_000;
-/// After a standstill, what lies unread in the port's buffer reaches its reader within this time.
+/// Extension after a standstill: time to read what is in the port's buffer.
 const READING_US: u64 = 1_000_000;
 
-/// A point in time by which an answer is due. Times are microseconds of any clock that never goes back.
+/// A point in time by which an answer is due. Times are microseconds of a monotonic clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Deadline {
     at_us: u64,
-    /// It was extended after a standstill; that happens once.
+    /// It was extended after a standstill, which happens only once.
     extended: bool,
 }
 
@@ -25,13 +25,13 @@ impl Deadline {
         self.at_us
     }
 
-    /// Brings the deadline forward, where it is later than that time.
+    /// Moves the deadline to `at_us` if it is later.
     pub(crate) fn no_later_than(&mut self, at_us: u64) {
         self.at_us = self.at_us.min(at_us);
     }
 
-    /// Whether the time is over. Where the host notices only long after the deadline, it was the host that stood still: the
-    /// deadline is extended, once.
+    /// Whether the deadline has passed. If the host notices it much too late, the host stood still, and the deadline is extended
+    /// once.
     pub(crate) fn is_over(&mut self, now_us: u64) -> bool {
         if now_us < self.at_us {
             return false;

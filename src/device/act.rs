@@ -1,8 +1,8 @@
-//! What a DLP machine is asked to do, and what came of it: the vocabulary between job engine and driver.
+//! Acts of a DLP machine and their outcomes: what job engine and driver exchange.
 
 use crate::link::message::Refusal;
 
-/// One thing to do; one at a time.
+/// Something that the device does. Acts run one at a time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Act {
     /// Find the zero position, plate at the bottom of the vat.
@@ -14,11 +14,11 @@ pub enum Act {
         /// Micrometres a second.
         speed_um_s: u32,
     },
-    /// Shine a layer that was uploaded.
+    /// Expose a layer that was uploaded.
     Expose {
         /// Which.
         layer: u32,
-        /// Time with light, milliseconds.
+        /// Commanded light time, milliseconds.
         duration_ms: u32,
         /// Light power, 1 to 255.
         light_pwm: u8,
@@ -37,11 +37,11 @@ pub enum Outcome {
     Exposed {
         /// Which layer.
         layer: u32,
-        /// How long the light was on, milliseconds.
+        /// Light time that the device reported, milliseconds.
         duration_ms: u32,
     },
-    /// The device did not do it.
+    /// The device refused the act.
     Refused(Refusal),
-    /// An exposure that was taken back before it left the host.
+    /// The exposure was taken back before it left the host.
     TakenBack,
 }

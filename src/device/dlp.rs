@@ -1,11 +1,11 @@
-//! The driver of a DLP machine: turns acts and layers into messages, and replies into events. No I/O and no clock.
+//! The driver of a DLP machine: turns acts and layers into messages, and replies into events. It does no I/O and reads no clock.
 //!
-//! The owner hands the driver acts and encoded layers, sends what [`DlpDriver::next_message`] gives while the session has room,
-//! and feeds what the device says to [`DlpDriver::handle`]. Requests go before layer data, so that layer n is exposed while
-//! layer n + 1 travels. Replies are paired with requests by number; news never counts as an answer.
+//! The owner passes acts and encoded layers to the driver, sends the messages of [`DlpDriver::next_message`] while the session
+//! has room, and passes received messages to [`DlpDriver::handle`]. Requests go before layer data, so that layer n is exposed
+//! while layer n + 1 is sent. Replies are matched to requests by number; a report is never an answer.
 //!
-//! Which layer goes into which slot, and whether a refused one is sent again, is the owner's to decide: the job engine's. A
-//! driver lives as long as one session; after a reconnect the owner builds a new one, and what was under way is void.
+//! The job engine decides which layer goes into which slot and whether a refused layer is sent again. A driver lasts for one
+//! session. After a reconnect the owner builds a new one, and everything under way is void.
 
 use std::collections::VecDeque;
 
@@ -15,16 +15,16 @@ use crate::link::message::{
     DeviceMessage, DeviceState, Encoding, ExposureId, Fault, HostMessage, Refusal, Reply, Report, Request,
 };
 
-/// A device answers a question for its state within this time, also while it decodes a layer or moves.
+/// Time limit for the reply to a State request. It holds while the device decodes a layer or moves, too.
 const STATE_TIMEOUT_US: u64 = 5_000_000;
-/// A device has decoded and checked a layer within this time after its last byte was handed to the line. At most half a
-/// second of data waits there.
+/// Time limit for the reply to a layer, counted from when its last byte was handed to the line. The line holds at most half a
+/// second of data.
 const LAYER_TIMEOUT_US: u64 = 10_000_000;
-/// Questions without an answer. One is asked twice a second and one behind each act; a device that leaves so many open is
-/// silent, and no more are asked until the oldest times out.
+/// State requests without a reply. One is sent twice a second and one after each act. A device that leaves this many open is
+/// silent; no more are sent until the oldest times out.
 const MAX_QUESTIONS: usize = 4;
 
-/// What came of what the driver was given.
+/// What the driver reports to its owner.
 #[derive(Clone, Debug, PartialEq)]
 pub enum DriverEvent {
     /// The device holds the layer, decoded and checked.
@@ -45,17 +45,17 @@ pub enum DriverEvent {
     StateKnown {
         /// The state.
         state: DeviceState,
-        /// The act under way has reached the device: the question was asked behind it.
+        /// The act under way has reached the device: this request was sent after it.
         act_taken: bool,
     },
-    /// Something keeps the device from working, or it works again (`None`).
+    /// The device has a fault, or its fault is gone (`None`).
     Fault(Option<Fault>),
     /// The device does not follow the protocol: a request got no reply in time, or a reply makes no sense. The text says which.
-    /// The session is worth nothing any more: end it.
+    /// The owner must end the session.
     Misbehaved(String),
 }
 
-/// Why something cannot be asked of the device now: a mistake of the owner.
+/// The owner gave the driver more than it takes: an error of the owner.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DriverBusy {
     /// Acts are done one at a time.
@@ -71,11 +71,11 @@ pub enum DriverBusy {
 pub struct DlpDriver {
     job: u64,
     last_number: u32,
-    /// Requests not yet sent: one act, [`MAX_QUESTIONS`] and one upload's beginning at most.
+    /// Requests not yet sent: at most one act, [`MAX_QUESTIONS`] State requests and one LayerBegin.
     requests: VecDeque<(u32, Request)>,
     /// The act whose reply is due.
     act: Option<(u32, Act)>,
-    /// The questions whose replies are due, at most [`MAX_QUESTIONS`].
+    /// The State requests whose replies are due, at most [`MAX_QUESTIONS`].
     questions: VecDeque<(u32, Deadline)>,
     /// The layer on its way.
     upload: Option<Upload>,
@@ -85,7 +85,7 @@ pub struct DlpDriver {
 struct Upload {
     number: u32,
     layer: u32,
-    /// Empty once all is sent: from then on the line alone keeps what the device has not acknowledged.
+    /// Empty once all is sent: the line keeps what the device has not acknowledged.
     bytes: Vec<u8>,
     sent_bytes: usize,
     /// When the reply is due; set once all is sent.
@@ -93,18 +93,18 @@ struct Upload {
 }
 
 impl DlpDriver {
-    /// A driver for a job (its key in [`ExposureId`]) on a device that just said its welcome.
+    /// A driver for a job (its key in [`ExposureId`]) in a session that just began.
     pub fn new(job: u64) -> Self {
         Self { job, last_number: 0, requests: VecDeque::new(), act: None, questions: VecDeque::new(), upload: None }
     }
 
-    /// Whether an act's end is still to come.
+    /// Whether an act is under way.
     pub fn is_acting(&self) -> bool {
         self.act.is_some()
     }
 
-    /// Begins an act; its end comes as [`DriverEvent::ActDone`]. A question for the state goes behind it, whose answer shows
-    /// that the device has the act. How long an act may take is for the owner to know.
+    /// Begins an act. Its end is reported as [`DriverEvent::ActDone`]. A State request follows it, whose reply shows that the device
+    /// has received the act. The owner limits the time that an act may take.
     ///
     /// # Errors
     /// [`DriverBusy::ActUnderWay`].
@@ -124,8 +124,8 @@ impl DlpDriver {
         Ok(())
     }
 
-    /// Takes back an exposure that has not left the host, so that it does not begin after an order to be dark. `is_unsent` says
-    /// that the owner still holds its message. Returns whether there was one; its end does not come any more.
+    /// Takes back an exposure that has not left the host, so that it does not begin after a light-off. `is_unsent` says that the
+    /// owner still holds its message. Returns whether an exposure was taken back; its end is not reported then.
     pub fn take_back_exposure(&mut self, is_unsent: bool) -> bool {
         let Some((number, Act::Expose { .. })) = self.act else { return false };
         let queued = self.requests.iter().position(|(queued, _)| *queued == number);
@@ -139,7 +139,7 @@ impl DlpDriver {
         true
     }
 
-    /// Asks for the device's state; it comes as [`DriverEvent::StateKnown`]. Where a question is open, its answer will do.
+    /// Asks for the device's state, reported as [`DriverEvent::StateKnown`]. Does nothing if a State request is open.
     pub fn query_state(&mut self, now_us: u64) {
         if self.questions.is_empty() {
             self.ask(now_us);
@@ -153,8 +153,8 @@ impl DlpDriver {
         }
     }
 
-    /// Begins to send a layer into a slot; its end comes as [`DriverEvent::Uploaded`] or [`DriverEvent::UploadRefused`].
-    /// `crc32` is that of the decoded rows ([`super::encoding::picture_crc32`]).
+    /// Begins to send a layer into a slot. The end is reported as [`DriverEvent::Uploaded`] or [`DriverEvent::UploadRefused`].
+    /// `crc32` is the CRC-32 of the decoded rows ([`super::encoding::picture_crc32`]).
     ///
     /// # Errors
     /// [`DriverBusy::UploadUnderWay`].
@@ -180,8 +180,8 @@ impl DlpDriver {
         Ok(())
     }
 
-    /// The next message to send, requests first. Call it only while the session can take a request; layer data comes in pieces
-    /// of at most `room_bytes`, and not at all where that is 0.
+    /// The next message to send, requests first. Call it only while the session can take a request. Layer data comes in pieces of
+    /// at most `room_bytes`; if that is 0, none comes.
     pub fn next_message(&mut self, room_bytes: usize, now_us: u64) -> Option<HostMessage> {
         if let Some((number, request)) = self.requests.pop_front() {
             return Some(HostMessage::Request { number, request });
@@ -189,14 +189,14 @@ impl DlpDriver {
         self.upload.as_mut()?.next_piece(room_bytes, now_us).map(HostMessage::LayerData)
     }
 
-    /// When to call [`Self::handle_timeout`]; `None` while no reply with a time-out of the driver's is due.
+    /// When to call [`Self::handle_timeout`]; `None` while the driver waits for no reply.
     pub fn next_timeout_us(&self) -> Option<u64> {
         let question = self.questions.front().map(|(_, due)| due.at_us());
         let upload = self.upload.as_ref().and_then(|upload| upload.due).map(Deadline::at_us);
         question.into_iter().chain(upload).min()
     }
 
-    /// Looks for a reply that is overdue.
+    /// Reports a reply that is overdue.
     pub fn handle_timeout(&mut self, now_us: u64) -> Option<DriverEvent> {
         if let Some((_, due)) = self.questions.front_mut()
             && due.is_over(now_us)
@@ -218,7 +218,7 @@ impl DlpDriver {
         )))
     }
 
-    /// Takes what the device says.
+    /// Handles a message from the device.
     pub fn handle(&mut self, message: DeviceMessage) -> DriverEvent {
         let (number, reply) = match message {
             DeviceMessage::Report(Report::Fault(fault)) => return DriverEvent::Fault(fault),
@@ -268,7 +268,7 @@ impl DlpDriver {
         ExposureId { job: self.job, layer }
     }
 
-    /// Queues a request; its number, which the reply bears.
+    /// Queues a request and returns its number, which the reply repeats.
     fn request(&mut self, request: Request) -> u32 {
         self.last_number = self.last_number.wrapping_add(1);
         self.requests.push_back((self.last_number, request));
@@ -277,7 +277,7 @@ impl DlpDriver {
 }
 
 impl Upload {
-    /// The next piece of the layer; `None` where all is sent or there is no room.
+    /// The next piece of the layer; `None` if all is sent or there is no room.
     fn next_piece(&mut self, room_bytes: usize, now_us: u64) -> Option<Vec<u8>> {
         let rest = &self.bytes[self.sent_bytes..];
         let piece = rest[..rest.len().min(room_bytes)].to_vec();
@@ -289,7 +289,7 @@ impl Upload {
         (!piece.is_empty()).then_some(piece)
     }
 
-    /// A device may refuse a layer halfway, but take it only whole.
+    /// A device may refuse a layer before all of it is sent, but accept it only afterwards.
     fn is_ended_by(&self, reply: &Reply) -> bool {
         match reply {
             Reply::Done => self.bytes.is_empty(),

@@ -1,18 +1,17 @@
-//! Whether the light that a device reports is light that was commanded, and for no longer than commanded.
+//! Compares the light that a device reports with the exposure that was commanded.
 
 use crate::deadline::Deadline;
 use crate::link::message::{DeviceState, ExposureId};
 
-/// What a device may take beyond the commanded time of an exposure and the round trip of its request: half a second covers the
-/// answer's way on a slow line that repairs one loss.
+/// Time that an exposure may take beyond its commanded time and the round trip of its request. Half a second covers the reply on a
+/// slow line that recovers from one loss.
 const GRACE_US: u64 = 500_000;
-/// A request whose arrival nobody has confirmed counts as arrived after this time. A line that carries nothing for so long is
-/// lost anyway.
+/// A request without confirmed arrival counts as arrived after this time. A line that carries nothing for so long is lost anyway.
 const MAX_ROUND_TRIP_US: u64 = 2_000_000;
-/// A device that was told to put its light off must report dark within this time, microseconds: it takes 100 ms, and the rest is
-/// for a line that is just being repaired.
+/// Time in which a device must report dark after a light-off, microseconds. The device takes 100 ms; the rest is for the recovery
+/// of the line.
 pub const DARK_LIMIT_US: u64 = 5_000_000;
-/// What the operator is told about a device that is lit for longer than [`DARK_LIMIT_US`] after the order to be dark.
+/// Warning to the operator about a device that is lit for longer than [`DARK_LIMIT_US`] after a light-off.
 pub const STAYS_LIT: &str =
     "WARNING: the device does not put its light off: switch the machine off at its mains and look";
 
@@ -21,46 +20,46 @@ pub const STAYS_LIT: &str =
 pub enum Light {
     /// No light, and no exposure under way.
     Dark,
-    /// The exposure commanded last is under way.
+    /// The last commanded exposure is under way.
     Commanded {
         /// It must have ended by this time, microseconds.
         until_us: u64,
     },
-    /// Light that nobody commanded, or that lasts too long; the text says which. It must be put off.
+    /// Light that was not commanded, or that lasts too long; the text says which. It must be switched off.
     Uncommanded(String),
 }
 
-/// Watches the light of one device, across its sessions. Times are microseconds of any clock that never goes back.
+/// Watches the light of one device, across its sessions. Times are microseconds of a monotonic clock.
 #[derive(Clone, Debug, Default)]
 pub struct LightWatch {
     exposure: Option<Exposure>,
     put_off: PutOff,
-    /// By when the device must be dark; `None` where it has no unwanted light as far as it has said.
+    /// When the device must be dark; `None` while it reports no unwanted light.
     dark_due: Option<Deadline>,
     /// It reported light after that time.
     stays_lit: bool,
 }
 
-/// The exposure commanded last, until it is known to have ended.
+/// The last commanded exposure, until it is known to have ended.
 #[derive(Clone, Copy, Debug)]
 struct Exposure {
     id: ExposureId,
     duration_ms: u32,
     /// When it was commanded.
     commanded_us: u64,
-    /// When the device was first known to have the command.
+    /// When the device was known to have received the command.
     taken_us: Option<u64>,
-    /// The device said that it exposes it.
+    /// The device reported that it exposes the layer.
     shone: bool,
 }
 
-/// An order to put the light off.
+/// The state of a light-off.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum PutOff {
-    /// None, or it was answered and the device has reported dark since.
+    /// No order, or it was answered and the device has reported dark since.
     #[default]
     Settled,
-    /// Not answered yet. It is repeated until it is, so light commanded now could be cut short by it.
+    /// Not answered yet. The order is repeated until it is answered, and would cut short an exposure commanded now.
     Sent,
     /// Answered; the device has not reported dark since.
     Answered,
@@ -72,15 +71,15 @@ impl LightWatch {
         self.exposure = Some(Exposure { id, duration_ms, commanded_us: now_us, taken_us: None, shone: false });
     }
 
-    /// The device is known to have the command.
+    /// The device is known to have received the command.
     pub fn taken(&mut self, now_us: u64) {
         if let Some(exposure) = &mut self.exposure {
             exposure.taken_us.get_or_insert(now_us);
         }
     }
 
-    /// An exposure that an earlier process commanded is found under way: it gets its whole commanded time from now. Nothing
-    /// changes where this process commanded it.
+    /// An exposure that an earlier process commanded is found under way. It gets its whole commanded time from now. Does nothing if
+    /// this process commanded it.
     pub fn found(&mut self, id: ExposureId, duration_ms: u32, now_us: u64) {
         if self.exposure.is_none_or(|known| known.id != id) {
             self.exposure =
@@ -88,12 +87,12 @@ impl LightWatch {
         }
     }
 
-    /// The exposure commanded last has ended.
+    /// The last commanded exposure has ended.
     pub fn ended(&mut self) {
         self.exposure = None;
     }
 
-    /// By when the exposure commanded last must have ended; `None` where none is under way.
+    /// When the last commanded exposure must have ended; `None` if none is under way.
     pub fn limit_us(&self) -> Option<u64> {
         self.exposure.map(|exposure| exposure.limit_us())
     }
@@ -110,7 +109,7 @@ impl LightWatch {
         light
     }
 
-    /// A state came in a welcome that is not judged any further: where it shows no light, there is none.
+    /// Takes over the state of a welcome without judging it: if it shows no light, the device is dark.
     pub fn greeted(&mut self, state: &DeviceState) {
         if !state.light_on && state.exposing.is_none() {
             self.is_right();
@@ -121,12 +120,12 @@ impl LightWatch {
         (self.dark_due, self.stays_lit) = (None, false);
     }
 
-    /// Whether the device showed unwanted light when it was last heard of.
+    /// Whether the last reported state shows unwanted light.
     pub fn is_unwanted(&self) -> bool {
         self.dark_due.is_some()
     }
 
-    /// Whether the device stays lit although it was told to be dark [`DARK_LIMIT_US`] ago.
+    /// Whether the device is still lit [`DARK_LIMIT_US`] after it was ordered dark.
     pub fn stays_lit(&self) -> bool {
         self.stays_lit
     }
@@ -151,41 +150,41 @@ impl LightWatch {
         }
     }
 
-    /// Whether the device was seen exposing that layer as the exposure commanded last.
+    /// Whether the layer was commanded last, and a state showed it being exposed.
     pub fn has_shone(&self, id: ExposureId) -> bool {
         self.exposure.is_some_and(|exposure| exposure.id == id && exposure.shone)
     }
 
-    /// What to tell the operator where [`Self::limit_us`] has passed without a word that the exposure has ended.
+    /// Message to the operator if [`Self::limit_us`] has passed and the exposure is not reported to have ended.
     pub fn overdue(&self) -> Option<String> {
         let Exposure { id, duration_ms, .. } = self.exposure?;
         Some(format!("the device does not report the end of layer {}'s exposure of {duration_ms} ms", id.layer))
     }
 
-    /// The device was told to put its light off.
+    /// A light-off was sent to the device.
     pub fn put_off(&mut self) {
         self.put_off = PutOff::Sent;
     }
 
-    /// The device answered that order.
+    /// The device answered the light-off.
     pub fn put_off_answered(&mut self) {
         if self.put_off == PutOff::Sent {
             self.put_off = PutOff::Answered;
         }
     }
 
-    /// Whether that order is not answered yet. It is repeated until it is.
+    /// Whether the light-off is not answered yet. It is repeated until it is.
     pub fn awaits_answer(&self) -> bool {
         self.put_off == PutOff::Sent
     }
 
-    /// Nobody waits for the answer any longer.
+    /// Stops waiting for the answer to the light-off.
     pub fn give_up(&mut self) {
         self.put_off = PutOff::Settled;
     }
 
-    /// Whether nothing may be commanded yet: the device was told to put its light off, and has not answered or not reported
-    /// dark since.
+    /// Whether nothing may be commanded yet: a light-off was sent, and the device has not answered it or has not reported dark
+    /// since.
     pub fn must_wait(&self) -> bool {
         self.put_off != PutOff::Settled
     }

@@ -1,11 +1,11 @@
-//! Whether the device at the line is the machine that is configured, and can print a recipe.
+//! Checks that the connected device is the configured machine and can print a recipe.
 
 use super::encoding::{self, Choice};
 use crate::config::{Machine, Recipe};
 use crate::layer::Depth;
 use crate::link::message::{Capabilities, DeviceKind};
 
-/// One layer is exposed while the next arrives.
+/// One layer is exposed while the next one arrives.
 const MIN_SLOTS: u8 = 2;
 
 /// The device is not the machine that is configured.
@@ -33,7 +33,7 @@ pub enum Misfit {
     /// It is another machine; no recipe changes that.
     #[error(transparent)]
     Machine(#[from] MachineMismatch),
-    /// The recipe shines for longer than the device allows.
+    /// The recipe's exposure is longer than the device allows.
     #[error(
         "the recipe `{recipe}` exposes for {longest_ms} ms, but the device `{device}` allows at most {allowed_ms} ms: shorten \
          exposure_ms and bottom_exposure_ms"
@@ -64,7 +64,7 @@ pub enum Misfit {
     },
 }
 
-/// Checks that a device is the configured machine and can print the recipe; how layers are written for it.
+/// Checks that a device is the configured machine and can print the recipe. Returns how layers are encoded for it.
 ///
 /// # Errors
 /// [`Misfit`] names the first thing that does not fit, and what to do.
@@ -84,7 +84,7 @@ pub fn check_fit(machine: &Machine, recipe: &Recipe, capabilities: &Capabilities
     })
 }
 
-/// Checks that a device is the configured machine: kind, picture size and pixel pitch; and that it has the slots of one.
+/// Checks that a device is the configured machine: kind, picture size, pixel pitch and number of slots.
 ///
 /// # Errors
 /// [`MachineMismatch`] names the first difference, configured and found.

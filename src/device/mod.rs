@@ -1,4 +1,4 @@
-//! What a machine is asked to do, how a layer is written for it, and simulated machines behind the same protocol.
+//! The acts of a machine, the encodings of a layer, the driver, and simulated machines behind the same protocol.
 
 mod act;
 mod dlp;

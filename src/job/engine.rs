@@ -24,19 +24,20 @@
 //!  Abort, from anywhere: Urgent(Abort) ──▶ AbortSent ──▶ AbortReconnect ──▶ Parking ──▶ Ending
 //! ```
 //!
-//! How to drive it: after every [`Engine::handle`], take [`Engine::next_action`] until it gives none, carry each action out
-//! (uploads and acts in the background), and call [`Engine::handle`] with [`Event::Timeout`] when the time of
-//! [`Engine::next_timeout_us`] has come. Times are microseconds of any clock that never goes back.
+//! How to drive it: after every [`Engine::handle`], call [`Engine::next_action`] until it returns `None`, and carry out each
+//! action (uploads and acts in the background). At [`Engine::next_timeout_us`], call [`Engine::handle`] with
+//! [`Event::Timeout`]. Times are microseconds of a monotonic clock.
 //!
-//! What it keeps true, whatever comes in whichever order:
-//! - no light without a `Commanded` record on disk before it; one act at a time; no act before the records that precede it, but the
-//!   lift that clears the plate where the disk takes too long;
-//! - light that was not commanded, or lasts longer than commanded, is put off at once, and nothing else is commanded until the
-//!   device reports dark;
-//! - what the device reports, time with light and position, is what was commanded, or the print stops;
-//! - a layer counts as exposed only when the device says so or the operator decides so;
-//! - with a part on the plate it never homes, for homing drives the plate to the bottom of the vat;
-//! - every wait for somebody else has an end, but that of a pause.
+//! Invariants, whatever the order of events:
+//! - A layer is exposed only after its `Commanded` record is on disk.
+//! - One act runs at a time, and it waits for the records before it. One exception: if the disk is slow, the lift that clears
+//!   the plate does not wait.
+//! - Light that was not commanded, or that lasts too long, is switched off at once. Nothing else is commanded until the device
+//!   reports dark.
+//! - The print stops if a reported light time or position differs from the commanded one.
+//! - A layer counts as exposed only if the device or the operator says so.
+//! - The engine never homes with a part on the plate: homing drives the plate to the bottom of the vat.
+//! - Every wait is limited in time, except a pause.
 
 mod cycle;
 mod disk;
@@ -62,19 +63,19 @@ use crate::link::message::DeviceState;
 
 const SECOND_US: u64 = 1_000_000;
 
-/// A new session must stand within this time: a cable put back and a device restarted take a few seconds; a minute leaves
-/// time to walk to the machine, and resin left longer under a plate at rest does it no good.
+/// Longest wait for a new session. A replugged cable or a restarted device takes seconds; a minute lets the operator walk to
+/// the machine. A part should not stay in the resin for longer.
 const RECONNECT_US: u64 = 60 * SECOND_US;
-/// What an act may take beyond its computed time: ramps, a busy line, one repair by the link (at most 5 s).
+/// Allowance beyond an act's computed time: acceleration ramps, a busy line, one recovery of the link (at most 5 s).
 pub const ACT_MARGIN_US: u64 = 15 * SECOND_US;
-/// A layer that takes ten minutes to compute will not come.
+/// Longest wait for a layer. One that takes ten minutes to compute will not come.
 const LATE_LIMIT_US: u64 = 600 * SECOND_US;
-/// A device that breaks the protocol so many times without one layer printed in between will do so again.
+/// Protocol errors in a row, without a layer printed in between, that end the job.
 const MAX_MISBEHAVIOURS: u32 = 3;
-/// Each break of the protocol is made good by so many layers printed. Each costs a session and some seconds, in which a layer
-/// stays in the resin for longer than the others: one in an hour or so is bearable, one a layer makes bad parts.
-const LAYERS_A_MISBEHAVIOUR: u32 = 50;
-/// So many that are not made good end the job: a few in a row are a bad moment, more are how the device is.
+/// Printed layers that make up for one protocol error. Each error costs a session and some seconds, during which a layer stays
+/// in the resin longer than the others. One error an hour is acceptable; one per layer makes bad parts.
+const LAYERS_PER_MISBEHAVIOUR: u32 = 50;
+/// Protocol errors, not yet made up for, that are tolerated. A few in a row are chance; more show a faulty device.
 const MAX_MISBEHAVIOURS_OPEN: u32 = 8;
 
 /// The engine of one job.
@@ -90,32 +91,32 @@ pub struct Engine {
     ready: bool,
     line_up: bool,
     ever_connected: bool,
-    /// The device as last heard of.
+    /// The last state that the device reported.
     device: DeviceState,
     max_position_um: i32,
     position_um: Option<i32>,
-    /// Where the move under way goes.
+    /// Target of the move under way.
     target_um: i32,
     light: LightWatch,
     next_layer: u32,
     unconfirmed: Option<Unconfirmed>,
-    /// Nobody can tell how much light the next layer had: what is known.
+    /// Set if it is unknown how much light the next layer had; says what is known.
     in_doubt: Option<String>,
     choice: ResumeChoice,
-    /// Whether light may ever have fallen for this job: then homing would crush the part.
+    /// The job may have had light, so a part may hang on the plate. Homing would crush it.
     touched: bool,
     /// Whether the device ever confirmed a layer of this job.
     confirmed: bool,
-    /// The plate is where it was parked.
+    /// The plate is parked clear of the resin.
     lifted: bool,
-    /// Whether the layer exposed last still sticks to the vat's film.
+    /// The layer exposed last still sticks to the vat's film.
     stuck: bool,
-    /// Whether the first layer of this run has been there: from then on a missing layer is late.
+    /// The first layer of this run has arrived: from now on a missing layer is late.
     warm: bool,
     /// A fault forbids moving.
     immobile: bool,
     aborting: bool,
-    /// The operator ordered the job's end: it is not resumed.
+    /// The operator ordered the end of the job, so it cannot be resumed.
     ordered: bool,
     light_known_off: bool,
     abort_sessions: u32,
@@ -127,25 +128,25 @@ pub struct Engine {
     act_running: Option<u64>,
     /// When the act under way was commanded; `None` once the device is known to have it.
     act_sent_us: Option<u64>,
-    /// When the act commanded last was handed out.
+    /// When the last act was handed out.
     act_began_us: u64,
-    /// What that act takes at least by this clock, microseconds; 0 where that is not known.
+    /// Least time that act can take, microseconds of the host's clock; 0 if unknown.
     act_least_us: u64,
     commands_of_layer: u32,
     losses_in_a_row: u32,
     misbehaviours_in_a_row: u32,
-    /// Layers still to be printed until all breaks of the protocol are made good.
+    /// Layers still to print until all protocol errors are made up for.
     layers_of_misbehaviour: u32,
-    /// What the line says keeps data from getting through.
+    /// What keeps data from getting through, as reported by the line.
     hindrance: Option<String>,
-    /// The highest layer of this job that a state named as exposed last.
+    /// The highest layer of this job that the device reported as exposed last.
     told_exposed: Option<u32>,
-    /// A state named a lower one after that: what is wrong.
+    /// Set once the device reports a lower layer after that; describes it.
     went_back: Option<String>,
     loss: String,
     pace: Pace,
     disk: DiskWatch,
-    /// Time with light that the device reported for the layer confirmed last, milliseconds.
+    /// Light time that the device reported for the layer confirmed last, milliseconds.
     light_ms: Option<u32>,
 }
 
@@ -203,24 +204,24 @@ impl Engine {
         }
     }
 
-    /// Goes on watching a device whose light was watched before this job.
+    /// Takes over the light watch that observed the device before this job.
     #[must_use]
     pub fn watching(mut self, light: LightWatch) -> Self {
         self.light = light;
         self
     }
 
-    /// What is known of the device's light; for whoever watches it after this job.
+    /// The light watch, to be continued after this job.
     pub fn light(&self) -> &LightWatch {
         &self.light
     }
 
-    /// What keeps data from getting through on the line now, if anything: told with an answer that is overdue.
+    /// Notes what keeps data from getting through on the line. It is named in the message about an overdue answer.
     pub fn hindered(&mut self, by: Option<String>) {
         self.hindrance = by;
     }
 
-    /// Takes an event in. Events that mean nothing in the present state are ignored.
+    /// Handles an event. Events that mean nothing in the present state are ignored.
     pub fn handle(&mut self, event: Event, now_us: u64) {
         match &event {
             Event::Journalled | Event::JournalFailed(_) => self.disk.answered(),
@@ -261,7 +262,7 @@ impl Engine {
                     self.on_act_done(outcome, now_us);
                 }
             }
-            // Whether the device is dark, its state tells: it is asked, or asked again and again where it must be.
+            // The device's state tells whether it is dark. It is polled where that matters.
             Event::UrgentDone | Event::UrgentFailed(_) => self.light.put_off_answered(),
             Event::PlateClear { boot_id, traces } => self.out.journal(Record::PlateClear { boot_id, traces }),
             Event::PlateUnclear(text) => self.end_unparked(text),
@@ -362,7 +363,7 @@ impl Engine {
         let distance_um = position_um.abs_diff(from_um);
         let travel_us = u64::from(distance_um) * SECOND_US / u64::from(speed_um_s.max(1));
         self.start_act(Act::Move { position_um, speed_um_s }, phase, now_us + travel_us + ACT_MARGIN_US, now_us);
-        // It may rightly end so much short of its goal.
+        // The move may end this much short of its target.
         let least_um = distance_um.saturating_sub(self.plan.position_tolerance_um());
         self.act_least_us = self.plan.host_us(least_move_us(least_um, speed_um_s));
     }

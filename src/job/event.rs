@@ -1,4 +1,4 @@
-//! What the engine is told and what it asks for.
+//! Events that go into the engine, and actions that come out.
 
 use serde::Serialize;
 
@@ -6,7 +6,7 @@ use super::{JobState, Record, Trace};
 use crate::device::{Act, Outcome};
 use crate::link::message::{DeviceState, Fault, Refusal, Urgent};
 
-/// News for the engine.
+/// What happened outside the engine.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Event {
     /// Preflight passed: part, recipe and machine fit, the slicer can start.
@@ -20,23 +20,23 @@ pub enum Event {
         /// Highest plate position of the device ([`crate::link::message::Capabilities::max_position_um`]).
         max_position_um: i32,
     },
-    /// Before [`Event::Connected`], for a job without light: nothing hangs on this device's plate, or the operator knows of it.
+    /// Comes before [`Event::Connected`] for a job without light: the plate is empty, or the operator confirmed that it is.
     PlateClear {
-        /// The start of the device.
+        /// Boot id of the device.
         boot_id: u32,
-        /// What it shows of exposures that only the operator knows of.
+        /// Unknown exposures that it shows, and that the operator has confirmed.
         traces: Vec<Trace>,
     },
-    /// In place of [`Event::Connected`], for a job without light that has begun: something may hang on this device's plate. The
-    /// job is interrupted; nothing is moved.
+    /// Comes instead of [`Event::Connected`] for a job without light that has begun: a part may hang on this device's plate. The
+    /// job is interrupted and nothing is moved.
     PlateUnclear(String),
     /// The session is lost; a new one is being tried.
     LineLost(String),
     /// The device broke the protocol: it did not answer in time, or its answer makes no sense.
     Misbehaved(String),
-    /// The device's state: asked for with [`Action::QueryState`], or by the owner, who asks twice a second.
+    /// The device's state. The engine asked with [`Action::QueryState`], or the owner did, twice a second.
     State(DeviceState),
-    /// The device is known to have the act of [`Action::Act`]. Acts that are not the running one are ignored.
+    /// The device has received the act of [`Action::Act`]. Ignored if it is not the running act.
     ActTaken {
         /// Number of the act.
         number: u64,
@@ -60,7 +60,7 @@ pub enum Event {
         /// Why, and what to do.
         text: String,
     },
-    /// The act of [`Action::Act`] ended. An outcome of an act that is not the running one is ignored.
+    /// The act of [`Action::Act`] ended. Ignored if it is not the running act.
     ActDone {
         /// Number of the act.
         number: u64,
@@ -71,13 +71,13 @@ pub enum Event {
     UrgentDone,
     /// The device carried out the last [`Action::Urgent`] and says that its light is still on.
     UrgentFailed(String),
-    /// The device has a fault, or is rid of it.
+    /// The device has a fault, or its fault is gone (`None`).
     Fault(Option<Fault>),
     /// The record of [`Action::Journal`] is on disk.
     Journalled,
     /// The record of [`Action::Journal`] could not be written.
     JournalFailed(String),
-    /// The operator wants something.
+    /// An order of the operator.
     Command(Command),
     /// The daemon is to end (SIGTERM).
     Shutdown,
@@ -85,32 +85,32 @@ pub enum Event {
     Timeout,
 }
 
-/// What an operator can want of a running job.
+/// An order that an operator can give to a running job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Command {
-    /// After the layer under way: plate clear, wait.
+    /// End the layer under way, lift the plate clear, wait.
     Pause,
     /// Go on.
     Resume,
-    /// After the layer under way: plate clear, end.
+    /// End the layer under way, lift the plate clear, end the job.
     Stop,
-    /// Light off now, then plate clear, end.
+    /// Switch the light off now, lift the plate clear, end the job.
     Abort,
 }
 
-/// What the engine wants done. Actions are to be carried out in the order they are given.
+/// What the owner must do. Actions are carried out in the order in which they come.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Action {
-    /// Put the light off; ahead of everything else. Answer [`Event::UrgentDone`] or [`Event::UrgentFailed`]. After
-    /// [`Urgent::Abort`] the device wants a new session: open one and report [`Event::Connected`].
+    /// Switch the light off, ahead of everything else. Answer [`Event::UrgentDone`] or [`Event::UrgentFailed`]. After
+    /// [`Urgent::Abort`] the device needs a new session: open one and report [`Event::Connected`].
     Urgent(Urgent),
-    /// End the session, for that reason, and begin a new one; report [`Event::Connected`]. Acts and uploads of the session are
+    /// End the session for this reason and begin a new one; report [`Event::Connected`]. Acts and uploads of the old session are
     /// void.
     EndSession(String),
-    /// Append to the journal and flush. Answer [`Event::Journalled`] or [`Event::JournalFailed`]; until then only urgent
-    /// actions, ends of sessions and notices are given; after 2 s also the move that lifts the plate clear.
+    /// Append to the journal and flush. Answer [`Event::Journalled`] or [`Event::JournalFailed`]. Until then only urgent actions,
+    /// ends of sessions and notices come; after 2 s also the move that lifts the plate clear.
     Journal(Record),
-    /// Have the device do something; answer [`Event::ActDone`]. Never given while another act runs.
+    /// Send an act to the device; answer [`Event::ActDone`]. Never comes while another act runs.
     Act {
         /// Repeated in the answer.
         number: u64,
@@ -119,8 +119,8 @@ pub enum Action {
     },
     /// Ask the device's state; answer [`Event::State`].
     QueryState,
-    /// Compute layers from this one on, in ascending order: the uploads that follow ask for each once, from here on.
-    /// A sweep under way for other layers can be dropped.
+    /// Compute layers in ascending order, starting with this one. The uploads that follow ask for each of them once, in order.
+    /// Drop a sweep under way.
     NeedLayers {
         /// The first.
         from: u32,
@@ -135,7 +135,7 @@ pub enum Action {
     },
     /// A line for the operator.
     Notice(String),
-    /// The engine is done; nothing follows. Release everything.
+    /// The engine has ended and no action follows. Release everything.
     Finished {
         /// The job's last state.
         state: JobState,
@@ -155,8 +155,8 @@ pub struct Progress {
     pub layers_done: u32,
     /// Layers of the job.
     pub layers_total: u32,
-    /// Layers during whose cycle the machine stood still for more than 250 ms, waiting for the layer or for an order to cross
-    /// the line.
+    /// Layers in whose cycle the machine stood still for more than 250 ms. It waited for the layer, or for an order to cross the
+    /// line.
     pub late_layers: u32,
     /// Time the machine stood still for these layers, milliseconds.
     pub late_ms_total: u64,
@@ -164,12 +164,12 @@ pub struct Progress {
     pub exposing: bool,
     /// Time until the last layer is done, milliseconds, at the pace observed; `None` while nothing is printed.
     pub eta_ms: Option<u64>,
-    /// Time with light of the layer confirmed last, as the device reported it, milliseconds; `None` where it reported none.
+    /// Light time that the device reported for the layer confirmed last, milliseconds; `None` if it reported none.
     pub light_ms: Option<u32>,
-    /// Layer of which nobody can tell how much light it had.
+    /// Layer that had an unknown amount of light.
     pub in_doubt: Option<u32>,
-    /// What the job is waiting for or why it ended, for people; empty where there is nothing to say.
+    /// What the job waits for or why it ended, for people; empty if there is nothing to say.
     pub reason: String,
-    /// Light may have fallen, and the plate is not parked.
+    /// The job may have had light, and the plate is not parked.
     pub part_in_vat: bool,
 }

@@ -1,4 +1,4 @@
-//! What became of a layer that was commanded and not confirmed, as far as the device tells.
+//! What became of a layer that was commanded but not confirmed, judged by the device's state.
 
 use super::Unconfirmed;
 use crate::link::message::{DeviceState, ExposureId};
@@ -6,16 +6,16 @@ use crate::link::message::{DeviceState, ExposureId};
 /// What became of a layer that was commanded.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Fate {
-    /// It had its whole time.
+    /// It was exposed for its whole time.
     Exposed,
     /// It had no light.
     NotExposed,
-    /// Only the operator can tell: what is known.
+    /// Only the operator can tell. Says what is known.
     Unknown(String),
 }
 
-/// What a device at rest says about the layer `id`. `commanded` is its command where no record says yet that it is in doubt;
-/// `shone` says that the layer was seen being exposed.
+/// Judges the layer `id` by the state of a device at rest. `commanded` is its command, unless the journal has the layer in doubt
+/// already. `shone` says that a state showed the layer being exposed.
 pub fn fate(id: ExposureId, commanded: Option<Unconfirmed>, shone: bool, device: &DeviceState) -> Fate {
     if device.last_exposed == Some(id) {
         return Fate::Exposed;

@@ -5,12 +5,12 @@
 //! ```
 //!
 //! Little endian; the CRC-32 (IEEE) covers length and payload; the payload is an [`Entry`] in [`crate::codec`]'s form.
-//! Room for the last records is reserved beyond the file's end as soon as the journal is created (fallocate(2), size kept): a
-//! disk that fills up stops a print before its next layer, but keeps no end, no order and no confirmation from being written.
-//! The room is given back with the record that ends the job for good.
+//! When the journal is created, space for the last records is reserved beyond the file's end (fallocate(2), size kept). If the
+//! disk fills up, the print stops before its next layer, but confirmations, orders and the end can still be written. The record
+//! that ends the job for good releases the space.
 //!
-//! A crash can leave one half-written record at the end: it was never reported as written, so it is cut off. Damage
-//! anywhere else is an error: a journal with a hole could let a layer be exposed twice.
+//! A crash can leave one half-written record at the end. It was never reported as written, so it is cut off. Damage anywhere
+//! else is an error: with a record missing, a layer could be exposed twice.
 
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Seek, SeekFrom, Write};
@@ -27,7 +27,7 @@ use crate::codec;
 /// A record and when it was written.
 #[derive(Clone, Debug, PartialEq, Eq, Encode, Decode)]
 pub struct Entry {
-    /// Wall clock, milliseconds since 1970; for people, nothing is decided by it.
+    /// Wall clock, milliseconds since 1970. Only for people: no decision depends on it.
     pub at_unix_ms: u64,
     /// What happened.
     pub record: Record,
@@ -46,7 +46,7 @@ pub enum JournalError {
         /// Why.
         source: std::io::Error,
     },
-    /// The open file no longer stands at its path.
+    /// The open file is no longer at its path.
     #[error(
         "the journal {} is no longer there: its directory was deleted, renamed or unmounted while the job ran. Put it back, \
          or end the job with `layerctl abort`", path.display()
@@ -74,7 +74,7 @@ pub enum JournalError {
 }
 
 impl JournalError {
-    /// Whether the journal may be readable once the disk or its permissions are mended.
+    /// Whether the journal may become readable once the disk or the permissions are repaired.
     pub fn may_be_mended(&self) -> bool {
         matches!(self, Self::Io { source, .. } if source.kind() != std::io::ErrorKind::NotFound)
     }
@@ -93,14 +93,14 @@ const MAGIC: [u8; 12] = *b"layerjnl\x01\0\0\0";
 const FRAME_BYTES: usize = 8;
 /// The longest record is an end with its reason, which the engine keeps below 4 KiB.
 const MAX_RECORD_BYTES: usize = 16 << 10;
-/// Room for 1.5 million layers at two records of 40 bytes each.
+/// Space for 1.5 million layers at two records of 40 bytes each.
 const MAX_JOURNAL_BYTES: u64 = 128 << 20;
-/// Room that records which begin something leave free: two of the longest records, a confirmation, orders and an end need
-/// less.
+/// Space that records which begin something leave free. A confirmation, orders and an end need less than two of the longest
+/// records.
 const RESERVE_BYTES: u64 = 2 * MAX_RECORD_BYTES as u64;
-/// Room that only the end that is final may use: a job interrupted again and again on a full disk must still be ended.
+/// Space that only a final end may use: a job interrupted repeatedly on a full disk must still be ended.
 const FINAL_BYTES: u64 = MAX_RECORD_BYTES as u64;
-/// Reserved beyond that at once: some eighty layers, so that most records ask for nothing.
+/// Space reserved in one step: some eighty layers, so that most records need no system call.
 const STEP_BYTES: u64 = 4 << 10;
 
 /// An open journal; the only writer of its file.
@@ -110,11 +110,11 @@ pub struct Journal {
     file: File,
     /// Bytes known to be on disk.
     length_bytes: u64,
-    /// Up to here the disk has set room aside.
+    /// Space is reserved up to here.
     reserved_bytes: u64,
-    /// The file system cannot set room aside.
+    /// The file system cannot reserve space.
     unreserved: bool,
-    /// After a failed flush nobody knows what is on disk: nothing more is appended.
+    /// A flush failed, so it is unknown what is on disk. Nothing more is appended.
     broken: bool,
 }
 
@@ -137,7 +137,7 @@ impl Journal {
         Ok(journal)
     }
 
-    /// Opens a journal to go on with it, and gives what it says. A half-written record at its end is cut off.
+    /// Opens a journal to continue it, and returns its history. A half-written record at its end is cut off.
     ///
     /// # Errors
     /// [`JournalError`] where the file cannot be read, is damaged, or contradicts itself.
@@ -153,7 +153,7 @@ impl Journal {
         file.seek(SeekFrom::Start(length_bytes)).map_err(io)?;
         let mut journal = Self::new(path, file, length_bytes);
         if !history.state.is_final() {
-            // A disk that is full now says so when the next record is written.
+            // If the disk is full, the next record reports it.
             let _ = journal.reserve(RESERVE_BYTES);
         }
         Ok((journal, history))
@@ -163,7 +163,7 @@ impl Journal {
         Self { path: path.into(), file, length_bytes, reserved_bytes: length_bytes, unreserved: false, broken: false }
     }
 
-    /// Whether the file system sets room aside; where it does not, a full disk can keep the end of a job from being written.
+    /// Whether space is reserved. Without it, a full disk can keep the end of a job from being written.
     pub fn is_reserved(&self) -> bool {
         !self.unreserved
     }
@@ -171,9 +171,9 @@ impl Journal {
     /// Appends a record; on return it is on disk.
     ///
     /// # Errors
-    /// [`JournalError::Io`]: a full disk, or one that fails. What was written before stays valid. A record that was refused
-    /// because it would have used the reserved room leaves the journal usable for the last ones; after any other error
-    /// nothing more can be appended. [`JournalError::Vanished`] where the file is no longer at its place.
+    /// [`JournalError::Io`]: the disk is full or fails. Earlier records stay valid. If the record was refused because it would
+    /// have used the reserved space, the last records can still be appended; after any other error nothing can be.
+    /// [`JournalError::Vanished`]: the file is no longer at its path.
     pub fn append(&mut self, record: Record, at_unix_ms: u64) -> Result<(), JournalError> {
         let is_final = matches!(record, Record::Ended { state, .. } if state.is_final());
         let leaves_bytes = match &record {
@@ -191,19 +191,19 @@ impl Journal {
         frame.extend(length.to_le_bytes());
         frame.extend(checksum(length, &payload).to_le_bytes());
         frame.extend(payload);
-        // The last records are tried in any case: that is what the room was set aside for.
+        // The last records are tried in any case: the space is reserved for them.
         self.reserve(frame.len() as u64 + leaves_bytes)
             .or_else(|error| if leaves_bytes == 0 { Ok(()) } else { Err(error) })?;
         self.write(&frame)?;
         self.check_place()?;
         if is_final {
-            // Best effort: room that is not given back costs only room.
+            // Best effort: space that is not released does no harm.
             let _ = self.file.set_len(self.length_bytes);
         }
         Ok(())
     }
 
-    /// Has the disk set aside this much beyond what is written.
+    /// Reserves this much space beyond what is written.
     fn reserve(&mut self, bytes: u64) -> Result<(), JournalError> {
         if self.unreserved || self.length_bytes + bytes <= self.reserved_bytes {
             return Ok(());
@@ -219,8 +219,7 @@ impl Journal {
         Ok(())
     }
 
-    /// Whether the file is still the one at its path. A file that was deleted, or whose directory was, takes records without
-    /// an error, and nobody will read them.
+    /// Checks that the file is still the one at its path. A deleted file takes records without an error, but they are lost.
     fn check_place(&mut self) -> Result<(), JournalError> {
         let place = std::fs::metadata(&self.path).and_then(|there| self.file.metadata().map(|open| (there, open)));
         match place {
@@ -244,7 +243,7 @@ impl Journal {
             return Err(self.io_error(std::io::Error::other("an earlier write failed")));
         }
         if let Err(source) = self.file.write_all(bytes).and_then(|()| self.file.sync_data()) {
-            // Best effort: a torn record would be cut off at the next opening as well.
+            // Best effort: the next opening cuts a torn record off as well.
             let _ = self.file.set_len(self.length_bytes).and_then(|()| self.file.sync_data());
             return Err(self.broken_by(source));
         }
@@ -269,7 +268,7 @@ pub fn read_journal(path: &Path) -> Result<(Vec<Entry>, History), JournalError> 
     Ok((entries, history))
 }
 
-/// To open a pipe would wait for its other end.
+/// Refuses what is not a file: opening a pipe would wait for its other end.
 fn check_kind(path: &Path) -> std::io::Result<()> {
     match std::fs::metadata(path)?.is_file() {
         true => Ok(()),
@@ -293,7 +292,7 @@ fn contents(path: &Path, file: &mut File) -> Result<Vec<u8>, JournalError> {
     Ok(bytes)
 }
 
-/// The entries, and how many bytes of the file they take.
+/// The entries, and the number of bytes that they take.
 fn parse(path: &Path, bytes: &[u8]) -> Result<(Vec<Entry>, u64), JournalError> {
     let damaged = |what: String| JournalError::Damaged { path: path.into(), what };
     if !bytes.starts_with(&MAGIC) {
@@ -316,7 +315,7 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<(Vec<Entry>, u64), JournalError> {
     Ok((entries, at as u64))
 }
 
-/// The payload of the whole and true record at the start of `bytes`.
+/// The payload of the record at the start of `bytes`; `None` if it is incomplete or damaged.
 fn frame(bytes: &[u8]) -> Option<&[u8]> {
     let (length, rest) = bytes.split_first_chunk::<4>()?;
     let (crc, rest) = rest.split_first_chunk::<4>()?;
@@ -328,7 +327,7 @@ fn frame(bytes: &[u8]) -> Option<&[u8]> {
     (checksum(length, payload) == u32::from_le_bytes(*crc)).then_some(payload)
 }
 
-/// Whether what follows the last true record can be one write that did not end: short, and no true record after it.
+/// Whether `tail` can be a single unfinished write: it is short, and no valid record follows in it.
 fn is_torn_tail(tail: &[u8]) -> bool {
     tail.len() <= FRAME_BYTES + MAX_RECORD_BYTES && (1..tail.len()).all(|skip| frame(&tail[skip..]).is_none())
 }
@@ -340,7 +339,7 @@ fn checksum(length: u32, payload: &[u8]) -> u32 {
     hasher.finalize()
 }
 
-/// Flushes the directory a file stands in: only then does its name survive a power cut.
+/// Flushes the directory of a file, so that the file's name survives a power cut.
 pub(super) fn sync_parent(path: &Path) -> std::io::Result<()> {
     match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => File::open(parent)?.sync_all(),

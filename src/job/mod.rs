@@ -1,6 +1,6 @@
 //! The life of a job: its states, its journal, and the engine that decides what happens next.
 //!
-//! [`Engine`] does no I/O and reads no clock: the daemon carries its [`Action`]s out and tells it what happens.
+//! [`Engine`] does no I/O and reads no clock: the daemon carries out its [`Action`]s and passes it [`Event`]s.
 
 mod engine;
 mod event;

@@ -1,4 +1,4 @@
-//! What a job asks of its machine: heights and times, from recipe and layer number alone.
+//! Heights and times of a job, computed from recipe and layer number.
 
 use crate::config::Recipe;
 
@@ -21,29 +21,28 @@ pub struct JobPlan {
 impl JobPlan {
     /// Height of the plate while a layer is exposed, micrometres above the bottom of the vat: one layer height for layer 0.
     pub fn layer_position_um(&self, layer: u32) -> i32 {
-        // `as` saturates: what no plate can reach stays out of reach.
+        // `as` saturates: a height that no plate can reach stays out of reach.
         (f64::from(layer + 1) * self.recipe.layer_height_um).round() as i32
     }
 
-    /// That time of the device's clock as the host's clock shows it, microseconds.
+    /// Converts a duration of the device's clock to the host's clock, microseconds.
     pub fn host_us(&self, device_us: u64) -> u64 {
         (device_us as f64 / self.time_scale) as u64
     }
 
-    /// How far the plate may be from where it was sent, micrometres: half a layer. Beyond that the part would be wrong, and
-    /// nothing later could mend it.
+    /// Tolerance of the plate position, micrometres: half a layer. Beyond that the part would be wrong beyond repair.
     pub fn position_tolerance_um(&self) -> u32 {
         (self.recipe.layer_height_um / 2.0) as u32
     }
 
-    /// Height after the lift that frees a layer, before the device's limit, micrometres.
+    /// Height after the lift that frees a layer, not limited to the device's travel, micrometres.
     pub fn lifted_position_um(&self, layer: u32) -> i32 {
         let lift_um = i32::try_from(self.recipe.lift_height_um).unwrap_or(i32::MAX);
         self.layer_position_um(layer).saturating_add(lift_um)
     }
 
-    /// Height at which the plate rests when the job pauses or ends before `next_layer`: clear of the resin and no lower than
-    /// a lift, before the device's limit, micrometres.
+    /// Height at which the plate rests when the job pauses or ends before `next_layer`, micrometres: clear of the resin and no
+    /// lower than a lift, not limited to the device's travel.
     pub fn parked_position_um(&self, next_layer: u32) -> i32 {
         let lifted_um = next_layer.checked_sub(1).map_or(0, |exposed| self.lifted_position_um(exposed));
         lifted_um.max(self.clear_height_um.ceil() as i32)

@@ -1,23 +1,23 @@
-//! What a journal says happened, and what follows from it after a crash.
+//! The records of a journal, and the state that follows from them.
 
 use bincode::{Decode, Encode};
 use serde::Serialize;
 
 use super::JobState;
 
-/// One fact, on disk before the act it announces.
+/// One fact. A record that announces an act is on disk before the act begins.
 #[derive(Clone, Debug, PartialEq, Eq, Encode, Decode)]
 pub enum Record {
-    /// The job was taken. Always the first record.
+    /// The job was accepted. Always the first record.
     Accepted {
-        /// Random, never 0: names the job's exposures to the device.
+        /// Identifies the job's exposures to the device: random, never 0.
         key: u64,
         /// Number of layers.
         layer_count: u32,
         /// Name of the part, for people.
         name: String,
     },
-    /// An engine took the job up; layers from this one on are still to be exposed.
+    /// An engine took over the job. The layers from this one on are still to be exposed.
     Started {
         /// The next layer.
         layer: u32,
@@ -39,7 +39,7 @@ pub enum Record {
         /// The layer.
         layer: u32,
     },
-    /// The layer was commanded and nobody can tell how much light it had.
+    /// The layer was commanded, and it is unknown how much light it had.
     InDoubt {
         /// The layer.
         layer: u32,
@@ -59,29 +59,29 @@ pub enum Record {
     Resumed,
     /// The device confirmed that its light is off after an abort.
     LightOff,
-    /// The engine is done with the job.
+    /// The engine has ended the job.
     Ended {
         /// The last state.
         state: JobState,
         /// Why.
         reason: String,
     },
-    /// The operator ordered the job's end. From here on it never prints: it ends, after a restart as well.
+    /// The operator ordered the end of the job. It never prints again, not even after a restart.
     Ordered(EndOrder),
-    /// Before the first downward move of a job that has had no light: its plate was bare, or the operator said so.
+    /// Written before the first downward move of a job without light: the plate is empty, or the operator confirmed that it is.
     PlateClear {
-        /// [`crate::link::message::DeviceState::boot_id`] of the device whose plate it was.
+        /// [`crate::link::message::DeviceState::boot_id`] of the device.
         boot_id: u32,
-        /// What that device showed of exposures that this spool knows nothing of; the operator knows them now.
+        /// Exposures shown by that device and unknown to this spool. The operator has confirmed them.
         traces: Vec<Trace>,
     },
-    /// The plate rests clear of the resin, with whatever hangs on it. Stands before [`Record::Ended`].
+    /// The plate rests clear of the resin. Written before [`Record::Ended`].
     Lifted,
 }
 
 impl Record {
-    /// Whether it belongs to an end or to what has happened already. Such a record may use the room that a journal keeps for
-    /// them; one that begins something may not.
+    /// Whether the record tells of an end, or of something that has already happened. Such a record may use the reserved space of
+    /// the journal; a record that begins something may not.
     pub fn is_last(&self) -> bool {
         match self {
             Self::Accepted { .. }
@@ -107,7 +107,7 @@ impl Record {
 pub enum EndOrder {
     /// After the layer under way.
     Stop,
-    /// At once, light first.
+    /// At once; the light goes off first.
     Abort,
 }
 
@@ -121,7 +121,7 @@ impl EndOrder {
     }
 }
 
-/// What a device shows of an exposure.
+/// A trace of an exposure in a device's state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Encode, Decode)]
 pub enum Trace {
     /// It had light: exposed, cut short, or still under way.
@@ -131,7 +131,7 @@ pub enum Trace {
         /// The layer.
         layer: u32,
     },
-    /// It waits in one of the device's slots.
+    /// It is in one of the device's slots.
     Held {
         /// Key of the job.
         job: u64,
@@ -145,34 +145,35 @@ pub enum Trace {
 pub struct Unconfirmed {
     /// The layer.
     pub layer: u32,
-    /// The start of the device it was commanded to.
+    /// Boot id of the device that it was commanded to.
     pub boot_id: u32,
 }
 
-/// What a journal comes to.
+/// The state that follows from a journal's records.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct History {
-    /// Names the job's exposures.
+    /// Identifies the job's exposures.
     pub key: u64,
     /// Name of the part.
     pub name: String,
     /// Number of layers.
     pub layer_count: u32,
-    /// State as of now, no engine running: what was active is [`JobState::Interrupted`].
+    /// The state without an engine: a job that was active is [`JobState::Interrupted`].
     pub state: JobState,
     /// The first layer not known to be exposed.
     pub next_layer: u32,
-    /// [`History::next_layer`] was commanded, and only the device knows what became of it.
+    /// [`History::next_layer`] was commanded; only the device knows the outcome.
     pub unconfirmed: Option<Unconfirmed>,
-    /// [`History::next_layer`] was commanded, and not even the device knows: what is known. The operator must decide.
+    /// [`History::next_layer`] was commanded, and not even the device knows the outcome. Says what is known; the operator must
+    /// decide.
     pub in_doubt: Option<String>,
-    /// Why the job ended, where it did.
+    /// Why the job ended; empty if it has not.
     pub reason: String,
-    /// What the operator ordered of a job that is not over yet: it only ends any more.
+    /// The operator's order to end the job. The job never prints again.
     pub ordered: Option<EndOrder>,
-    /// The start of the device on whose bare plate the job began ([`Record::PlateClear`]).
+    /// Boot id of the device on whose empty plate the job began ([`Record::PlateClear`]).
     pub plate_clear_on: Option<u32>,
-    /// Exposures of unknown jobs that the operator knows of ([`Record::PlateClear`]).
+    /// Exposures of unknown jobs that the operator has confirmed ([`Record::PlateClear`]).
     pub traces: Vec<Trace>,
     /// The job ended with its plate clear of the resin.
     pub lifted: bool,
@@ -182,37 +183,37 @@ pub struct History {
     confirmed: bool,
 }
 
-/// What the operator says about a layer in doubt.
+/// The operator's decision about a layer in doubt.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ResumeChoice {
-    /// Nothing.
+    /// No decision.
     #[default]
     None,
-    /// It was exposed enough: go on with the next.
+    /// It had enough light: go on with the next layer.
     AssumeExposed,
-    /// It was not: expose it again.
+    /// It had too little light: expose it again.
     Repeat,
 }
 
-/// Where an engine takes a job up.
+/// Where an engine takes over a job.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StartPoint {
     /// The first layer not known to be exposed.
     pub next_layer: u32,
-    /// That layer was commanded: ask the device first.
+    /// That layer was commanded: the device must be asked first.
     pub unconfirmed: Option<Unconfirmed>,
-    /// That layer is in doubt: the choice settles it unless the device knows better.
+    /// That layer is in doubt. The choice decides, unless the device knows the outcome.
     pub in_doubt: bool,
-    /// What the operator said.
+    /// The operator's decision.
     pub choice: ResumeChoice,
     /// [`History::touched`].
     pub touched: bool,
-    /// The device confirmed a layer of this job: as long as it exposes for no other, its last exposure is this job's.
+    /// The device confirmed a layer of this job. Until it prints another job, its last exposure belongs to this one.
     pub confirmed: bool,
 }
 
-/// Why a job cannot be taken up.
+/// Why a job cannot be resumed.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ResumeError {
     /// The job is over.
@@ -257,10 +258,10 @@ pub struct Contradiction {
 }
 
 impl History {
-    /// Reads a journal's records from the first to the last.
+    /// Computes the state from a journal's records.
     ///
     /// # Errors
-    /// [`Contradiction`] where they cannot all be true.
+    /// [`Contradiction`] if they cannot all be true.
     pub fn replay<'a>(records: impl IntoIterator<Item = &'a Record>) -> Result<Self, Contradiction> {
         let mut records = records.into_iter();
         let Some(Record::Accepted { key, layer_count, name }) = records.next() else {
@@ -292,10 +293,10 @@ impl History {
         Ok(history)
     }
 
-    /// Where an engine takes the job up.
+    /// Where an engine takes over the job.
     ///
     /// # Errors
-    /// [`ResumeError`] where the job is over or was ordered to end, or a layer is in doubt and `choice` does not settle it.
+    /// [`ResumeError`] if the job is over or was ordered to end, or if a layer is in doubt and `choice` does not decide it.
     pub fn start(&self, choice: ResumeChoice) -> Result<StartPoint, ResumeError> {
         if self.state.is_final() {
             return Err(ResumeError::Over(self.state));
@@ -312,7 +313,7 @@ impl History {
         }
     }
 
-    /// Where an engine takes the job up only to end it, machine and all: a layer in doubt stays in doubt.
+    /// Where an engine takes over the job only to end it. A layer in doubt stays in doubt.
     ///
     /// # Errors
     /// [`ResumeError::Over`].
@@ -334,7 +335,7 @@ impl History {
         }
     }
 
-    /// Whether light may ever have fallen for this job, so that a part may hang on the plate.
+    /// Whether the job may have had light, so that a part may hang on the plate.
     pub fn touched(&self) -> bool {
         self.lit || self.unconfirmed.is_some()
     }
@@ -381,7 +382,7 @@ impl History {
             Record::Paused => self.state = JobState::Paused,
             Record::Resumed => self.state = JobState::Printing,
             Record::LightOff => {}
-            // An abort is more than a stop, whichever came first.
+            // An abort outranks a stop, whatever the order.
             Record::Ordered(order) => {
                 self.ordered = self.ordered.filter(|known| *known == EndOrder::Abort).or(Some(*order));
             }

@@ -1,9 +1,9 @@
-//! The spool: one directory a job, from its acceptance until it is forgotten.
+//! The spool: one directory per job, from its acceptance until it is forgotten.
 //!
 //! ```text
 //! SPOOL/lock                      held by the daemon that owns the spool
 //! SPOOL/incoming/…                parts being received; deleted at the next opening
-//! SPOOL/raised                  from where a plate was raised that nobody has called bare since, micrometres
+//! SPOOL/raised                    height from which the plate was raised, until it is confirmed to be empty, micrometres
 //! SPOOL/jobs/00000001/part.layerd
 //!                    /recipe.toml  as it was when the job was accepted
 //!                    /machine.toml
@@ -13,10 +13,11 @@
 //!
 //! A job appears whole or not at all: its directory is made under a hidden name, flushed, renamed, and its parent flushed.
 //! Of jobs that are over, the newest [`MAX_RECORDS`] are kept for `layerctl jobs`, and the parts of the newest
-//! [`MAX_PARTS`]; [`Spool::tidy`] deletes the rest, and [`Spool::remove`] what an operator names. Of a removed job the name of
-//! its directory tells for a while what must still be known: its number, which is not given again, its key, by which a device
-//! may speak of it, and whether its part was left in the vat (`-left` or `-clear` behind
-//! the key). A rename needs no room on a full disk.
+//! [`MAX_PARTS`]. [`Spool::tidy`] deletes the rest; [`Spool::remove`] deletes the job that an operator names.
+//!
+//! The directory of a removed job is emptied and renamed; a rename needs no space on a full disk. Its name keeps what must still
+//! be known: the job's number, which is not used again; its key, which a device may report; and whether its part was left in
+//! the vat (`-left` or `-clear` after the key).
 
 mod raised;
 
@@ -34,8 +35,7 @@ use crate::text::size_text;
 pub const MAX_RECORDS: usize = 100;
 /// Finished jobs whose part files are kept, each up to gigabytes.
 pub const MAX_PARTS: usize = 10;
-/// Removed jobs that are remembered by key. A device speaks of the last layer it exposed and of the last it cut short; the
-/// latter may lie many jobs back.
+/// Removed jobs that are remembered by key. A device reports the last exposure that it cut short, which may be many jobs old.
 pub const MAX_FORGOTTEN: usize = 1000;
 
 const PART: &str = "part.layerd";
@@ -96,14 +96,14 @@ pub struct JobDirectory {
     path: PathBuf,
 }
 
-/// What a job that is over tells about the plate after it.
+/// What a job that is over tells about the plate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PlateAfter {
     /// Nothing: it had no light and never moved the plate.
     Unsaid,
-    /// Nothing of it or of an earlier job is in the vat.
+    /// No part of it or of an earlier job is in the vat.
     Clear,
-    /// Its part was left in the vat, or nobody knows.
+    /// Its part may be in the vat.
     Left,
 }
 
@@ -112,9 +112,9 @@ pub enum PlateAfter {
 pub struct Forgotten {
     /// Its number.
     pub id: u32,
-    /// Named its exposures; 0 where its journal could not be read.
+    /// Identified its exposures; 0 if its journal could not be read.
     pub key: u64,
-    /// What it tells about the plate after it.
+    /// What it tells about the plate.
     pub plate: PlateAfter,
 }
 
@@ -173,10 +173,10 @@ impl Spool {
         Err(SpoolError::NoSpace { path: self.root.clone(), free_bytes, need_bytes })
     }
 
-    /// Makes a job out of a received part: whole or not at all, flushed.
+    /// Makes a job from a received part: whole or not at all, flushed.
     ///
     /// # Errors
-    /// [`SpoolError`]; nothing is left behind then but the part where it was.
+    /// [`SpoolError`]; then the part stays where it was, and nothing else is left behind.
     pub fn create(&self, job: NewJob<'_>) -> Result<(JobDirectory, Journal), SpoolError> {
         let jobs = self.root.join("jobs");
         let known = self.jobs()?.last().map(|job| job.id);
@@ -190,7 +190,7 @@ impl Spool {
             sync_parent(&path).map_err(io("flush", &jobs))
         });
         if let Err(error) = filled {
-            // Best effort; what stays is deleted at the next opening.
+            // Best effort: the next opening deletes what is left.
             let _ = fs::rename(hidden.join(PART), part);
             let _ = fs::remove_dir_all(&hidden);
             return Err(error);
@@ -245,8 +245,8 @@ impl Spool {
         entries.map(|entry| Ok(entry.map_err(io("list", &jobs))?.path())).collect()
     }
 
-    /// Deletes the parts and records of jobs that are over, beyond [`MAX_PARTS`] and [`MAX_RECORDS`]. `over` lists the
-    /// jobs in whose state nothing can change any more. Gives the numbers of those whose records are gone.
+    /// Deletes the parts and records of jobs that are over, beyond [`MAX_PARTS`] and [`MAX_RECORDS`]. `over` lists those jobs.
+    /// Returns the numbers of the jobs whose records were deleted.
     ///
     /// # Errors
     /// [`SpoolError::Io`] names what could not be deleted.
@@ -265,14 +265,14 @@ impl Spool {
         Ok(forgotten)
     }
 
-    /// Deletes part and records of a job that is over. Gives the bytes that this frees.
+    /// Deletes part and records of a job that is over. Returns the number of bytes freed.
     ///
     /// # Errors
     /// [`SpoolError::Io`] names what could not be deleted; what is left then is deleted at the next opening.
     pub fn remove(&self, job: Forgotten) -> Result<u64, SpoolError> {
         let jobs = self.root.join("jobs");
         let (from, to) = (jobs.join(format!("{:08}", job.id)), jobs.join(job.name()));
-        // Gone at once, or not at all. Where an earlier try went no further than that, it goes on from there.
+        // Atomic. If an earlier try stopped after the rename, this one continues from there.
         if !to.is_dir() {
             fs::rename(&from, &to).map_err(io("remove", &from))?;
         }
@@ -318,7 +318,7 @@ impl Forgotten {
         format!("{:08}-{:016x}{plate}", self.id, self.key)
     }
 
-    /// What a directory's name tells; `None` for any other.
+    /// Parses the name of a directory; `None` if it is not that of a removed job.
     fn of(path: &Path) -> Option<Self> {
         let name = path.file_name()?.to_str()?;
         let (id, rest) = name.split_once('-')?;
@@ -332,7 +332,7 @@ impl Forgotten {
     }
 }
 
-/// Deletes what a directory holds; the bytes that this frees. A job's directory is flat.
+/// Deletes the contents of a directory and returns the number of bytes freed. A job's directory is flat.
 fn empty(directory: &Path) -> Result<u64, SpoolError> {
     /// Unit of [`MetadataExt::blocks`].
     const BLOCK_BYTES: u64 = 512;

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 pub enum JobState {
     /// Waiting for the machine.
     Queued,
-    /// Preflight: does it fit the volume and the budget, is the device the right one.
+    /// Preflight: whether the part fits the build volume and the memory budget, and whether the device is the right one.
     Checking,
     /// Layers are being exposed.
     Printing,
@@ -27,9 +27,9 @@ pub enum JobState {
     Stopped,
     /// Ended by the operator at once.
     Aborted,
-    /// Ended by an error that resuming cannot mend.
+    /// Ended by an error; cannot be resumed.
     Failed,
-    /// Ended by a crash, lost power, a lost line, a shutdown or what may be mended; can be resumed.
+    /// Ended by a crash, a power cut, a lost line, a shutdown or an error that can be repaired; can be resumed.
     Interrupted,
 }
 
@@ -40,7 +40,7 @@ impl JobState {
         matches!(self, Checking | Printing | Pausing | Paused | Stopping | Aborting)
     }
 
-    /// Whether nothing can happen to the job any more.
+    /// Whether the job is over for good.
     pub fn is_final(self) -> bool {
         use JobState::{Aborted, Completed, Failed, Stopped};
         matches!(self, Completed | Stopped | Aborted | Failed)

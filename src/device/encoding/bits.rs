@@ -31,20 +31,20 @@ impl<'a> BitWriter<'a> {
     }
 }
 
-/// Takes bits from bytes that arrive in pieces. A reader that runs dry is filled with zeros only after [`end`](Self::end),
-/// and then knows that it was.
+/// Takes bits from bytes that arrive in pieces. After [`end`](Self::end), a reader without bits supplies zeros and notes that it is
+/// overdrawn.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct BitReader {
     /// The next bits, in the highest `count` places; 0 below.
     window: u64,
     count: u32,
-    /// Bits taken that were never given.
+    /// More bits were taken than given.
     overdrawn: bool,
     ended: bool,
 }
 
 impl BitReader {
-    /// No code of any encoding here is longer.
+    /// Upper bound of the length of a code, in all encodings here.
     const MAX_CODE_BITS: u32 = 40;
 
     /// Takes as many of `bytes` as there is room for; the rest remains.
@@ -101,7 +101,7 @@ impl BitReader {
     }
 }
 
-/// The code tables of `fax` read through its own trait.
+/// The code tables of the `fax` crate read through its own trait.
 impl fax::BitReader for BitReader {
     type Error = std::convert::Infallible;
 

@@ -1,4 +1,4 @@
-//! Decoding what arrives in pieces.
+//! Decodes a layer whose bytes arrive in pieces.
 
 use super::bits::BitReader;
 use super::error::DecodeError;
@@ -7,7 +7,7 @@ use super::{depth_of, group4, run_grey};
 use crate::layer::{Bitmap, Depth};
 use crate::link::message::Encoding;
 
-/// Turns the bytes of one layer, given in pieces, into a picture. What it keeps besides that does not grow with the bytes.
+/// Turns the bytes of one layer, given in pieces, into a picture. Its memory besides the picture does not grow with the bytes.
 #[derive(Debug)]
 pub struct Decoder {
     picture: Bitmap,
@@ -16,7 +16,7 @@ pub struct Decoder {
     failed: Option<DecodeError>,
 }
 
-/// What the bytes are written in, and those that were given and not yet taken.
+/// The decoder of an encoding, with the bytes that were given and not yet taken.
 #[derive(Debug)]
 enum Code {
     /// Bytes of the picture filled so far.
@@ -43,7 +43,7 @@ impl Code {
         }
     }
 
-    /// Whether a step's bytes are there, or no more will come.
+    /// Whether the bytes of a step are available, or no more will come.
     fn is_ready(&mut self) -> bool {
         match self {
             Self::Raw(_) => false,
@@ -52,7 +52,7 @@ impl Code {
         }
     }
 
-    /// Whether there are more bytes than an end needs.
+    /// Whether there are more bytes than the end of the picture needs.
     fn has_surplus(&self) -> bool {
         match self {
             Self::Raw(_) => false,
@@ -61,7 +61,7 @@ impl Code {
         }
     }
 
-    /// One step of a row; true where that completed it. `above` is empty for the first row.
+    /// Decodes one step of a row. Returns whether the row is complete. `above` is empty for the first row.
     fn step(&mut self, above: &[u8], row: &mut [u8]) -> Result<bool, DecodeError> {
         let (complete, overdrawn) = match self {
             Self::Raw(_) => return Ok(false),
@@ -86,7 +86,7 @@ impl Decoder {
     /// Takes the next bytes.
     ///
     /// # Errors
-    /// [`DecodeError`]; the same again at every later call.
+    /// [`DecodeError`]; every later call returns the same error.
     pub fn push(&mut self, mut bytes: &[u8]) -> Result<(), DecodeError> {
         self.guarded(|decoder| {
             if let Code::Raw(filled) = &mut decoder.code {
@@ -106,7 +106,7 @@ impl Decoder {
         })
     }
 
-    /// No more bytes will come: the picture and the CRC-32 of its rows.
+    /// Ends the input. Returns the picture and the CRC-32 of its rows.
     ///
     /// # Errors
     /// [`DecodeError`].
@@ -133,7 +133,7 @@ impl Decoder {
         self.rows_done == self.picture.height_px() as usize
     }
 
-    /// Takes codes as long as whole ones are there. Every step completes a row or moves on in it.
+    /// Decodes steps while their bytes are available. Every step advances in its row.
     fn decode(&mut self) -> Result<(), DecodeError> {
         let stride = self.picture.stride_bytes();
         while !self.is_full() && self.code.is_ready() {
@@ -164,7 +164,7 @@ impl Decoder {
         }
     }
 
-    /// The padding of raw 1-bit rows is 0, or the CRC would depend on it.
+    /// Checks that the padding of raw 1-bit rows is 0: the CRC covers it.
     fn check_padding(&self) -> Result<(), DecodeError> {
         let used = self.picture.width_px() % 8;
         if self.picture.depth() == Depth::Grey || used == 0 {

@@ -3,16 +3,16 @@
 /// Bytes that are not a picture of the agreed size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DecodeError {
-    /// A code that does not exist or leads out of the row.
+    /// A code does not exist, or leads out of the row.
     #[error("a code that does not exist or leads out of its row")]
     BadCode,
     /// The bytes end before the picture does.
     #[error("the bytes end before the last row")]
     TooFewRows,
-    /// Bytes are left after the last row.
+    /// There are bytes after the last row.
     #[error("there are bytes after the last row")]
     TooManyRows,
-    /// Padding bits that are not 0.
+    /// Padding bits are not 0.
     #[error("padding bits are not 0")]
     BadPadding,
 }

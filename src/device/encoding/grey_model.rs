@@ -1,10 +1,10 @@
-//! What RunGrey expects of a pixel or a run, learned from those before it.
+//! The probability model of RunGrey: predicts a pixel or a run from those before it.
 //!
-//! Everything a decoder keeps besides two rows is the [`Model`]: 1104 bytes. `docs/encodings.md` says the same in words.
+//! A decoder keeps two rows and the [`Model`], which takes 1104 bytes. `docs/encodings.md` describes the model in words.
 
 use super::range::{Probability, RangeDecoder, RangeEncoder};
 
-/// The pixels around the next one that are known by then; 0 outside the picture.
+/// The known neighbours of the next pixel; 0 outside the picture.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Near {
     left: u8,
@@ -21,13 +21,13 @@ impl Near {
         Self { left, corner, up: at(above, x), ahead: at(above, x + 1) }
     }
 
-    /// The colour of all four where they are solid and the same: most likely it goes on.
+    /// The colour of all four if they are solid and equal. Most likely the next pixel has it, too.
     pub(super) fn solid(self) -> Option<u8> {
         let Self { left, corner, up, ahead } = self;
         (is_solid(left) && [corner, up, ahead] == [left; 3]).then_some(left)
     }
 
-    /// One of [`CONTEXTS`].
+    /// The context of a pixel, below [`CONTEXTS`].
     fn context(self) -> usize {
         let four = |pixel: u8| three(pixel) + usize::from(pixel > 127);
         ((four(self.left) * 4 + four(self.up)) * 3 + three(self.ahead)) * 3 + three(self.corner)
@@ -38,22 +38,22 @@ impl Near {
     }
 }
 
-/// The kinds of neighbourhood told apart.
+/// Number of contexts of a pixel.
 const CONTEXTS: usize = 4 * 4 * 3 * 3;
-/// The kinds of neighbourhood in which differences differ in size.
+/// Number of contexts of the size of a difference.
 const SIZE_CONTEXTS: usize = 3 * 3;
-/// Differences of 7 bits: their sizes are 0 to 7, their size's tree has seven nodes (counted from 1).
+/// Differences have up to 7 bits, so sizes are 0 to 7. The binary tree of a size has seven nodes, counted from 1.
 const SIZES: usize = 8;
-/// Guesses told apart for a difference's sign: near 0 it is mostly positive, near 255 negative.
+/// Number of contexts of a difference's sign, by the guess: near 0 the sign is mostly positive, near 255 mostly negative.
 const SIGN_CONTEXTS: usize = 8;
-/// Bits of a zone's length, less one: a zone has at most 65535 pixels.
+/// Number of size classes of a zone, which has at most 65535 pixels.
 const ZONE_SIZES: usize = 16;
 /// Grey pixels are 1 to 254.
 const GREYS: i32 = 254;
-/// Corrections are kept in sixteenths: as long as the memory of a context.
+/// Corrections are kept in sixteenths, which averages over some sixteen pixels of a context.
 const CORRECTION_SHIFT: u32 = 4;
 
-/// Dark, grey, lit; without jumps, which could not be foretold.
+/// 0 for dark, 1 for grey, 2 for lit. Without branches, which the processor could not predict.
 fn three(pixel: u8) -> usize {
     usize::from(pixel > 0) + usize::from(pixel == 255)
 }
@@ -62,14 +62,14 @@ pub(super) fn is_solid(pixel: u8) -> bool {
     pixel == 0 || pixel == 255
 }
 
-/// The state of the coder, as large for a decoder as for an encoder.
+/// The adaptive state, the same in encoder and decoder.
 #[derive(Clone, Debug)]
 pub(super) struct Model {
-    /// Whether a run ends before its zone does: by the zone's size and colour.
+    /// Whether a run ends before its zone does, by the zone's size and colour.
     zones: [[Probability; 2]; ZONE_SIZES],
     /// Whether a pixel is grey; if not, whether it is lit.
     kinds: [[Probability; 2]; CONTEXTS],
-    /// Sum of what the guesses lacked: a sixteenth of it is added to the next.
+    /// Sum of the errors of the guesses; a sixteenth of it is added to the next guess.
     corrections: [i16; CONTEXTS],
     sizes: [[Probability; SIZES]; SIZE_CONTEXTS],
     signs: [Probability; SIGN_CONTEXTS],
@@ -77,7 +77,7 @@ pub(super) struct Model {
     second_bits: [Probability; SIZES],
 }
 
-/// What `docs/encodings.md` tells firmware writers to set aside.
+/// `docs/encodings.md` states this size for firmware.
 const _: () = assert!(size_of::<Model>() == 1104);
 
 impl Default for Model {
@@ -94,7 +94,7 @@ impl Default for Model {
 }
 
 impl Model {
-    /// Writes how many of a zone's `zone` pixels (at least 1) have its colour before another comes.
+    /// Writes the number of pixels that have the zone's colour before another comes. `zone` is the zone's length, at least 1.
     pub(super) fn put_run(&mut self, run: usize, zone: usize, colour: u8, coder: &mut RangeEncoder<'_>) {
         coder.put(run < zone, self.zone(zone, colour));
         if run < zone {
@@ -102,7 +102,7 @@ impl Model {
         }
     }
 
-    /// Reads what [`put_run`](Self::put_run) wrote; `None` for a place beyond the zone, which no picture has.
+    /// Reads what [`put_run`](Self::put_run) wrote; `None` if the run would be longer than the zone.
     pub(super) fn take_run(&mut self, zone: usize, colour: u8, coder: &mut RangeDecoder) -> Option<usize> {
         if !coder.take(self.zone(zone, colour)) {
             return Some(zone);
@@ -111,7 +111,7 @@ impl Model {
     }
 
     fn zone(&mut self, zone: usize, colour: u8) -> &mut Probability {
-        // Only a picture without columns has an empty zone.
+        // A zone is empty only in a picture without columns.
         let size = (zone.max(1).ilog2() as usize).min(ZONE_SIZES - 1);
         &mut self.zones[size][usize::from(colour & 1)]
     }
@@ -173,16 +173,16 @@ impl Model {
         pixel as u8
     }
 
-    /// The grey that continues the row above's slope, corrected by what such guesses lacked; 1 to 254.
+    /// Predicts a grey, 1 to 254: continues the slope of the row above, corrected by the errors of earlier guesses.
     ///
-    /// A correction stays within ±8,500: it only grows while the guess is below 254, so while a sixteenth of it is below 509.
+    /// A correction stays within ±8,500. It grows only while the guess is below 254, that is while a sixteenth of it is below 509.
     fn guess(&self, near: Near, context: usize) -> i32 {
         let plane = i32::from(near.left) + i32::from(near.up) - i32::from(near.corner);
         (plane + i32::from(self.corrections[context] >> CORRECTION_SHIFT)).clamp(1, GREYS)
     }
 }
 
-/// The number from `least` on, of 254, that `value` is a whole number of 254s away from; at most one.
+/// `value` modulo 254, in the range of 254 numbers that begins at `least`. `value` is at most 254 outside the range.
 fn wrapped(value: i32, least: i32) -> i32 {
     if value < least {
         value + GREYS
@@ -193,7 +193,7 @@ fn wrapped(value: i32, least: i32) -> i32 {
     }
 }
 
-/// Bits of a place within a zone.
+/// Number of bits of a position within a zone.
 fn place_bits(zone: usize) -> u32 {
     usize::BITS - (zone.max(1) - 1).leading_zeros()
 }

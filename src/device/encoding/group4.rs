@@ -1,7 +1,7 @@
 //! CCITT Group 4 (ITU-T T.6): 1-bit pictures as changes against the row above.
 //!
-//! Lit is written as black. There is no header; the picture ends with EOFB and zero bits up to the byte. The run-length
-//! codes come from the `fax` crate; finding the changes a word at a time is ours, because that is where the time goes.
+//! Lit is written as black. There is no header. The picture ends with EOFB and zero bits up to the next byte. The run-length
+//! codes come from the `fax` crate. This module finds the changes itself, a word at a time, because that takes most of the time.
 
 use fax::maps::{Mode, black, mode, white};
 
@@ -12,11 +12,11 @@ use crate::layer::Bitmap;
 /// The mode codes of T.6 table 1: code and length.
 const PASS: (u32, u32) = (0b0001, 4);
 const HORIZONTAL: (u32, u32) = (0b001, 3);
-/// For a change 3 to the left of the one above, up to 3 to the right.
+/// For offsets from −3 (left of the change above) to +3.
 const VERTICAL: [(u32, u32); 7] = [(0b10, 7), (0b10, 6), (0b10, 3), (1, 1), (0b11, 3), (0b11, 6), (0b11, 7)];
-/// Half of the end of the block.
+/// Two of these make up EOFB.
 const EOL: (u32, u32) = (1, 12);
-/// The longest run one code carries; longer runs repeat it.
+/// The longest run of one make-up code; longer runs repeat it.
 const MAX_MAKE_UP_PX: u32 = 2560;
 
 /// Appends a 1-bit picture to `bytes`.
@@ -33,12 +33,12 @@ pub(super) fn encode(bitmap: &Bitmap, bytes: &mut Vec<u8>) {
     writer.finish();
 }
 
-/// Where the colour changes, ascending, starting from dark: even places begin lit runs, odd ones end them.
+/// Finds the columns where the colour changes, ascending, starting from dark. Even entries begin lit runs, odd entries end them.
 fn find_changes(pixels: &[u8], width_px: u32, changes: &mut Vec<u32>) {
     changes.clear();
     let mut last_bit = 0;
     let mut scan = |word: u64, first_x: u32| {
-        // Bit by bit against its left neighbour: 1 where they differ.
+        // A bit is 1 where a pixel differs from its left neighbour.
         let mut differs = word ^ (word >> 1 | last_bit << 63);
         last_bit = word & 1;
         while differs != 0 {
@@ -56,7 +56,7 @@ fn find_changes(pixels: &[u8], width_px: u32, changes: &mut Vec<u32>) {
         last[..tail.len()].copy_from_slice(tail);
         scan(u64::from_be_bytes(last), words.len() as u32 * 64);
     }
-    // The padding is dark: a lit run up to the edge ends there without a change.
+    // The padding is dark. A lit run that ends at the edge has no change there.
     if changes.last().is_some_and(|&x| x >= width_px) {
         changes.pop();
     }
@@ -91,7 +91,7 @@ fn encode_run(mut length_px: u32, lit: bool, writer: &mut BitWriter<'_>) {
         let bits = table[index as usize].1;
         writer.put(u32::from(bits.data), u32::from(bits.len));
     };
-    // The table holds the runs 0 to 63, then the multiples of 64.
+    // The table holds the codes of 0 to 63, then those of the multiples of 64.
     while length_px >= MAX_MAKE_UP_PX {
         put(63 + MAX_MAKE_UP_PX / 64);
         length_px -= MAX_MAKE_UP_PX;
@@ -102,7 +102,7 @@ fn encode_run(mut length_px: u32, lit: bool, writer: &mut BitWriter<'_>) {
     put(length_px % 64);
 }
 
-/// The row above, asked for b1 and b2 of T.6 from left to right.
+/// Finds b1 and b2 of T.6 in the row above, from left to right.
 struct Reference<'a> {
     changes: &'a [u32],
     width_px: u32,
@@ -114,10 +114,10 @@ impl<'a> Reference<'a> {
         Self { changes, width_px, next: 0 }
     }
 
-    /// b1: the first change right of `a0` away from the colour `lit`; b2: the change after it; the width where there is none.
+    /// b1 is the first change right of `a0` away from the colour `lit`, b2 the change after it. Either is the width if there is none.
     fn find(&mut self, a0: Option<u32>, lit: bool) -> (u32, u32) {
         if let Some(a0) = a0 {
-            // A vertical code to the left can bring changes back that were passed: at most a few.
+            // After a vertical code to the left, a few passed changes may lie ahead again.
             while self.next > 0 && self.changes[self.next - 1] > a0 {
                 self.next -= 1;
             }
@@ -139,14 +139,14 @@ pub(super) struct RowDecoder {
     row: Vec<u32>,
     a0: Option<u32>,
     lit: bool,
-    /// Inside a horizontal code, or its first run already known.
+    /// The horizontal code under way.
     horizontal: Horizontal,
 }
 
 #[derive(Clone, Copy, Debug)]
 enum Horizontal {
     No,
-    /// The run so far (make-up codes).
+    /// The first run so far (make-up codes).
     First(u32),
     Second(u32),
 }
@@ -156,7 +156,7 @@ impl RowDecoder {
         Self { width_px, above: Vec::new(), row: Vec::new(), a0: None, lit: false, horizontal: Horizontal::No }
     }
 
-    /// Takes one code; true where it completed the row, which is then in `pixels` (all 0 before).
+    /// Takes one code. Returns whether the row is complete; it is then in `pixels`, which must be all 0 before.
     pub(super) fn step(&mut self, bits: &mut BitReader, pixels: &mut [u8]) -> Result<bool, DecodeError> {
         match self.horizontal {
             Horizontal::No => self.take_mode(bits)?,
@@ -202,13 +202,13 @@ impl RowDecoder {
             self.horizontal = if second { Horizontal::Second(run) } else { Horizontal::First(run) };
             return Ok(());
         }
-        // `change` turns the colour, and with it the table for the second run.
+        // `change` flips the colour, and with it the code table of the second run.
         self.change(self.a0.unwrap_or(0) + run)?;
         self.horizontal = if second { Horizontal::No } else { Horizontal::Second(0) };
         Ok(())
     }
 
-    /// The colour changes at `x`, which must advance (but for a row that begins lit, and the second run of a row's end).
+    /// The colour changes at `x`, which must advance, except in a row that begins lit and at the end of a row.
     fn change(&mut self, x: u32) -> Result<(), DecodeError> {
         let advances = self.a0.is_none_or(|a0| x > a0) || x == self.width_px;
         if !advances || x > self.width_px {
@@ -223,14 +223,14 @@ impl RowDecoder {
 }
 
 impl Reference<'_> {
-    /// [`find`](Self::find) without a place to begin from.
+    /// [`find`](Self::find) for a single position.
     fn near(changes: &[u32], width_px: u32, a0: Option<u32>, lit: bool) -> (u32, u32) {
         let next = a0.map_or(0, |a0| changes.partition_point(|&x| x <= a0));
         Reference { changes, width_px, next }.find(None, lit)
     }
 }
 
-/// EOFB and zero bits to the end of the byte, and nothing else.
+/// Checks that only EOFB and zero bits up to the next byte follow.
 pub(super) fn take_end(bits: &mut BitReader) -> Result<(), DecodeError> {
     if bits.remaining() < 24 {
         return Err(DecodeError::TooFewRows);
@@ -245,7 +245,7 @@ pub(super) fn take_end(bits: &mut BitReader) -> Result<(), DecodeError> {
     }
 }
 
-/// Lights the pixels from `start` to before `end`.
+/// Sets the pixels from `start` up to, but not including, `end`.
 fn fill_bits(pixels: &mut [u8], start: u32, end: u32) {
     let (first, last) = ((start / 8) as usize, (end / 8) as usize);
     let (head, tail) = (0xffu8 >> (start % 8), !(0xffu8 >> (end % 8)));
@@ -255,7 +255,7 @@ fn fill_bits(pixels: &mut [u8], start: u32, end: u32) {
     }
     pixels[first] |= head;
     pixels[first + 1..last].fill(0xff);
-    // Where a run ends with the row's last byte there is no byte behind it.
+    // If a run ends with the last byte of the row, there is no byte after it.
     if tail != 0 {
         pixels[last] |= tail;
     }

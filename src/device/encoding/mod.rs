@@ -1,4 +1,4 @@
-//! How a layer's pixels are written for a device, and read again.
+//! Encodings of a layer's pixels.
 //!
 //! | encoding  | bits a pixel | what it is                                                        |
 //! |-----------|--------------|-------------------------------------------------------------------|
@@ -7,9 +7,9 @@
 //! | `RawGrey` | 8            | the rows as they are                                              |
 //! | `RunGrey` | 8            | runs and edge pixels, arithmetically coded: see [`run_grey`]      |
 //!
-//! An encoder works through whole words and writes into a buffer that is used again for each layer. The [`Decoder`] takes
-//! the bytes in pieces as they arrive, keeps no more than the picture itself and the last row's transitions or a kilobyte of
-//! probabilities, and treats every byte as hostile: it ends in an error, never in a panic. `docs/encodings.md` is the text for firmware writers.
+//! An encoder works on whole words and writes into a buffer that is reused for each layer. The [`Decoder`] takes the bytes in
+//! pieces as they arrive. Besides the picture it keeps the changes of the last row or a kilobyte of probabilities. It treats
+//! every byte as hostile: bad bytes give an error, never a panic. `docs/encodings.md` is for firmware writers.
 
 mod bits;
 mod decoder;
@@ -25,7 +25,7 @@ pub use error::DecodeError;
 use crate::layer::{Bitmap, Depth};
 use crate::link::message::Encoding;
 
-/// A picture of one depth was to be written in an encoding of the other.
+/// The encoding does not fit the depth of the picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("a picture of {depth:?} pixels cannot be written as {encoding:?}")]
 pub struct WrongDepth {
@@ -35,7 +35,7 @@ pub struct WrongDepth {
     pub encoding: Encoding,
 }
 
-/// The pixels an encoding carries.
+/// The pixel depth of an encoding.
 pub fn depth_of(encoding: Encoding) -> Depth {
     match encoding {
         Encoding::RawBit | Encoding::Group4 => Depth::Bit,
@@ -43,16 +43,16 @@ pub fn depth_of(encoding: Encoding) -> Depth {
     }
 }
 
-/// How layers are written for one device.
+/// How layers are encoded for one device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Choice {
-    /// The shortest encoding the device decodes, as a rule.
+    /// The encoding that is usually the shortest of those that the device decodes.
     pub encoding: Encoding,
-    /// The rows as they are, for a layer that is shorter so; `None` where the device does not decode them.
+    /// The raw encoding, for layers that are shorter in it; `None` if the device does not decode it.
     pub raw: Option<Encoding>,
 }
 
-/// The best encoding for pictures of `depth` among those a device decodes; `None` where it decodes none.
+/// The best encoding for pictures of `depth` among those that a device decodes; `None` if it decodes none.
 pub fn choose(depth: Depth, offered: &[Encoding]) -> Option<Choice> {
     let [packed, raw] = match depth {
         Depth::Bit => [Encoding::Group4, Encoding::RawBit],
@@ -63,12 +63,12 @@ pub fn choose(depth: Depth, offered: &[Encoding]) -> Option<Choice> {
     Some(Choice { encoding, raw })
 }
 
-/// CRC-32 (IEEE) of a picture's rows: what a device compares after decoding.
+/// CRC-32 (IEEE) of a picture's rows. A device compares it after decoding.
 pub fn picture_crc32(bitmap: &Bitmap) -> u32 {
     crc32fast::hash(bitmap.data())
 }
 
-/// Writes a picture in the chosen encoding, or raw where that is shorter and decoded, and says which it was.
+/// Writes a picture in the chosen encoding, or raw if that is shorter and the device decodes it. Returns the encoding used.
 ///
 /// # Errors
 /// [`WrongDepth`].
@@ -85,11 +85,11 @@ pub fn encode_shortest(bitmap: &Bitmap, choice: Choice, bytes: &mut Vec<u8>) -> 
 
 /// The most bytes [`encode`] can write for a picture of `raw_bytes`, in any encoding of `depth`.
 ///
-/// Group 4 at its worst writes single pixels of alternating colour as horizontal codes, 12 bits for two pixels, and 8 bits
-/// more for a row that begins lit: less than seven times the raw picture, and the 24 bits of its end.
+/// Worst case of Group 4: single pixels of alternating colour, written as horizontal codes. Two pixels take 12 bits, and a row that
+/// begins lit takes 8 more: less than seven times the raw picture, plus 24 bits for the end.
 ///
-/// RunGrey at its worst breaks a run with every second pixel. A learned bit costs at most 1.03 bits on average, whatever the
-/// pixels are; 9 of them and 21 even bits make two pixels: less than twice the raw picture, and the last 4 bytes.
+/// Worst case of RunGrey: every second pixel breaks a run. Two pixels take 9 learned bits, which cost at most 1.03 bits each on
+/// average, and 21 even bits: less than twice the raw picture, plus 4 bytes for the end.
 pub fn largest_encoded_bytes(depth: Depth, raw_bytes: u64) -> u64 {
     match depth {
         Depth::Bit => 7 * raw_bytes + 4,

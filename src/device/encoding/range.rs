@@ -1,31 +1,31 @@
-//! An adaptive binary range coder: bits that are nearly certain cost next to nothing.
+//! An adaptive binary range coder: bits that are nearly certain cost almost nothing.
 //!
-//! The coder keeps an interval of 32 bits and gives each bit a share of it as large as the bit is likely (Martin 1979; carries
-//! and the bytewise renormalisation as in Schindler 1998). The last four bytes are the interval's lower end itself, so that
-//! a decoder finds exactly 0 left over: bytes too many, too few or damaged are noticed without a mark.
+//! The coder keeps an interval of 32 bits and gives each bit a share in proportion to its probability (Martin 1979; carries and
+//! bytewise renormalisation as in Schindler 1998). The last four bytes are the lower end of the interval. A decoder of intact
+//! bytes ends with exactly 0, so that missing, surplus or damaged bytes are noticed without an end mark.
 
-/// Below this the interval is widened by a byte: 8 bits of it are left for a probability of 16.
+/// Below this the interval is widened by a byte. 8 bits are left beside a probability of 16 bits.
 const NARROW: u32 = 1 << 24;
 
-/// How likely the next bit of its kind is 0, in 65536ths; learns from each bit.
+/// Probability that the next bit of its kind is 0, in 65536ths; adapts to each bit.
 ///
-/// It stays within 31 to 65505, so no bit is impossible, and none costs more than 11.1 bits; whatever bits come, they cost at
-/// most 1.03 bits each on average.
+/// It stays within 31 to 65505, so no bit is impossible and none costs more than 11.1 bits. Any sequence costs at most 1.03 bits
+/// per bit on average.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Probability(u16);
 
 impl Probability {
     pub(super) const EVEN: Self = Self(1 << 15);
-    /// A 32nd of the way at each bit: quick enough for one layer, steady enough for rare bits.
+    /// Each bit moves the probability by a 32nd of the way: fast enough for one layer, steady enough for rare bits.
     const LEARNING_SHIFT: u32 = 5;
 
-    /// The part of an interval that stands for 0; neither empty nor all of it.
+    /// The part of an interval that stands for 0. It is neither empty nor the whole interval.
     fn share(self, range: u32) -> u32 {
         (range >> 16) * u32::from(self.0)
     }
 
     fn learn(&mut self, bit: bool) {
-        // Both are computed and one is chosen: which it is cannot be foretold, and a wrong jump costs more than either.
+        // Computes both and selects one: the processor cannot predict the bit, and a mispredicted branch costs more.
         let less = self.0 - (self.0 >> Self::LEARNING_SHIFT);
         let more = self.0 + (((1 << 16) - u32::from(self.0)) >> Self::LEARNING_SHIFT) as u16;
         self.0 = if bit { less } else { more };
@@ -44,7 +44,7 @@ impl<'a> RangeEncoder<'a> {
         Self { bytes, low: 0, range: u32::MAX }
     }
 
-    /// A bit that is as likely as it was before.
+    /// Writes a bit with the given probability, which adapts.
     pub(super) fn put(&mut self, bit: bool, probability: &mut Probability) {
         let share = probability.share(self.range);
         probability.learn(bit);
@@ -53,7 +53,7 @@ impl<'a> RangeEncoder<'a> {
         self.widen();
     }
 
-    /// A number below `2^bits` like any other; at most 16 bits.
+    /// Writes a number of `bits` bits, at most 16, all values equally likely.
     pub(super) fn put_even(&mut self, value: u32, bits: u32) {
         debug_assert!(bits <= 16 && value >> bits == 0);
         self.range >>= bits;
@@ -65,7 +65,7 @@ impl<'a> RangeEncoder<'a> {
         let (low, carry) = self.low.overflowing_add(by);
         self.low = low;
         if carry {
-            // The bytes so far and `low` are one number below 1: some byte before takes the carry.
+            // The written bytes and `low` are one number below 1, so an earlier byte takes the carry.
             for byte in self.bytes.iter_mut().rev() {
                 *byte = byte.wrapping_add(1);
                 if *byte != 0 {
@@ -89,14 +89,15 @@ impl<'a> RangeEncoder<'a> {
     }
 }
 
-/// Takes bits from bytes that arrive in pieces. One that runs dry after [`end`](Self::end) goes on with zeros and knows it.
+/// Takes bits from bytes that arrive in pieces. After [`end`](Self::end), a decoder without bytes takes zeros and notes that it is
+/// overdrawn.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct RangeDecoder {
     /// The next bytes, in the highest places; 0 below.
     window: u128,
     bytes_left: u32,
     range: u32,
-    /// The number in the bytes less the lower end of the interval: below `range` unless the bytes are damaged.
+    /// The encoded number less the lower end of the interval. It is below `range` unless the bytes are damaged.
     code: u32,
     started: bool,
     ended: bool,
@@ -127,7 +128,7 @@ impl RangeDecoder {
         self.ended = true;
     }
 
-    /// Whether bits of `bytes` bytes, at most 16, can be taken. Takes the first number when it can.
+    /// Whether `bytes` bytes, at most 16, are available. Reads the start of the code when they are.
     pub(super) fn is_ready(&mut self, bytes: u32) -> bool {
         let ready = self.bytes_left >= bytes || self.ended;
         if ready && !self.started {
@@ -147,7 +148,7 @@ impl RangeDecoder {
         self.bytes_left
     }
 
-    /// Whether nothing is left over: so it is after the last bit of whole bytes.
+    /// Whether nothing is left, as after the last bit of intact bytes.
     pub(super) fn is_spent(&self) -> bool {
         self.code == 0 && self.bytes_left == 0
     }
@@ -162,10 +163,10 @@ impl RangeDecoder {
         bit
     }
 
-    /// A number below `2^bits` like any other; at most 16 bits.
+    /// Reads a number of `bits` bits, at most 16, all values equally likely.
     pub(super) fn take_even(&mut self, bits: u32) -> u32 {
         self.range >>= bits;
-        // A division, without the instruction that small processors lack.
+        // Long division: small processors have no divide instruction.
         let mut value = 0;
         for place in (0..bits).rev() {
             let share = self.range << place;
@@ -196,7 +197,7 @@ impl RangeDecoder {
 mod tests {
     use super::Probability;
 
-    /// The dearest sequence of bits, found by going back from its end over every probability.
+    /// Finds the most expensive sequence of bits by dynamic programming from its end.
     #[test]
     fn no_bits_cost_more_than_1_03_each_on_average() {
         const BITS: usize = 100;

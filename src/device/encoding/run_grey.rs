@@ -1,10 +1,10 @@
 //! RunGrey: 8-bit grey pictures as solid runs and the few values between them, arithmetically coded.
 //!
-//! An antialiased layer is dark (0) and lit (255) areas with one or two grey pixels at each edge, and each row is much like the
-//! row above it. Where the pixels known around the next one all have one solid colour, a *zone* begins: it reaches as far as
-//! the row above stays solid, and one bit, nearly certain, says that this row does too. Elsewhere pixels are written one by
-//! one: whether dark, lit or grey, and a grey as its difference from a guess. A decoder needs the current and the
-//! previous row and the `Model`, nothing else.
+//! An antialiased layer has dark (0) and lit (255) areas with one or two grey pixels at each edge, and each row is similar to the
+//! row above. If all known neighbours of the next pixel have the same solid colour, a *zone* begins. It reaches as far as the
+//! row above stays solid; a single, nearly certain bit says that this row stays solid, too. Elsewhere pixels are written one by
+//! one: dark, lit, or grey with its difference from a prediction. A decoder needs only the current row, the previous row and
+//! the `Model`.
 
 use super::error::DecodeError;
 use super::grey_model::{Model, Near};
@@ -43,10 +43,10 @@ fn encode_row(row: &[u8], above: &[u8], model: &mut Model, coder: &mut RangeEnco
     }
 }
 
-/// A place in a zone takes at most 16 bits, which is what the coder writes at once.
+/// Limit of a zone: a position in it takes at most 16 bits, which the coder writes at once.
 const MAX_ZONE_PX: usize = 0xffff;
 
-/// Where zones end in one row; the row above is searched once, however often its runs are broken below.
+/// Finds the ends of the zones of one row. The row above is searched only once, however often runs are broken in this row.
 #[derive(Clone, Copy, Debug, Default)]
 struct Zones {
     /// The end of the last run found in the row above.
@@ -54,18 +54,18 @@ struct Zones {
 }
 
 impl Zones {
-    /// The end of the zone that begins at `x`, beyond `x`: as far as the pixel above and the one ahead of it are of `colour`.
+    /// The end of the zone that begins at `x`: it reaches as far as the pixels above and ahead of it have `colour`.
     fn end(&mut self, above: &[u8], x: usize, width: usize, colour: u8) -> usize {
         if x >= self.above_end {
             self.above_end = if above.is_empty() { width } else { find_other(above, x, colour) };
         }
-        // Outside the picture all is dark: there a dark zone reaches the edge, a lit one ends a pixel before.
+        // Outside the picture all is dark. So a dark zone can reach the edge, and a lit zone ends a pixel before it.
         let end = if self.above_end == width && colour == 0 { width } else { self.above_end - 1 };
         end.min(x + MAX_ZONE_PX)
     }
 }
 
-/// The first place at or right of `x` that is not `value`, else the row's length. Goes by blocks, then by words, then by pixels.
+/// The first column from `x` on that is not `value`, else the row's length. Compares blocks, then words, then pixels.
 fn find_other(row: &[u8], x: usize, value: u8) -> usize {
     let rest = &row[x.min(row.len())..];
     let (blocks, _) = rest.as_chunks::<64>();
@@ -88,15 +88,15 @@ pub(super) struct RowDecoder {
     model: Model,
     zones: Zones,
     x: usize,
-    /// The pixel at `x` ends a run before its zone does, so no run comes before it.
+    /// The last run ended before its zone did, so the pixel at `x` follows without a run.
     run_broken: bool,
 }
 
 impl RowDecoder {
-    /// The most bytes a step takes: a grey pixel has six learned bits of at most 11.1 each and five even ones.
+    /// The most bytes that a step takes. A grey pixel has six learned bits of at most 11.1 bits each, and five even bits.
     pub(super) const STEP_BYTES: u32 = 12;
 
-    /// Takes one run or one pixel; true where it completed `row`. `above` is empty for the first row.
+    /// Takes one run or one pixel. Returns whether `row` is complete. `above` is empty for the first row.
     pub(super) fn step(&mut self, coder: &mut RangeDecoder, above: &[u8], row: &mut [u8]) -> Result<bool, DecodeError> {
         let near = Near::at(row, above, self.x);
         match near.solid() {

@@ -1,8 +1,8 @@
-//! The firmware of a simulated DLP machine, behind the device's session: messages and the time come in, actions come out.
+//! The firmware of a simulated DLP machine, on top of the device's session: messages and the time go in, actions come out.
 //!
-//! Times are microseconds of the device's own clock. Whatever ends by that clock (an exposure, a move) is stamped with the
-//! moment it was due, however late [`DlpCore::advance`] is called. There is light only between the beginning of an exposure and
-//! its end, and an exposure ends by the device's clock, by an urgent light-off or abort, by a fault, or by a reset.
+//! Times are microseconds of the device's own clock. The end of an exposure or a move is stamped with the time when it was due,
+//! however late [`DlpCore::advance`] is called. The light is on only during an exposure. An exposure ends by the device's clock,
+//! by an urgent light-off or abort, by a fault, or by a reset.
 
 mod plate;
 mod upload;
@@ -18,13 +18,13 @@ use crate::link::message::{
     Capabilities, DeviceMessage, DeviceState, ExposureId, Fault, HostMessage, Refusal, Reply, Report, Request, Urgent,
 };
 
-/// Where the plate stands before the first homing, which nobody knows but the simulation.
+/// Where the plate stands before the first homing. Only the simulation knows it.
 const UNKNOWN_POSITION_UM: i32 = 20_000;
 
-/// What the process around the core has to do, in this order.
+/// What the owner of the core must do, in order.
 #[derive(Clone, Debug, PartialEq)]
 pub enum CoreAction {
-    /// Send to the host; void where there is no session.
+    /// Send to the host; void without a session.
     Send(DeviceMessage),
     /// Write a line of the log.
     Record(ActRecord),
@@ -32,14 +32,14 @@ pub enum CoreAction {
     Picture(u32, Bitmap),
 }
 
-/// What a device did since it was made; resets do not clear it.
+/// Counts since the device was made; resets do not clear them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Statistics {
     /// Exposures that ran their whole time.
     pub exposed: u64,
     /// Exposures ended early.
     pub cut_short: u64,
-    /// Layers received whole and right.
+    /// Layers received without error.
     pub uploads: u64,
     /// Bytes of layer data taken.
     pub layer_bytes: u64,
@@ -58,15 +58,15 @@ pub struct Statistics {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Readiness {
     Ready,
-    /// Begins nothing until released; at most one request waits.
+    /// Begins nothing until Release; at most one request waits.
     Held,
-    /// Aborted, silent host or just started: begins nothing until a hello.
+    /// Aborted, the host silent, or just started: begins nothing until a hello.
     WaitsForHello,
 }
 
 #[derive(Debug)]
 struct Exposure {
-    /// Of the request, while its session lasts.
+    /// Number of the request, while its session lasts.
     number: Option<u32>,
     slot: usize,
     id: ExposureId,
@@ -98,7 +98,7 @@ pub struct DlpCore {
 }
 
 impl DlpCore {
-    /// A device just switched on: dark, not homed, waiting for a hello. `boot_id` differs from start to start.
+    /// A device that was just switched on: dark, not homed, waiting for a hello. `boot_id` differs from start to start.
     pub fn new(capabilities: Capabilities, boot_id: u32) -> Self {
         let slots = vec![None; usize::from(capabilities.layer_slots)];
         Self {
@@ -121,17 +121,17 @@ impl DlpCore {
         }
     }
 
-    /// What this device says of itself.
+    /// The capabilities that the device reports.
     pub fn capabilities(&self) -> &Capabilities {
         &self.capabilities
     }
 
-    /// What it did.
+    /// Counts.
     pub fn statistics(&self) -> Statistics {
         self.statistics
     }
 
-    /// The next thing to do for the owner.
+    /// The next action for the owner.
     pub fn action(&mut self) -> Option<CoreAction> {
         self.actions.pop_front()
     }
@@ -143,7 +143,7 @@ impl DlpCore {
         light_off_us.into_iter().chain(arrival_us).min()
     }
 
-    /// Lets what is due by `now_us` end. Every other call with a time does this first.
+    /// Ends what is due by `now_us`. Every other call with a time does this first.
     pub fn advance(&mut self, now_us: u64) {
         if let Some(exposure) = self.exposure.take_if(|exposure| exposure.ends_us() <= now_us) {
             self.now_us = exposure.ends_us();
@@ -156,7 +156,7 @@ impl DlpCore {
         self.now_us = self.now_us.max(now_us);
     }
 
-    /// The state, as the welcome and [`Request::State`] tell it.
+    /// The state, as sent in the welcome and in reply to [`Request::State`].
     pub fn state(&self) -> DeviceState {
         let moving_at = self.motion.as_ref().map(|motion| motion.position_um(self.now_us));
         DeviceState {
@@ -172,7 +172,7 @@ impl DlpCore {
         }
     }
 
-    /// A host begins a session. What runs goes on, but its reply is owed to nobody any more; an abort is over.
+    /// A host begins a session. A running act goes on, but its reply is not sent. An abort is cleared.
     pub fn hello(&mut self, now_us: u64) -> DeviceState {
         self.advance(now_us);
         self.drop_session();
@@ -181,7 +181,7 @@ impl DlpCore {
         self.state()
     }
 
-    /// Nothing was heard of the host for too long: what runs ends by the device's clock, nothing begins until a hello.
+    /// The host was silent for too long. A running act ends by the device's clock; nothing begins until a hello.
     pub fn host_silent(&mut self, now_us: u64) {
         self.advance(now_us);
         self.drop_session();
@@ -190,13 +190,13 @@ impl DlpCore {
         self.record(ActRecord { event: "host_silent", ..ActRecord::default() });
     }
 
-    /// The device starts anew; only what it keeps in non-volatile memory survives.
+    /// The device restarts. Only its non-volatile memory survives.
     pub fn reset(&mut self, boot_id: u32, now_us: u64) {
         self.advance(now_us);
         self.drop_session();
         self.record(ActRecord { event: "reset", ..ActRecord::default() });
         self.cut_exposure("reset");
-        // A plate at rest stays where it is, and its height was written down when it came to rest.
+        // The position of a plate at rest is in non-volatile memory.
         self.homed &= self.motion.is_none();
         self.stop_motion();
         self.slots.fill(None);
@@ -204,7 +204,7 @@ impl DlpCore {
         self.statistics.resets += 1;
     }
 
-    /// Something keeps the device from working, or it works again.
+    /// A fault begins or ends (`None`).
     pub fn set_fault(&mut self, fault: Option<Fault>, now_us: u64) {
         self.advance(now_us);
         if let Some(fault) = &fault {
@@ -216,7 +216,7 @@ impl DlpCore {
         self.send(DeviceMessage::Report(Report::Fault(fault)));
     }
 
-    /// Carries out an urgent order at once; whether there is light afterwards.
+    /// Carries out an urgent order at once. Returns whether the light is on afterwards.
     pub fn urgent(&mut self, urgent: Urgent, now_us: u64) -> bool {
         self.advance(now_us);
         let name = match urgent {
@@ -254,7 +254,7 @@ impl DlpCore {
         }
     }
 
-    /// Takes what the session delivers.
+    /// Handles a message that the session delivers.
     pub fn handle(&mut self, message: HostMessage, now_us: u64) {
         self.advance(now_us);
         match message {
@@ -289,7 +289,7 @@ impl DlpCore {
             self.waiting = Some((number, request.clone()));
             return Ok(());
         }
-        // Light while the plate moves would cure a smear, and a plate that moves during an exposure does the same.
+        // Light while the plate moves would smear the layer.
         if self.exposure.is_some() || self.motion.is_some() {
             return Err(Refusal::Busy);
         }
@@ -328,7 +328,7 @@ impl DlpCore {
         self.last_exposed = Some(id);
         self.statistics.exposed += 1;
         self.record(of_layer("light_off", id));
-        // The picture before the line that tells of it: who reads the log finds the file.
+        // The picture goes before its log line, so that a reader of the log finds the file.
         if let Some((_, picture)) = self.slots[slot].take() {
             self.actions.push_back(CoreAction::Picture(id.layer, picture));
         }
@@ -347,7 +347,7 @@ impl DlpCore {
         self.reply(exposure.number, Reply::Refused(Refusal::CutShort));
     }
 
-    /// Numbers of the old session mean nothing in the next, and half a layer will not be continued.
+    /// Forgets the requests of the old session. A layer that is not complete is dropped.
     fn drop_session(&mut self) {
         (self.upload, self.waiting) = (None, None);
         if let Some(exposure) = &mut self.exposure {

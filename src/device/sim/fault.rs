@@ -1,4 +1,4 @@
-//! Faults injected between the pseudo-terminal and the device's session, drawn from a seeded sequence.
+//! Faults that are injected between pseudo-terminal and session, drawn from a seeded random sequence.
 
 use std::str::FromStr;
 
@@ -11,7 +11,7 @@ stall=NxMS     N times in the print, let the line stand still for MS millisecond
 disconnect=N   N times in the print, take the pseudo-terminal away and bring a new one after a while
 reset=N        N times in the print, restart the device: it keeps the layers exposed and cut short last, and a resting plate";
 
-/// A `--fault` that is none.
+/// An invalid `--fault`.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("`{found}` is not a fault ({why}); known are:\n{FAULT_HELP}")]
 pub struct BadFault {
@@ -123,11 +123,11 @@ pub(super) struct FrameFaults {
     partial: Vec<u8>,
 }
 
-/// Bytes without a delimiter are passed on at this length: no frame is longer.
+/// Bytes without a delimiter are passed on at this length. No frame is longer.
 const MAX_FRAME_BYTES: usize = 8192;
 
 impl FrameFaults {
-    /// Faults as specified; `stream` tells the directions apart.
+    /// Faults as specified. `stream` distinguishes the two directions.
     pub(super) fn new(specs: &[FaultSpec], seed: u64, stream: u64) -> Self {
         let mut faults =
             Self { dice: Dice::new(seed ^ stream << 32), drop: 0.0, corrupt: 0.0, duplicate: 0.0, partial: Vec::new() };
@@ -171,7 +171,7 @@ impl FrameFaults {
     }
 }
 
-/// Incidents to come, in an order and at exposures that the seed fixes.
+/// Planned incidents. The seed determines their order and the exposures at which they happen.
 #[derive(Clone, Debug)]
 pub(super) struct Incidents {
     /// Each with the number of exposures begun after which it happens; the last comes first.
@@ -197,7 +197,7 @@ impl Incidents {
             let stall_ms = if let FaultSpec::Stall(_, stall_ms) = *spec { stall_ms } else { 0 };
             incidents.extend((0..count).map(|_| make(stall_ms, &mut dice)));
         }
-        // Mixed, so that incidents of one kind do not come in a block.
+        // Shuffled, so that incidents of one kind do not come in a row.
         for last in (1..incidents.len()).rev() {
             incidents.swap(last, dice.below(last as u64 + 1) as usize);
         }

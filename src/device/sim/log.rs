@@ -1,4 +1,4 @@
-//! What a simulated device writes of itself: `acts.jsonl` and a PNG of every exposed layer.
+//! The log of a simulated device: `acts.jsonl`, and a PNG of every exposed layer.
 
 use std::fs::File;
 use std::io::{self, Write};
@@ -52,14 +52,14 @@ impl ActLog {
         Ok(Self { directory: directory.into(), acts })
     }
 
-    /// Appends one act; it is in the file when this returns.
+    /// Appends one act. It is in the file when this returns.
     ///
     /// # Errors
     /// What the file system says, with the path.
     pub fn append(&mut self, record: &ActRecord) -> io::Result<()> {
         let mut line = serde_json::to_vec(record)?;
         line.push(b'\n');
-        // One write a line: a reader never sees half of one.
+        // One write per line, so that a reader never sees half a line.
         self.acts.write_all(&line).map_err(|error| at(&self.directory, &error))
     }
 

@@ -1,7 +1,7 @@
 //! Simulated devices: the firmware of a machine as a pure state machine, and the process that puts it on a pseudo-terminal.
 //!
-//! Three clocks are kept apart: the *line's* (protocol timers and baud pacing, always real), the *device's* (exposures, moves,
-//! `t_ms` in the log; runs `--time-scale` times faster) and the *seed* (faults, drawn from a fixed sequence).
+//! There are two clocks. The *line's* clock is real time: protocol timers and pacing by baud rate. The *device's* clock runs
+//! `--time-scale` times faster: exposures, moves and `t_ms` in the log. Faults are drawn from a sequence fixed by `--seed`.
 
 mod core;
 mod fault;

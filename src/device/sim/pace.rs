@@ -1,14 +1,14 @@
-//! Pacing: a line of so many baud carries no more bytes than that.
+//! Pacing: limits the line to its baud rate.
 
-/// Unused time is kept for this long at most: wake-ups come a few milliseconds late, and the line must not lose them.
+/// Unused line time is saved up to this much: wake-ups are a few milliseconds late, and that must not cost throughput.
 const SAVED_US: u64 = 10_000;
 
-/// Counts what a line may carry; a bucket of line time.
+/// Counts what a line may carry: a token bucket of line time.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Pace {
-    /// `None`: as fast as it goes.
+    /// `None`: unlimited.
     baud: Option<u32>,
-    /// The line is paid for up to here.
+    /// Line time is used up to here.
     paid_us: u64,
 }
 

@@ -15,15 +15,15 @@ use sha2::{Digest, Sha256};
 
 use crate::output::directory_of;
 
-/// The name of a line, for one simulated device alone as long as its process lives, also while its line is gone for a while.
+/// Claims the name of a line for one simulated device while its process lives, even while its line is away for a while.
 #[derive(Debug)]
 pub(super) struct Claim {
-    /// Bound to a name without a file, which the kernel frees whatever ends the process. Nobody connects.
+    /// Bound to an abstract socket name, which the kernel frees however the process ends. Nobody connects to it.
     _name: UnixListener,
 }
 
 impl Claim {
-    /// Claims `link`, by whatever path its directory is named.
+    /// Claims `link`. Different paths to the same directory count as one.
     ///
     /// # Errors
     /// Another simulated device serves it, or its directory is not there.
@@ -31,7 +31,7 @@ impl Claim {
         let directory = std::fs::metadata(directory_of(link)).map_err(|error| named(link, &error))?;
         let file = link.file_name().ok_or_else(|| named(link, &io::Error::other("it names no file")))?;
         let mut name = format!("layerd-simulate:{:x}:{:x}:", directory.dev(), directory.ino());
-        // Of one length, as such a name has a limit.
+        // Hashed, because the length of such a name is limited.
         for byte in Sha256::digest(file.as_encoded_bytes()).iter().take(16) {
             let _ = write!(name, "{byte:02x}");
         }
@@ -64,10 +64,10 @@ pub struct Pty {
 }
 
 impl Pty {
-    /// Opens a pseudo-terminal in raw mode and points `link` at it, in one step if `link` is a symlink already.
+    /// Opens a pseudo-terminal in raw mode and points the symlink `link` at it. An existing symlink is replaced atomically.
     ///
     /// # Errors
-    /// Where there is no pseudo-terminal left, or `link` is something else than a symlink or cannot be written.
+    /// No pseudo-terminal is left, or `link` is not a symlink or cannot be written.
     pub fn open(link: &Path) -> io::Result<Self> {
         Self::open_unnamed(link).map_err(|error| named(link, &error))
     }
@@ -97,10 +97,10 @@ impl Pty {
         Ok(Self { master, slave, link: link.into(), target })
     }
 
-    /// Lets another host open the line, as a real port does once a host that had it for itself is gone. Here the host's end
-    /// never closes, and a host that was killed does not give its claim up.
+    /// Lets another host open the line. A real port becomes free when a host with exclusive access is killed; here the host's end
+    /// never closes, so the claim must be cleared.
     pub fn release(&self) {
-        // Nothing hangs on it but that other host's patience.
+        // Best effort: on failure the other host only waits longer.
         let _ = rustix::termios::ioctl_tiocnxcl(&self.slave);
     }
 }

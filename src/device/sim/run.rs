@@ -1,7 +1,7 @@
 //! The process of a simulated device: pseudo-terminal, pacing, faults, the real clock, the log.
 //!
-//! One loop: what is due happens, what the session delivers goes to the firmware, what the firmware asks for is done, what the
-//! line can carry is sent; then it sleeps until the line or a timer wakes it.
+//! One loop: it handles what is due, passes messages from the session to the firmware, carries out the firmware's actions and sends
+//! what the line can carry. Then it sleeps until the line or a timer wakes it.
 
 use std::collections::VecDeque;
 use std::collections::hash_map::RandomState;
@@ -21,7 +21,7 @@ use crate::link::message::{Capabilities, DeviceMessage, Fault};
 use crate::link::session::{DeviceEvent, DeviceSession, DeviceSettings, SendError};
 use crate::text::eprint;
 
-/// What the process is told by its command line.
+/// The options of the command line.
 #[derive(Clone, Debug)]
 pub struct SimulateOptions {
     /// The symlink hosts open.
@@ -34,28 +34,28 @@ pub struct SimulateOptions {
     pub faults: Vec<FaultSpec>,
     /// Whether XON/XOFF is in use on the line, so that both bytes are escaped.
     pub escaped: bool,
-    /// What faults and identities are drawn from.
+    /// Seed of faults and identities.
     pub seed: u64,
     /// How many times faster than real the device's clock runs.
     pub time_scale: f64,
-    /// What the device says of itself.
+    /// The capabilities that the device reports.
     pub capabilities: Capabilities,
 }
 
-/// Messages that wait for room in the session. A host that asks without ever acknowledging is not listened to beyond this.
+/// Messages that may wait for room in the session. Beyond this, a host that sends requests but acknowledges nothing is not read.
 const MAX_WAITING_MESSAGES: usize = 64;
-/// One read takes at most this much: a pseudo-terminal holds no more.
+/// Most bytes of one read: a pseudo-terminal holds no more.
 const READ_BYTES: usize = 4096;
-/// With nothing to do the loop turns this often.
+/// Longest sleep of the loop.
 const IDLE_US: u64 = 1_000_000;
 /// A pseudo-terminal that failed is opened again after this time.
 const REOPEN_US: u64 = 500_000;
 /// Fault code of a log that cannot be written.
 const FAULT_LOG: u16 = 1;
-/// The session wants a rate for its timers even where the line has none: the fastest a machine file allows.
+/// Rate for the session's timers if the line is unlimited: the highest rate that a machine file allows.
 const UNLIMITED_BAUD: u32 = 12_000_000;
 
-/// Runs a device until `stop` is ready; what it did. `ready` is called once hosts can open the line.
+/// Runs a device until `stop` is ready and returns its counts. `ready` is called once hosts can open the line.
 ///
 /// # Errors
 /// Where the pseudo-terminal or the directory cannot be made, or another simulated device serves that link.
@@ -64,7 +64,7 @@ pub async fn run(
     ready: impl FnOnce(),
     stop: impl Future<Output = ()>,
 ) -> io::Result<Statistics> {
-    // First of all: the other one's log in the same directory stays as it is.
+    // First, so that the log of another device in the same directory is not overwritten.
     let _claim = Claim::new(&options.link)?;
     let mut device = Device::new(options)?;
     ready();
@@ -101,11 +101,11 @@ struct Device {
     receive_faults: FrameFaults,
     transmit_faults: FrameFaults,
     incidents: Incidents,
-    /// With the line's time at which they happen; at most as many as were planned.
+    /// Incidents with the line's time at which they happen; at most as many as were planned.
     coming: VecDeque<(u64, Incident)>,
     stalled_until_us: u64,
     reopen_us: Option<u64>,
-    /// Damaged or not, on its way to the host; one frame, or two where it was doubled.
+    /// On its way to the host, possibly damaged: one frame, or two if it was duplicated.
     outgoing: Vec<u8>,
     waiting: VecDeque<DeviceMessage>,
     dice: Dice,
@@ -116,7 +116,7 @@ impl Device {
         let log = options.directory.as_deref().map(ActLog::create).transpose()?;
         let pty = Some(open_line(&options.link)?);
         let (faults, seed, baud) = (&options.faults, options.seed, options.baud);
-        // Not from the seed alone: a device switched on again must not pass for the one that was switched off.
+        // Not from the seed alone: each start of the device must have another boot id.
         let mut dice = Dice::new(seed ^ RandomState::new().build_hasher().finish());
         Ok(Self {
             started: Instant::now(),
@@ -149,7 +149,7 @@ impl Device {
         (now_us as f64 * self.options.time_scale) as u64
     }
 
-    /// Everything that the time alone brings about.
+    /// Handles everything that is due.
     fn due(&mut self, now_us: u64) -> io::Result<()> {
         self.core.advance(self.device_us(now_us));
         self.session.handle_timeout(now_us);
@@ -194,7 +194,7 @@ impl Device {
         self.reopen_us = Some(until_us);
     }
 
-    /// Brings what the session delivers to the firmware, and what the firmware says to the session.
+    /// Passes messages from the session to the firmware, and from the firmware to the session.
     fn pump(&mut self, now_us: u64) {
         loop {
             self.act(now_us);
@@ -233,7 +233,7 @@ impl Device {
         }
     }
 
-    /// Does what the firmware asks for.
+    /// Carries out the firmware's actions.
     fn act(&mut self, now_us: u64) {
         while let Some(action) = self.core.action() {
             let written = match action {
@@ -259,7 +259,7 @@ impl Device {
         }
     }
 
-    /// A device that cannot keep its log says so and works no more; it does not try again at every act.
+    /// A device that cannot write its log reports a fault and stops working. It does not try again.
     fn log_failed(&mut self, error: &io::Error, now_us: u64) {
         let text = error.to_string();
         eprint(&text);
@@ -274,7 +274,7 @@ impl Device {
 
     /// Puts the next frame on the line once the one before has gone.
     fn transmit(&mut self, now_us: u64) {
-        // A frame may be dropped on its way; a few of them in a row at most, so that the loop turns.
+        // Injected faults may drop frames. The limit keeps the loop turning.
         for _ in 0..8 {
             let busy = self.pty.is_none() || self.is_stalled(now_us) || self.transmit_pace.allowance_bytes(now_us) == 0;
             if busy || !self.outgoing.is_empty() {

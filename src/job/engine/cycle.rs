@@ -6,13 +6,13 @@ use crate::device::{Act, Dose, Outcome, least_exposure_us};
 use crate::job::{JobState, Record, Unconfirmed};
 use crate::link::message::ExposureId;
 
-/// Homing of the largest build height (2 m) at 10 mm/s takes 200 s.
+/// Longest homing. From the largest build height (2 m) at 10 mm/s it takes 200 s.
 const HOMING_US: u64 = 300 * SECOND_US;
-/// How often one layer may be commanded: each time but the first follows a lost line or a refusal.
+/// How often one layer may be commanded. Every time but the first follows a lost line or a refusal.
 const MAX_COMMANDS: u32 = 10;
 
 impl Engine {
-    /// Takes the next step once nothing is under way: no act, no unconfirmed exposure.
+    /// Takes the next step. No act and no unconfirmed exposure may be under way.
     pub(super) fn advance(&mut self, now_us: u64) {
         if !self.line_up {
             return self.lose(now_us);
@@ -65,7 +65,7 @@ impl Engine {
         self.wait_until(Phase::Settling, now_us + wait_ms * 1000);
     }
 
-    /// The layer is wanted now.
+    /// The machine is ready for the layer: commands it, or waits for it.
     pub(super) fn want_layer(&mut self, now_us: u64) {
         if self.uploads.holds(self.next_layer) {
             return self.command_exposure(now_us);
@@ -98,12 +98,12 @@ impl Engine {
         self.act_least_us = self.plan.host_us(least_exposure_us(duration_ms));
     }
 
-    /// What names the next layer's exposure.
+    /// Identifies the exposure of the next layer.
     pub(super) fn exposure_id(&self) -> ExposureId {
         ExposureId { job: self.plan.key, layer: self.next_layer }
     }
 
-    /// The device has the act under way; what it took to get there, the machine stood still.
+    /// The device has received the act under way. The machine stood still until then.
     pub(super) fn on_act_taken(&mut self, number: u64, now_us: u64) {
         if self.act_running != Some(number) {
             return;
@@ -117,7 +117,7 @@ impl Engine {
         }
     }
 
-    /// Compares the time with light that the device reports with the one commanded.
+    /// Compares the reported light time with the commanded one.
     fn on_exposed(&mut self, reported_ms: u32, now_us: u64) {
         let (layer, commanded_ms) = (self.next_layer, self.plan.recipe.layer_exposure_ms(self.next_layer));
         if let Some(text) = self.exposed_too_soon(now_us) {
@@ -136,7 +136,7 @@ impl Engine {
         self.confirm(Some(reported_ms), now_us);
     }
 
-    /// What is wrong where the device says that the exposure commanded last has ended, and by this clock it cannot have.
+    /// Describes the error if the last exposure is reported to have ended sooner than it can by the host's clock.
     pub(super) fn exposed_too_soon(&self, now_us: u64) -> Option<String> {
         let (layer, commanded_ms) = (self.next_layer, self.plan.recipe.layer_exposure_ms(self.next_layer));
         let took_us = self.too_soon_us(now_us)?;
@@ -147,7 +147,7 @@ impl Engine {
         ))
     }
 
-    /// How long ago the act commanded last was handed out, microseconds, where it cannot have ended yet.
+    /// Time since the last act was handed out, microseconds, if that act cannot have ended yet; else `None`.
     fn too_soon_us(&self, now_us: u64) -> Option<u64> {
         let took_us = now_us.saturating_sub(self.act_began_us);
         (took_us < self.act_least_us).then_some(took_us)
@@ -161,7 +161,7 @@ impl Engine {
         )
     }
 
-    /// The device says that the layer commanded had its light, and for how long where it tells that.
+    /// The device says that it exposed the commanded layer. `light_ms` is the reported light time, if it names one.
     pub(super) fn confirm(&mut self, light_ms: Option<u32>, now_us: u64) {
         self.confirmed = true;
         self.light_ms = light_ms;
@@ -188,7 +188,7 @@ impl Engine {
         self.layers_of_misbehaviour = self.layers_of_misbehaviour.saturating_sub(1);
     }
 
-    /// The layer commanded certainly had no light.
+    /// The commanded layer certainly had no light.
     pub(super) fn deny(&mut self) {
         if self.unconfirmed.take().is_some() {
             self.out.journal(Record::NotExposed { layer: self.next_layer });
@@ -271,8 +271,8 @@ impl Engine {
         }
     }
 
-    /// The device says that its plate arrived, and by this clock it cannot have. The plate is lifted clear once; where that is the
-    /// move, or no way up is left, the job ends with the plate where it is.
+    /// The device says that its plate arrived sooner than it can by the host's clock. The plate is lifted clear once. If this was
+    /// that lift, or the plate is already up, the job ends with the plate where it is.
     fn on_moved_too_soon(&mut self, took_us: u64, now_us: u64) {
         let text = format!(
             "the device says that its plate arrived at {} µm {} ms after the order, which is too soon for the way and the speed: \
@@ -286,7 +286,7 @@ impl Engine {
         if may_lift { self.advance(now_us) } else { self.unparked("the device says so too soon", now_us) }
     }
 
-    /// A move has not ended in its time.
+    /// A move has not ended in time.
     pub(super) fn on_overdue_move(&mut self, now_us: u64) {
         let text = if self.act_sent_us.is_some() {
             "the order to move the plate did not reach the device in time: check the line"
@@ -299,7 +299,7 @@ impl Engine {
         self.on_misbehaved(&self.with_cause(text), now_us);
     }
 
-    /// A device that seems not to answer may not have been reached: adds what keeps data from getting through.
+    /// Adds to `text` what keeps data from getting through: a device that does not answer may not have been reached.
     pub(super) fn with_cause(&self, text: &str) -> String {
         self.hindrance.as_ref().map_or(text.to_owned(), |hindrance| format!("{text}; {hindrance}"))
     }
@@ -308,8 +308,8 @@ impl Engine {
         position_um.abs_diff(target_um) > self.plan.position_tolerance_um()
     }
 
-    /// A move ended elsewhere than commanded. The plate is lifted clear once; where that is the move that ended elsewhere, the
-    /// job ends with the plate where it is.
+    /// A move ended at the wrong position. The plate is lifted clear once. If this was that lift, the job ends with the plate
+    /// where it is.
     fn on_misplaced(&mut self, position_um: i32, now_us: u64) {
         let target_um = self.target_um;
         let text = format!("the plate is at {position_um} µm instead of {target_um} µm: check the axis, then resume");
@@ -320,11 +320,11 @@ impl Engine {
         if position_um > target_um { self.parked(now_us) } else { self.unparked("the move ended too low", now_us) }
     }
 
-    /// Compares where the device says the plate is with where it was left, while nothing moves it.
+    /// Compares the reported plate position with the one where the plate was left. Nothing moves the plate in these phases.
     pub(super) fn watch_plate(&mut self, found_um: Option<i32>, now_us: u64) {
         use Phase::{Commanding, Confirming, Curing, Dripping, Exposing, Resting, Settling, Waiting, WarmingUp};
         match self.phase {
-            // A paused machine is the operator's.
+            // During a pause the operator may move the plate.
             Resting => {
                 let left_um = self.position_um.replace(found_um.unwrap_or(i32::MIN));
                 self.lifted &= self.position_um >= left_um;
@@ -347,7 +347,7 @@ impl Engine {
     }
 }
 
-/// With a part on the plate, a device that lost its position cannot be homed by anyone but the operator.
+/// A device that lost its position must not be homed with a part on the plate.
 const POSITION_LOST: &str = "the device no longer knows where its plate is, and homing would drive the part into the vat's \
      bottom. Nothing was moved. If the machine can restore its position without going down, do so and resume; otherwise \
      take the part off and start it anew";

@@ -1,10 +1,10 @@
-//! A disk that does not take the journal's records. No layer is exposed before it does; a plate that is to be lifted clear is lifted
-//! all the same, since a part must not stay in the resin for a disk, and no record can make a lift wrong.
+//! A disk that is slow to take the journal's records. No layer is exposed before its record is on disk. The lift that clears the
+//! plate does not wait: the part must not stay in the resin, and a lift is safe whatever the records say.
 
 use super::{Engine, Intent, Phase, SECOND_US};
 use crate::deadline::Deadline;
 
-/// The slowest memory cards flush within a second; an operator who stops or aborts is not kept waiting longer for the plate.
+/// Longest wait for the disk before the plate is lifted clear. The slowest memory cards flush within a second.
 const SLOW_DISK_US: u64 = 2 * SECOND_US;
 
 pub(super) const SLOW_DISK: &str = "the disk has not taken the journal's last record for 2 s: no layer is exposed before it is on \
@@ -14,10 +14,10 @@ pub(super) const WAITS_FOR_DISK: &str = "waiting for the disk, which has not tak
 /// How long a record has been on its way to the disk.
 #[derive(Debug, Default)]
 pub(super) struct DiskWatch {
-    /// By when it must be there.
+    /// When the record is overdue.
     due: Option<Deadline>,
     is_slow: bool,
-    /// The operator was told so.
+    /// The operator was told.
     told: bool,
 }
 
@@ -27,19 +27,19 @@ impl DiskWatch {
         (self.due, self.is_slow) = (None, false);
     }
 
-    /// Whether the disk has taken a record for too long.
+    /// Whether a record is overdue.
     pub(super) fn is_slow(&self) -> bool {
         self.is_slow
     }
 
-    /// When the record on its way is overdue.
+    /// When the record on its way becomes overdue.
     pub(super) fn due_us(&self) -> Option<u64> {
         self.due.map(Deadline::at_us)
     }
 }
 
 impl Engine {
-    /// Time has passed: the record on its way may be overdue.
+    /// Checks whether the record on its way is overdue.
     pub(super) fn look_at_disk(&mut self, now_us: u64) {
         if !self.disk.due.as_mut().is_some_and(|due| due.is_over(now_us)) {
             return;
@@ -50,7 +50,7 @@ impl Engine {
         }
     }
 
-    /// After every event: lifts the plate where only a slow disk keeps it in the resin.
+    /// Called after every event: lifts the plate if only a slow disk keeps it in the resin.
     pub(super) fn lift_without_disk(&mut self, now_us: u64) {
         if self.disk.is_slow && self.intent != Intent::Print {
             match self.phase {

@@ -1,4 +1,4 @@
-//! Every way out of printing: pause and stop, failures and faults, shutdown, abort.
+//! Every way out of printing: pause, stop, failure, fault, shutdown, abort.
 
 use super::disk::WAITS_FOR_DISK;
 use super::{Engine, Event, Intent, Phase, SECOND_US};
@@ -6,17 +6,17 @@ use crate::job::{EndOrder, JobState, Record};
 use crate::link::message::{DeviceState, Fault, Refusal, Urgent};
 use crate::text::plain_line;
 
-/// A running exposure that ends within this time may end when the daemon is told to stop: a layer cut short is in doubt, and
-/// the longest usual bottom exposure is worth half a minute of the two that systemd waits.
+/// At shutdown, an exposure that ends within this time is not cut short: a layer cut short is in doubt. Half a minute covers the
+/// longest usual bottom exposure; systemd waits for two minutes.
 const SHUTDOWN_EXPOSURE_US: u64 = 30 * SECOND_US;
-/// A device answers urgent orders within 100 ms; the rest is for a line that is just being repaired.
+/// Longest wait for the answer to an urgent order. A device answers within 100 ms; the rest is for the recovery of the line.
 pub(super) const URGENT_US: u64 = 5 * SECOND_US;
-/// An aborted device says hello again at once, a restarted one within seconds.
+/// Longest wait for a new session after an abort. An aborted device accepts one at once, a restarted one within seconds.
 const ABORT_RECONNECT_US: u64 = 10 * SECOND_US;
-/// A device obeys an abort within 100 ms. One that says after this time that it is lit has not obeyed: within a session it takes
-/// the repeated frame for the one it knows, so that only a new session gives it the order again. Also how often it is asked.
+/// A device obeys an abort within 100 ms. If it still reports light after this time, it did not obey. It ignores a repeated frame
+/// within the session, so the abort is sent again in a new one. Also the polling interval.
 const ABORT_OBEYED_US: u64 = SECOND_US / 2;
-/// Sessions with a device that does not answer an abort, or goes on showing light or moving after one.
+/// Sessions in which an abort is tried on a device that does not answer it, or that stays lit or keeps moving.
 const MAX_ABORT_SESSIONS: u32 = 5;
 
 impl Engine {
@@ -26,8 +26,8 @@ impl Engine {
         self.reconsider(matches!(state, JobState::Interrupted | JobState::Failed), now_us);
     }
 
-    /// After a change of intent: ends waits that have lost their purpose. Acts under way end by themselves. What is to end
-    /// `at_once` begins nothing more.
+    /// After a change of intent: ends waits that are no longer needed. Acts under way run to their end. With `at_once`, acts that
+    /// were not handed out yet are withdrawn.
     pub(super) fn reconsider(&mut self, at_once: bool, now_us: u64) {
         if !matches!(self.intent, Intent::End(..)) {
             return match self.phase {
@@ -36,7 +36,7 @@ impl Engine {
             };
         }
         match self.phase {
-            // With a part in the vat the device is waited for, to lift it.
+            // A part may be in the vat: wait for the device, to lift it.
             Phase::Checking if self.touched && !at_once => {}
             Phase::Checking | Phase::Resting => self.end(),
             Phase::Settling | Phase::WarmingUp | Phase::Waiting { .. } | Phase::Dripping => self.advance(now_us),
@@ -46,7 +46,7 @@ impl Engine {
         }
     }
 
-    /// Takes back an act that has not left the engine.
+    /// Withdraws an act that was not handed out yet.
     pub(super) fn withdraw(&mut self, now_us: u64) {
         self.out.act = None;
         self.act_running = None;
@@ -55,12 +55,12 @@ impl Engine {
         self.advance(now_us);
     }
 
-    /// Where the plate is clear of the resin, micrometres.
+    /// Position at which the plate is clear of the resin, micrometres.
     pub(super) fn parking_um(&self) -> i32 {
         self.plan.parked_position_um(self.next_layer).min(self.max_position_um)
     }
 
-    /// Brings the plate clear of the resin.
+    /// Lifts the plate clear of the resin.
     pub(super) fn park(&mut self, now_us: u64) {
         let target_um = self.parking_um();
         match self.position_um {
@@ -73,7 +73,7 @@ impl Engine {
         }
     }
 
-    /// The plate cannot be lifted; where a part may hang on it, the operator must know.
+    /// The plate cannot be lifted. The operator must know if a part may hang on it.
     pub(super) fn unparked(&mut self, why: &str, now_us: u64) {
         if self.touched {
             let text = format!("the plate was not lifted: {why}");
@@ -103,14 +103,14 @@ impl Engine {
         }
     }
 
-    /// Ends the job as intended: nothing is commanded any more.
+    /// Ends the job as intended. Nothing more is commanded.
     fn end(&mut self) {
         self.out.forget_session();
         self.uploads.cancel();
         self.act_running = None;
         self.deadline = None;
         self.phase = Phase::Ending;
-        // A part in the vat keeps the machine, unless it was aborted.
+        // A part left in the vat keeps the machine, unless the job was aborted.
         if let Intent::End(state @ JobState::Stopped, _) = &mut self.intent
             && self.touched
             && !self.lifted
@@ -132,7 +132,7 @@ impl Engine {
         }
     }
 
-    /// Ends a job for which the device could do nothing. Whatever was ordered, a part in the vat keeps the machine.
+    /// Ends a job before it commanded anything. A part in the vat keeps the machine, whatever was ordered.
     pub(super) fn end_unbegun(&mut self, text: &str) {
         self.intent = if self.touched {
             Intent::End(JobState::Interrupted, format!("{text}; the plate was not lifted"))
@@ -148,12 +148,12 @@ impl Engine {
         self.end();
     }
 
-    /// What a job ends as that cannot go on: one without light failed, one with a part on its plate can be resumed.
+    /// End state of a job that cannot go on: failed without light, else interrupted, so that it can be resumed.
     pub(super) fn failed_or_interrupted(&self) -> JobState {
         if self.touched { JobState::Interrupted } else { JobState::Failed }
     }
 
-    /// Nobody can tell how much light the layer commanded had.
+    /// It is unknown how much light the commanded layer had.
     pub(super) fn doubt(&mut self, why: &str, now_us: u64) {
         if self.in_doubt.is_none() {
             self.out.journal(Record::InDoubt { layer: self.next_layer, why: why.to_owned() });
@@ -175,10 +175,10 @@ impl Engine {
         if self.ordered { text.replace(DECIDE, "").replace(THEN_RESUME, "") } else { text }
     }
 
-    /// What a job that is to end waits for where device or disk do not answer; empty where they do.
+    /// What an ending job waits for if the device or the disk does not answer; else empty.
     pub(super) fn wait_before_end(&self) -> String {
         match self.phase {
-            // A device that took the abort begins a new session: it is dark meanwhile.
+            // A device that took the abort is dark until the new session begins.
             Phase::AbortSent if !self.line_up && !self.light_known_off => ABORT_WAITS.into(),
             Phase::AbortReconnect if !self.light_known_off => ABORT_WAITS.into(),
             Phase::Lost => format!("waiting for the device: {}", self.loss),
@@ -198,7 +198,7 @@ impl Engine {
         const STOPPED: &str = "the daemon was stopped: `layerctl resume` goes on, `layerctl abort` ends the job";
         match self.phase {
             Phase::Checking if self.touched => return self.end_unbegun(STOPPED),
-            // It ends as aborted: the plate lifts, or the line is waited for, a minute at most.
+            // It ends as aborted: the plate lifts, or the engine waits for the line, a minute at most.
             _ if self.aborting => {}
             _ => self.wind_down(JobState::Interrupted, STOPPED.into(), now_us),
         }
@@ -220,7 +220,7 @@ impl Engine {
         self.immobile = true;
         self.wind_down(JobState::Interrupted, fault_text(fault), now_us);
         if self.act_running.is_some() {
-            // The light is off already; the device still owes the outcome.
+            // The device has switched its light off; it must still report the outcome.
             if let Some(deadline) = &mut self.deadline {
                 deadline.no_later_than(now_us + URGENT_US);
             }
@@ -286,7 +286,7 @@ impl Engine {
             return;
         }
         if self.phase == Phase::Checking && !self.ever_connected && !self.touched {
-            // This job asked no device for anything: there is no answer to wait for.
+            // No device has an order of this job, so there is no answer to wait for.
             self.intent = Intent::End(JobState::Aborted, "aborted by the operator before it began".into());
             return self.end();
         }
@@ -300,13 +300,13 @@ impl Engine {
         self.await_abort(now_us);
     }
 
-    /// Waits for the answer to the abort that goes out in this session.
+    /// Waits for the answer to the abort sent in this session.
     fn await_abort(&mut self, now_us: u64) {
         self.abort_sent_us = now_us;
         self.wait_until(Phase::AbortSent, now_us + ABORT_OBEYED_US);
     }
 
-    /// The abort is not answered yet: asks whether there is still light, as long as the answer may come.
+    /// The abort is not answered yet: polls for light until the answer is overdue.
     fn on_abort_open(&mut self, now_us: u64) {
         let until_us = self.abort_sent_us + URGENT_US;
         if now_us >= until_us {
@@ -316,7 +316,7 @@ impl Engine {
         self.wait_until(Phase::AbortSent, until_us.min(now_us + ABORT_OBEYED_US));
     }
 
-    /// The device tells its state while an abort may be open. One that goes on shining gets the order again in a new session.
+    /// The device reported its state during an abort. If it is still lit, the abort is sent again in a new session.
     fn on_state_after_abort(&mut self, state: &DeviceState, now_us: u64) {
         let lit = state.light_on || state.exposing.is_some();
         let had_time = now_us >= self.abort_sent_us + ABORT_OBEYED_US;
@@ -355,7 +355,7 @@ impl Engine {
                     return self.end_aborted();
                 }
                 self.abort_sessions += 1;
-                // Unanswered, it is on its way in this session and ends it: a move begun now would be lost with it.
+                // The link repeats an unanswered abort by itself.
                 if self.abort_answered {
                     self.out.urgent = Some(Urgent::Abort);
                     self.abort_answered = false;
@@ -386,7 +386,7 @@ impl Engine {
         }
     }
 
-    /// The device did not come back at rest after an abort.
+    /// The device did not come to rest after an abort.
     fn end_aborted(&mut self) {
         let text = if self.light_known_off {
             "the light is off, but the device did not come back at rest: the plate was not lifted"
@@ -398,7 +398,7 @@ impl Engine {
     }
 }
 
-/// What to do about a layer in doubt, and the end of many a reason: for a job that can be resumed.
+/// Advice for a layer in doubt. Both texts are left out for a job that cannot be resumed.
 const DECIDE: &str = ". Look at the part, then resume with `--in-doubt exposed` or `--in-doubt repeat`";
 const THEN_RESUME: &str = ", then resume";
 const ABORT_WAITS: &str = "waiting for the device, which does not answer: if there is light or the plate moves, switch the printer off \

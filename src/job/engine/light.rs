@@ -1,5 +1,5 @@
-//! Light that was not commanded, or lasts longer than commanded: it is put off, and until the device reports dark nothing else is
-//! commanded.
+//! Light that was not commanded, or lasts longer than commanded. It is switched off, and nothing else is commanded until the
+//! device reports dark.
 
 use super::ending::URGENT_US;
 use super::{Engine, Phase};
@@ -8,11 +8,11 @@ use crate::device::{DARK_LIMIT_US, STAYS_LIT};
 use crate::job::JobState;
 use crate::link::message::{DeviceState, Urgent};
 
-/// How often a device that was told to be dark is asked whether it is.
+/// Polling interval while the engine waits for dark.
 const ASK_FOR_DARK_US: u64 = 100_000;
 
 impl Engine {
-    /// Tells the device to put its light off. An abort, which does that too, stands.
+    /// Orders the light off. A pending abort is kept: it does that too.
     pub(super) fn put_light_off(&mut self) {
         if self.out.urgent != Some(Urgent::Abort) {
             self.out.urgent = Some(Urgent::LightOff);
@@ -20,7 +20,7 @@ impl Engine {
         self.light.put_off();
     }
 
-    /// The device reports light that it must not have: the print ends as soon as it is dark.
+    /// The device reports light that it must not have. The print ends once the device is dark.
     pub(super) fn on_uncommanded_light(&mut self, text: &str, now_us: u64) {
         if !self.light.must_wait() {
             self.out.notice(format!("{text}; it was told to put it off"));
@@ -28,7 +28,7 @@ impl Engine {
         self.put_light_off();
         self.intend_to_end(JobState::Interrupted, format!("{text}: look at the part and the device, then resume"));
         if self.out.act.is_some() {
-            // Not handed out yet: nothing is commanded before the device is dark.
+            // The act was not handed out yet. Nothing is commanded before the device is dark.
             return self.withdraw(now_us);
         }
         match self.phase {
@@ -40,8 +40,7 @@ impl Engine {
         }
     }
 
-    /// The commanded time and its grace have passed without a word that the exposure has ended. The light is put off; whether the
-    /// print goes on depends on what the device then says.
+    /// The end of the exposure is overdue. The light is switched off; the device's answer decides whether the print goes on.
     pub(super) fn on_overdue_light(&mut self, now_us: u64) {
         if let Some(text) = self.light.overdue() {
             self.out.notice(format!("{text}; it was told to put its light off"));
@@ -49,13 +48,13 @@ impl Engine {
         self.cut_short(now_us);
     }
 
-    /// Waits until the device reports dark, and has answered the order to be: it is repeated until then.
+    /// Waits until the device has answered the light-off and reports dark. The order is repeated until then.
     pub(super) fn darken(&mut self, now_us: u64) {
         self.out.query = true;
         self.wait_until(Phase::Darkening { until_us: now_us + DARK_LIMIT_US }, now_us + ASK_FOR_DARK_US);
     }
 
-    /// The device told its state while dark is waited for.
+    /// The device reported its state while the engine waits for dark.
     pub(super) fn on_darkening(&mut self, state: DeviceState, now_us: u64) {
         let lit = state.light_on || state.exposing.is_some();
         self.notice_state(state);

@@ -1,4 +1,4 @@
-//! Actions decided but not yet handed out, and the order in which they go.
+//! Actions that are decided but not yet handed out, and their order.
 
 use std::collections::VecDeque;
 
@@ -6,23 +6,23 @@ use crate::device::Act;
 use crate::job::{Action, JobState, Record};
 use crate::link::message::Urgent;
 
-/// Notices kept for a caller that does not fetch them; older ones are dropped.
+/// Notices kept if the caller does not fetch them; the oldest is dropped.
 const MAX_NOTICES: usize = 64;
 
-/// Urgent first; then the journal; nothing else before the journal is on disk, but for a lift that waits too long for it.
+/// Urgent orders go first, then records. Everything else waits until the records are on disk, except a lift when the disk is slow.
 #[derive(Debug, Default)]
 pub(super) struct Outbox {
     pub(super) urgent: Option<Urgent>,
-    /// Why the session is to be ended.
+    /// Why the session must end.
     pub(super) end_session: Option<String>,
-    /// At most a handful: every record belongs to a step, and no step is taken before its records are written.
+    /// A handful at most: a step begins only after the records before it are on disk.
     records: VecDeque<Record>,
     record_in_flight: bool,
     order_in_flight: bool,
-    /// Set once a record could not be written: nothing more begins. The last records are tried all the same.
+    /// A record could not be written: nothing more begins. The last records are tried nevertheless.
     pub(super) journal_broken: bool,
     pub(super) act: Option<(u64, Act)>,
-    /// The act goes although records are on their way to the disk.
+    /// The act does not wait for records.
     pub(super) act_overtakes: bool,
     pub(super) query: bool,
     pub(super) need_from: Option<u32>,
@@ -86,7 +86,7 @@ impl Outbox {
         self.record_in_flight || !self.records.is_empty()
     }
 
-    /// Notes that a record is on disk; whether that was the last one wanted.
+    /// Notes that a record is on disk. Returns whether no other is waiting.
     pub(super) fn journalled(&mut self) -> bool {
         (self.record_in_flight, self.order_in_flight) = (false, false);
         self.records.is_empty()

@@ -2,20 +2,20 @@
 
 use crate::job::JobPlan;
 
-/// A layer is late where the machine stood still for longer than this in its cycle. Three orders cross even a slow line in less.
+/// A layer is late if the machine stood still for longer than this in its cycle. Even on a slow line three orders take less.
 const LATE_US: u64 = 250_000;
-/// The pace is a mean over at most about this many layers: enough to even out single waits, few enough to follow a change.
+/// The pace is a mean over about this many layers: enough to smooth out single waits, few enough to follow a change.
 const MAX_LAYERS_AVERAGED: u32 = 16;
 
-/// Observed from layer to layer.
+/// The pace of the print.
 #[derive(Debug, Default)]
 pub(super) struct Pace {
-    /// When the layer before was confirmed; `None` where a pause or a lost line lies between.
+    /// When the previous layer was confirmed; `None` after a pause or a lost line.
     confirmed_us: Option<u64>,
-    /// What a layer takes beyond its planned time in the mean, microseconds.
+    /// Mean time that a layer takes beyond its planned time, microseconds.
     excess_us: f64,
     layers_averaged: u32,
-    /// Standstill in the present layer's cycle.
+    /// Standstill in the cycle of the present layer.
     waited_us: u64,
     pub(super) late_layers: u32,
     pub(super) late_us_total: u64,
@@ -27,7 +27,7 @@ impl Pace {
         self.waited_us += us;
     }
 
-    /// The cycle under way is not one to measure by: a pause, a lost line, a new start.
+    /// The cycle under way does not count: it contains a pause, a lost line or a restart.
     pub(super) fn break_off(&mut self) {
         self.confirmed_us = None;
     }
@@ -50,7 +50,7 @@ impl Pace {
     pub(super) fn remaining_ms(&self, plan: &JobPlan, next_layer: u32) -> u64 {
         let layers = f64::from(plan.layer_count.saturating_sub(next_layer));
         let excess_ms = layers * self.excess_us / 1000.0;
-        // `as` saturates: less than nothing is nothing.
+        // `as` saturates: a negative sum becomes 0.
         (plan.remaining_ms(next_layer) as f64 + excess_ms) as u64
     }
 }

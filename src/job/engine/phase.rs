@@ -1,30 +1,30 @@
-//! What the engine is doing, and what it means to do next.
+//! What the engine is doing, and what it intends to do.
 
 use crate::job::JobState;
 
-/// Why the engine does not simply print on.
+/// What the engine intends to do with the job.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Intent {
     Print,
     Pause,
-    /// Park the plate, then end in that state for that reason.
+    /// Park the plate, then end in this state for this reason.
     End(JobState, String),
 }
 
-/// The step under way; what ends it stands beside it.
+/// The step under way. The comment of a variant names the events that end it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Phase {
     /// Ready, Connected.
     Checking,
     /// ActDone.
     Homing,
-    /// Uploaded: the first layer of a run; the machine has not begun, so it is not late.
+    /// Uploaded. Waits for the first layer of a run, which is never late: the machine has not begun.
     WarmingUp,
     /// ActDone.
     Approaching,
     /// Timeout.
     Settling,
-    /// Uploaded: a late layer.
+    /// Uploaded. Waits for a late layer.
     Waiting {
         since_us: u64,
     },
@@ -34,9 +34,9 @@ pub(super) enum Phase {
     Exposing {
         light_until_us: u64,
     },
-    /// ActDone, after a light-off.
+    /// ActDone. The light was ordered off.
     CuttingShort,
-    /// State, UrgentDone: a device that was told to put its light off reports dark.
+    /// State, UrgentDone. Waits until the device has answered the light-off and reports dark.
     Darkening {
         until_us: u64,
     },
@@ -54,11 +54,11 @@ pub(super) enum Phase {
     Resting,
     /// Connected.
     Lost,
-    /// State, asked for again and again until the device is at rest.
+    /// State, polled until the device is at rest.
     Asking {
         until_us: u64,
     },
-    /// UrgentDone, Connected; State, asked for again and again, where the device goes on shining.
+    /// UrgentDone, Connected. The state is polled: a device that is still lit gets the abort again.
     AbortSent,
     /// Connected.
     AbortReconnect,

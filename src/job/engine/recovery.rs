@@ -1,21 +1,21 @@
-//! Finding out where the device stands: at the start, after a lost line, after a crash of the host.
+//! Finding out what the device did: at the start, after a lost line, after a crash of the host.
 
 use super::{
-    Engine, Intent, LAYERS_A_MISBEHAVIOUR, MAX_MISBEHAVIOURS, MAX_MISBEHAVIOURS_OPEN, Phase, RECONNECT_US, SECOND_US,
+    Engine, Intent, LAYERS_PER_MISBEHAVIOUR, MAX_MISBEHAVIOURS, MAX_MISBEHAVIOURS_OPEN, Phase, RECONNECT_US, SECOND_US,
 };
 use crate::deadline::Deadline;
 use crate::device::Light;
 use crate::job::{Fate, JobState, Record, ResumeChoice, fate};
 use crate::link::message::{DeviceState, ExposureId};
 
-/// How often the device is asked while it still moves or exposes.
+/// Polling interval while the device still moves or exposes.
 const ASK_EVERY_US: u64 = SECOND_US / 2;
-/// The longest exposure a recipe may ask (ten minutes) and then some.
+/// Longest wait for the device to come to rest: the longest exposure of a recipe (ten minutes) and a margin.
 const ASK_LIMIT_US: u64 = 620 * SECOND_US;
-/// Lines lost in a row without one layer printed in between.
+/// Lost lines in a row, without a layer printed in between, that are tolerated.
 const MAX_LOSSES: u32 = 20;
 
-/// A reason this long gets no further ones added: it goes into the journal, whose records are limited.
+/// No further reason is added to one longer than this: journal records are limited in size.
 const MAX_REASON_BYTES: usize = 1000;
 
 const WENT_BACK_REMEDY: &str = "look at the device and the part, then resume";
@@ -23,7 +23,7 @@ const WENT_BACK_REMEDY: &str = "look at the device and the part, then resume";
 impl Engine {
     pub(super) fn on_connected(&mut self, state: DeviceState, max_position_um: i32, now_us: u64) {
         if self.line_up {
-            // A new session without news of the old one's end.
+            // The end of the old session was not reported.
             self.on_line_lost("the device began a new session".into(), now_us);
         }
         self.greet(state, max_position_um);
@@ -34,7 +34,7 @@ impl Engine {
         }
     }
 
-    /// Notes a new session.
+    /// Takes over the state of a new session.
     pub(super) fn greet(&mut self, state: DeviceState, max_position_um: i32) {
         self.line_up = true;
         self.ever_connected = true;
@@ -45,7 +45,7 @@ impl Engine {
         self.notice_state(state);
     }
 
-    /// Compares the layer that the device names as exposed last with those it named before: it can only become higher.
+    /// Checks that the layer reported as exposed last never goes back.
     fn compare_exposed(&mut self, state: &DeviceState) {
         let Some(told) = state.last_exposed.filter(|id| id.job == self.plan.key).map(|id| id.layer) else { return };
         let before = *self.told_exposed.get_or_insert(told);
@@ -58,13 +58,13 @@ impl Engine {
         }
     }
 
-    /// The device at the line is another machine, or cannot print the recipe.
+    /// The connected device is another machine, or cannot print the recipe.
     pub(super) fn on_unfit(&mut self, text: String, now_us: u64) {
         match self.phase {
             Phase::Checking => self.end_unbegun(&text),
             // The plate is clear.
             Phase::Resting => self.wind_down(JobState::Interrupted, text, now_us),
-            // Nothing is commanded of a device that is not this job's, not even the lift.
+            // Nothing is commanded of a foreign device, not even the lift.
             _ if self.touched => self.end_unparked(format!("{text}; the plate was not lifted")),
             _ => self.end_unparked(text),
         }
@@ -109,28 +109,28 @@ impl Engine {
         }
     }
 
-    /// The device broke the protocol. A new session may set it right; a device that does it again and again ends the job.
+    /// The device broke the protocol. A new session may help; repeated errors end the job.
     pub(super) fn on_misbehaved(&mut self, text: &str, now_us: u64) {
         self.misbehaviours_in_a_row += 1;
-        self.layers_of_misbehaviour += LAYERS_A_MISBEHAVIOUR;
+        self.layers_of_misbehaviour += LAYERS_PER_MISBEHAVIOUR;
         if self.misbehaviours_in_a_row > MAX_MISBEHAVIOURS {
-            // Not even the lift.
+            // Not even the lift is commanded.
             return self.end_unparked(format!("{text}; the plate was not lifted"));
         }
         if self.misbehaviours_in_a_row == MAX_MISBEHAVIOURS {
             let reason = format!("{text} ({MAX_MISBEHAVIOURS} times without a layer printed in between)");
             self.intend_to_end(self.failed_or_interrupted(), reason);
-        } else if self.layers_of_misbehaviour > MAX_MISBEHAVIOURS_OPEN * LAYERS_A_MISBEHAVIOUR {
+        } else if self.layers_of_misbehaviour > MAX_MISBEHAVIOURS_OPEN * LAYERS_PER_MISBEHAVIOUR {
             let reason = format!(
                 "{text} (it has broken the protocol more than {MAX_MISBEHAVIOURS_OPEN} times, more often than once in \
-                 {LAYERS_A_MISBEHAVIOUR} layers)"
+                 {LAYERS_PER_MISBEHAVIOUR} layers)"
             );
             self.intend_to_end(self.failed_or_interrupted(), reason);
         }
         self.end_session(text, now_us);
     }
 
-    /// Ends the session and waits for a new one, whose welcome tells where the device stands.
+    /// Ends the session and waits for a new one, whose welcome reports the device's state.
     pub(super) fn end_session(&mut self, why: &str, now_us: u64) {
         self.on_line_lost(why.to_owned(), now_us);
         if !matches!(self.phase, Phase::Ending | Phase::Done) {
@@ -138,7 +138,7 @@ impl Engine {
         }
     }
 
-    /// Waits for a new session; nothing is commanded meanwhile.
+    /// Waits for a new session. Nothing is commanded until then.
     pub(super) fn lose(&mut self, now_us: u64) {
         self.pace.break_off();
         self.losses_in_a_row += 1;
@@ -167,7 +167,7 @@ impl Engine {
         ));
     }
 
-    /// The device tells how it is. Whatever the job is doing, its light is compared with what was commanded.
+    /// The device reported its state. In every phase its light is compared with what was commanded.
     pub(super) fn on_state(&mut self, state: DeviceState, now_us: u64) {
         if !self.line_up {
             return;
@@ -189,13 +189,13 @@ impl Engine {
                 self.take_stock(now_us);
             }
             (Phase::Darkening { .. }, _) => self.on_darkening(state, now_us),
-            // The order to be dark overtook the exposure on the line.
+            // The light-off overtook the exposure on the line.
             (Phase::CuttingShort, Light::Commanded { .. }) if !self.light.awaits_answer() => self.put_light_off(),
             _ => self.watch_plate(state.position_um, now_us),
         }
     }
 
-    /// Asks for the state at once, then again and again until the device is at rest.
+    /// Asks for the state at once, then polls until the device is at rest.
     pub(super) fn ask(&mut self, now_us: u64) {
         self.out.query = true;
         let until_us = now_us + ASK_LIMIT_US;
@@ -297,20 +297,20 @@ impl Engine {
         }
     }
 
-    /// The device names a layer as exposed that was in doubt: its word counts, for it would refuse the layer.
+    /// The device reports that it exposed the layer that was in doubt. Its word counts: it would refuse to expose it again.
     fn tell_exposed_whole(&mut self, choice: ResumeChoice) {
         let layer = self.next_layer;
         if choice == ResumeChoice::Repeat {
             self.out.notice(format!("layer {layer} is not repeated: the device reports that it exposed it whole"));
         }
-        // Of this run, which ends for it.
+        // The doubt arose in this run and ends it.
         if let (Some(why), Intent::End(JobState::Interrupted, _)) = (self.in_doubt.clone(), &self.intent) {
             let text = format!("{why}; since then the device reports that it exposed layer {layer} whole");
             self.intend_to_end(JobState::Interrupted, text);
         }
     }
 
-    /// Only the operator can tell; perhaps they did already.
+    /// Only the operator can tell. They may have done so already.
     fn settle_doubt(&mut self, choice: ResumeChoice, why: &str, now_us: u64) {
         let layer = self.next_layer;
         match choice {
@@ -329,13 +329,13 @@ impl Engine {
         }
     }
 
-    /// Ends the job where nothing is under way: parks the plate first.
+    /// Parks the plate and ends the job. Nothing is under way.
     pub(super) fn wind_down_at_rest(&mut self, state: JobState, reason: String, now_us: u64) {
         self.intend_to_end(state, reason);
         self.advance(now_us);
     }
 
-    /// Sets the end the job comes to; the first end wanted stands, later reasons are added to its own.
+    /// Sets how the job ends. The first intended end stays; later reasons are added to its reason.
     pub(super) fn intend_to_end(&mut self, state: JobState, reason: String) {
         match &mut self.intent {
             Intent::End(JobState::Completed, _) | Intent::Print | Intent::Pause => {

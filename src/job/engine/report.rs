@@ -23,32 +23,32 @@ impl Engine {
         }
     }
 
-    /// Whether an order to end the job, which was given to the engine, is still on its way to the disk.
+    /// Whether the operator's order to end the job is not on disk yet.
     pub fn order_unwritten(&self) -> bool {
         self.out.order_unwritten()
     }
 
-    /// Whether a record could not be written: the job ends, and a restart may not know all of it.
+    /// Whether a record could not be written. The job then ends, and its journal is incomplete.
     pub fn journal_failed(&self) -> bool {
         self.out.journal_broken
     }
 
-    /// Whether light may ever have fallen for this job, so that what hangs on the plate is its own part.
+    /// Whether the job may have had light, so that a part on the plate is its own.
     pub fn touched(&self) -> bool {
         self.touched
     }
 
-    /// Whether it is to print and has had no light: it would move the plate down, and nothing of its own hangs there.
+    /// Whether the job is to print and has had no light yet. It moves the plate down, so the plate must be empty.
     pub fn goes_down_bare(&self) -> bool {
         !self.touched && !self.aborting && !self.is_over() && matches!(self.intent, Intent::Print | Intent::Pause)
     }
 
-    /// Whether the job's end is decided and only its record is missing, if that.
+    /// Whether the job has ended. Its last record may still be unwritten.
     pub fn is_over(&self) -> bool {
         matches!(self.phase, Phase::Ending | Phase::Done)
     }
 
-    /// Whether it has begun: a device and the part were there, and acts may have been commanded.
+    /// Whether the job has begun, so that acts may have been commanded.
     pub fn has_begun(&self) -> bool {
         self.phase != Phase::Checking
     }
@@ -58,7 +58,7 @@ impl Engine {
         self.unconfirmed
     }
 
-    /// Whether layers follow one another: an absent device or a pause has no end that could be foretold.
+    /// Whether layers are being printed. Nobody can predict the end of a pause or of a lost line.
     fn is_printing(&self) -> bool {
         let at_work =
             !matches!(self.phase, Phase::Checking | Phase::Lost | Phase::Resting | Phase::Ending | Phase::Done);
@@ -68,7 +68,7 @@ impl Engine {
     /// The job's state.
     pub fn state(&self) -> JobState {
         match (&self.phase, &self.intent) {
-            // Not before its record is on disk and the machine given back: only then can the job be resumed.
+            // Only once its record is on disk and the machine is free: the job can be resumed from then on.
             (Phase::Done, Intent::End(state, _)) => *state,
             _ if self.aborting => JobState::Aborting,
             (Phase::Checking, Intent::Print | Intent::Pause) => JobState::Checking,

@@ -1,9 +1,9 @@
-//! Which layers the device holds, and which is to be sent next.
+//! Which layers the device holds, and which one to send next.
 
 use crate::link::message::{DeviceState, Refusal};
 
-/// How often in a row a layer is sent again when the device does not take it. The line repairs its own errors, so a second
-/// refusal already means a device that cannot decode it.
+/// Refusals in a row after which a layer is not sent again. The line repairs its own errors, so a second refusal already means
+/// that the device cannot decode the layer.
 const MAX_REFUSALS: u8 = 3;
 
 /// The device's slots as far as this job is concerned.
@@ -13,21 +13,21 @@ pub(super) struct Uploads {
     slots: Vec<Option<u32>>,
     /// The upload under way: layer and slot.
     running: Option<(u32, u8)>,
-    /// The layer the sweep comes to next, where one was asked for.
+    /// The layer that the running sweep computes next.
     sweep_at: Option<u32>,
     refusals: u8,
 }
 
-/// What to ask for.
+/// The next upload.
 pub(super) struct Wanted {
     pub(super) layer: u32,
     pub(super) slot: u8,
-    /// Whether the sweep must begin anew at that layer.
+    /// Whether a new sweep must start at that layer.
     pub(super) new_sweep: bool,
 }
 
 impl Uploads {
-    /// Takes the slots from a state of a new session: whatever was being sent is void.
+    /// Takes the slots from the state of a new session. An upload under way is void.
     pub(super) fn reset(&mut self, key: u64, state: &DeviceState) {
         let ours = |slot: &Option<_>| slot.filter(|id: &crate::link::message::ExposureId| id.job == key);
         self.slots = state.slots.iter().map(|slot| ours(slot).map(|id| id.layer)).collect();
@@ -44,14 +44,14 @@ impl Uploads {
         self.slots.contains(&Some(layer))
     }
 
-    /// Notes that a slot no longer holds the layer: exposed, or lost by the device.
+    /// Notes that no slot holds the layer any longer: it was exposed, or the device lost it.
     pub(super) fn release(&mut self, layer: u32) {
         for slot in &mut self.slots {
             *slot = slot.filter(|held| *held != layer);
         }
     }
 
-    /// Notes that an upload ended well; false if it is not the one under way.
+    /// Notes that an upload succeeded. Returns false if it is not the one under way.
     pub(super) fn uploaded(&mut self, layer: u32) -> bool {
         let Some((_, slot)) = self.running.take_if(|running| running.0 == layer) else {
             return false;
@@ -63,7 +63,10 @@ impl Uploads {
         true
     }
 
-    /// Notes a refused upload; an error where sending it once more is pointless.
+    /// Notes a refused upload.
+    ///
+    /// # Errors
+    /// What to tell the operator if sending the layer again is pointless.
     pub(super) fn refused(&mut self, layer: u32, refusal: Refusal) -> Result<(), String> {
         if self.running.take_if(|running| running.0 == layer).is_none() {
             return Ok(());
@@ -76,8 +79,8 @@ impl Uploads {
         Err(format!("the device refused layer {layer} {MAX_REFUSALS} times: {}", remedy(refusal)))
     }
 
-    /// The next upload, now that the layers from `next_layer` on are to be exposed; `None` while one is under way, all slots
-    /// hold what is needed, or no layer is left.
+    /// The next upload if `next_layer` is exposed next. `None` while an upload is under way, while the slots hold all layers
+    /// that fit, and when no layer is left.
     pub(super) fn next(&mut self, next_layer: u32, layer_count: u32) -> Option<Wanted> {
         if self.running.is_some() {
             return None;
@@ -95,7 +98,7 @@ impl Uploads {
     }
 }
 
-/// Why a device takes no layer, and what to do about it.
+/// Why a device does not take a layer, and what to do.
 fn remedy(refusal: Refusal) -> &'static str {
     match refusal {
         Refusal::NotReady => "it is not ready; look at the device, then resume",

@@ -1,4 +1,4 @@
-//! Whether a plate was raised from below its clear height: noted on disk until the operator says that the plate is bare.
+//! Remembers on disk that the plate was raised from below its clear height, until the operator confirms that it is empty.
 
 use std::fs;
 use std::io::{self, Write};
@@ -8,14 +8,15 @@ use crate::job::journal::sync_parent;
 use crate::output::Output;
 
 const RAISED: &str = "raised";
-/// A height in micrometres as text takes less.
+/// A height in micrometres is shorter as text.
 const MAX_TEXT_BYTES: usize = 16;
 
 impl Spool {
-    /// From where a plate was raised of which nobody has said since that it is bare, micrometres above the bottom of the vat.
+    /// Height from which the plate was raised, micrometres above the bottom of the vat. `None` if it was not, or was confirmed to be
+    /// empty since.
     ///
     /// # Errors
-    /// [`SpoolError::Io`]: the note cannot be read, or holds something else.
+    /// [`SpoolError::Io`] if the note cannot be read or does not hold a height.
     pub fn raised_from_um(&self) -> Result<Option<i32>, SpoolError> {
         let path = self.root.join(RAISED);
         let text = match fs::read(&path) {
@@ -31,11 +32,11 @@ impl Spool {
         })
     }
 
-    /// Notes from where a plate was raised, micrometres; `None` once the operator has said that it is bare. On return that is on
-    /// disk.
+    /// Notes the height from which the plate was raised, micrometres; `None` once it is confirmed to be empty. On return the note is
+    /// on disk.
     ///
     /// # Errors
-    /// [`SpoolError::Io`]; what was noted before stands then.
+    /// [`SpoolError::Io`]; the earlier note stays then.
     pub fn set_raised(&self, from_um: Option<i32>) -> Result<(), SpoolError> {
         let path = self.root.join(RAISED);
         let written = match from_um {

@@ -1,9 +1,9 @@
-//! The plate: where it is, where it goes, how fast.
+//! The plate: position and moves.
 
 use super::{ActRecord, DlpCore};
 use crate::link::message::{Refusal, Reply};
 
-/// Speed at which the plate looks for its zero position, micrometres a second.
+/// Speed of homing, micrometres a second.
 pub(super) const HOMING_SPEED_UM_S: u32 = 20_000;
 
 /// A move under way.
@@ -34,7 +34,7 @@ impl DlpCore {
         let arrives_us = self.now_us + way_um * 1_000_000 / u64::from(speed_um_s);
         let (began_us, from_um) = (self.now_us, self.position_um);
         self.motion = Some(Motion { number: Some(number), began_us, arrives_us, from_um, to_um, homing });
-        // A move to where the plate stands is over at once.
+        // A move to the present position ends at once.
         self.advance(self.now_us);
     }
 
@@ -46,7 +46,7 @@ impl DlpCore {
         self.reply(motion.number, Reply::Moved { position_um: motion.to_um });
     }
 
-    /// The plate stops where it is. A homing that did not arrive has found nothing.
+    /// The plate stops where it is. An interrupted homing has not found the zero position.
     pub(super) fn stop_motion(&mut self) {
         let Some(motion) = self.motion.take() else { return };
         self.position_um = motion.position_um(self.now_us);

@@ -1,4 +1,4 @@
-//! A layer on its way into a slot: announced, received in pieces, decoded as it comes, checked.
+//! A layer on its way into a slot: announced, received in pieces, decoded as it arrives, checked.
 
 use super::DlpCore;
 use crate::device::encoding::Decoder;
@@ -23,7 +23,7 @@ impl DlpCore {
         id: ExposureId,
         (encoding, encoded_bytes, crc32): (Encoding, u32, u32),
     ) -> Result<(), Refusal> {
-        // The host moved on without finishing: that layer will never be whole.
+        // The host began another layer, so the unfinished one will never be complete.
         if let Some(upload) = self.upload.take() {
             self.refuse_layer(&upload);
         }
