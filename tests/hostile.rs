@@ -237,7 +237,7 @@ fn no_job_begins_in_light_that_nothing_puts_off() {
 #[test]
 fn light_that_stays_on_without_a_job_is_shown_as_long_as_it_lasts() {
     const WARNING: &str =
-        "WARNING: the device does not put its light off: switch the machine off at its mains and look";
+        "WARNING: the device does not switch its light off: switch the machine off at its mains and look";
     let stage = Stage::with(honest());
     stage.control(|controls| controls.stray = Some(Stray { outlasts: u32::MAX }));
     let order_ms = stage.dark_order_ms(0);

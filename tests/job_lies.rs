@@ -34,7 +34,7 @@ fn light_that_outlasts_its_exposure_is_put_off() {
     assert_eq!(off_us - began_us, 2 * SECOND_US + GRACE_US, "the commanded time and the grace");
     assert_stopped_safely(&world);
     assert!(world.end().1.contains("layer 2 is in doubt"), "{:?}", world.end());
-    let told = "does not report the end of layer 2's exposure of 2000 ms; it was told to put its light off";
+    let told = "does not report the end of layer 2's exposure of 2000 ms; it was ordered to switch its light off";
     assert!(world.notices.iter().any(|text| text.contains(told)), "{:?}", world.notices);
 }
 
@@ -145,7 +145,7 @@ fn a_device_that_stays_lit_moves_nothing_and_is_told_in_capitals() {
     let (began_us, acts) = (world.now_us, world.acts.len());
     world.finish();
     assert_eq!((world.end().0, world.acts.len()), (JobState::Interrupted, acts), "{:?}", world.end());
-    assert!(world.end().1.contains("WARNING: the device does not put its light off"), "{:?}", world.end());
+    assert!(world.end().1.contains("WARNING: the device does not switch its light off"), "{:?}", world.end());
     assert!(world.now_us - began_us < 20 * SECOND_US, "{} µs", world.now_us - began_us);
     let orders = world.urgents.iter().filter(|(_, urgent)| *urgent == Urgent::LightOff).count();
     assert!(orders > 3, "told again and again: {orders}");

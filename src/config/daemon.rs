@@ -7,7 +7,7 @@ use serde::Deserialize;
 use super::{ConfigError, OutOfRange, parse, read_text, within};
 use crate::text::size_text;
 
-/// Settings of `layerd`. Relative paths are taken from the directory of the file they stand in.
+/// Settings of `layerd`. Relative paths are relative to the directory of the file.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DaemonConfig {
@@ -20,18 +20,18 @@ pub struct DaemonConfig {
     /// Ceiling of the print path's memory, e.g. `"96MiB"`; default 64 MiB.
     #[serde(with = "byte_size", default = "default_memory_budget")]
     pub memory_budget: u64,
-    /// Most threads that compute layers; default one for each core. A job takes fewer where the budget is short.
+    /// Most threads that compute layers; default one per core. A job takes fewer if the budget is short.
     #[serde(default)]
     pub threads: Option<usize>,
     /// Machine file.
     pub machine: PathBuf,
-    /// Recipe file used where a job names none.
+    /// Recipe file for jobs that name none.
     pub recipe: PathBuf,
 }
 
-/// Where the control socket is unless the configuration says otherwise.
+/// Default path of the control socket.
 pub const DEFAULT_SOCKET: &str = "/run/layerd/control.sock";
-/// Where jobs and journals lie unless the configuration says otherwise.
+/// Default directory of jobs and journals.
 pub const DEFAULT_SPOOL: &str = "/var/lib/layerd";
 
 fn default_socket() -> PathBuf {
@@ -42,10 +42,10 @@ fn default_spool() -> PathBuf {
     DEFAULT_SPOOL.into()
 }
 
-/// Below this not even a small picture and the line's buffers have room.
+/// Smallest memory budget. Below it not even a small picture and the line's buffers fit.
 pub const MIN_BUDGET_BYTES: u64 = 8 << 20;
 
-/// More than the cores of any host that drives a printer.
+/// Most threads: more than the cores of any host that drives a printer.
 pub const MAX_THREADS: usize = 256;
 
 fn default_memory_budget() -> u64 {

@@ -1,5 +1,5 @@
-//! From what an operator types to a configuration file: a path, or a bare name looked up in the usual places and, last, among
-//! the files this program was built with.
+//! Finds a configuration file by path or by name. A name is looked up in the usual directories, then among the files built into
+//! the program.
 
 use std::path::{Path, PathBuf};
 
@@ -14,7 +14,7 @@ pub enum Folder {
     Recipes,
 }
 
-/// The files of `config/`, so that their names work wherever the program stands alone.
+/// The files of `config/`, built in so that their names work without an installation.
 const SHIPPED: [(Folder, &str, &str); 6] = [
     (Folder::Machines, "dlp-1080p-50um", include_str!("../../config/machines/dlp-1080p-50um.toml")),
     (Folder::Machines, "lcd-4k-35um", include_str!("../../config/machines/lcd-4k-35um.toml")),
@@ -27,7 +27,7 @@ const SHIPPED: [(Folder, &str, &str); 6] = [
 /// A configuration file, read.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ConfigText {
-    /// Where it came from: what errors name.
+    /// Where it came from, for error messages.
     pub path: PathBuf,
     /// What it says.
     pub text: String,
@@ -54,7 +54,7 @@ pub struct NotFound {
     pub name: String,
     /// Every place, in the order looked.
     pub looked: Vec<PathBuf>,
-    /// Names that would have been found.
+    /// Names that exist.
     pub known: Vec<String>,
 }
 
@@ -69,8 +69,8 @@ fn remedy(known: &[String]) -> String {
     }
 }
 
-/// The file `name` means: itself where it ends in `.toml` or has a directory, else `NAME.toml` in the folder below
-/// `$LAYERD_CONFIG_DIR`, `/etc/layerd` and `config`, the first that exists, else the one of that name built in.
+/// Finds the file `name`. If it ends in `.toml` or has a directory, it is a path. Else it is the first `NAME.toml` in the folder below
+/// `$LAYERD_CONFIG_DIR`, `/etc/layerd` and `config`, or the built-in file of that name.
 ///
 /// # Errors
 /// [`FindError::NotFound`] lists where it looked, [`FindError::Unreadable`] says what the system says.
@@ -98,10 +98,10 @@ pub fn find(folder: Folder, name: &str) -> Result<ConfigText, FindError> {
     }
 }
 
-/// More names than this would not be read.
+/// Most names in an error message; nobody reads more.
 const MAX_NAMES: usize = 20;
 
-/// The names that lie in the folders looked in, and those built in.
+/// The names in the folders that were searched, and the built-in names.
 fn known(folder: Folder, looked: &[PathBuf]) -> Vec<String> {
     let folders = looked.iter().filter_map(|path| path.parent()?.read_dir().ok());
     let files = folders.flat_map(|folder| folder.filter_map(|entry| Some(entry.ok()?.path())));

@@ -1,4 +1,4 @@
-//! One machine: its line, its picture, its travel.
+//! One machine: its line, picture and travel.
 
 use std::path::Path;
 
@@ -24,18 +24,18 @@ pub struct Machine {
     pub pixel_um: [f64; 2],
     /// Largest part height, micrometres.
     pub build_height_um: f64,
-    /// Plate height at which the plate is clear of the resin, micrometres above the bottom of the vat: where pause, stop and
-    /// abort bring it if the part is lower.
+    /// Height at which the plate is clear of the resin, micrometres above the bottom of the vat. Pause, stop and abort lift the plate
+    /// at least this high.
     pub clear_height_um: f64,
-    /// Whether a job that waited in the queue needs the operator's word (`layerctl resume`) that the plate is empty. It is safe to
-    /// turn off only for a machine that changes plates by itself, or has none.
+    /// Whether the operator must confirm that the plate is empty (`layerctl resume`) before a queued job begins. Safe to turn off only
+    /// for a machine that changes plates by itself, or has none.
     #[serde(default = "yes")]
     pub confirm_plate: bool,
-    /// How much faster than real time the device's clock runs, 1 to 1000: only for simulated devices. The least times that the host
-    /// expects of exposures and moves are divided by it.
+    /// How much faster than real time the device's clock runs, 1 to 1000. Only for simulated devices. The host divides the least
+    /// times of exposures and moves by it.
     #[serde(default = "real_time")]
     pub time_scale: f64,
-    /// Whether picture axes run against the build file's.
+    /// Which picture axes run against those of the build file.
     #[serde(default)]
     pub mirror: Mirror,
     /// The line.
@@ -67,13 +67,13 @@ impl Machine {
         Self::parse(path, &read_text(path)?)
     }
 
-    /// Checks a machine's text; `path` is what errors name, and what a relative line is taken from.
+    /// Parses and checks a machine's text. Errors name `path`; a relative `link.path` is relative to its directory.
     ///
     /// # Errors
     /// [`ConfigError`] names file, key, value and the allowed range.
     pub fn parse(path: &Path, text: &str) -> Result<Self, ConfigError> {
         let mut machine = parse(path, text, Self::check)?;
-        // A path in a file is taken from that file's directory.
+        // A path in a file is relative to the file's directory.
         machine.link.path = path.parent().unwrap_or(Path::new(".")).join(&machine.link.path);
         Ok(machine)
     }
@@ -100,7 +100,7 @@ impl Machine {
         .collect()
     }
 
-    /// What geometry must know of this machine.
+    /// The raster of this machine, for the slicer.
     pub fn raster(&self) -> Raster {
         Raster {
             width_px: self.width_px,

@@ -1,5 +1,5 @@
-//! Machines, recipes and the daemon's settings, read from TOML. An unknown or out-of-range key is an error that names the
-//! file, the key, the value and what is allowed; of values out of range all are named.
+//! Machines, recipes and the daemon's settings, read from TOML. An unknown key or a value out of range is an error that names the
+//! file, the key, the value and what is allowed. All values out of range are named at once.
 
 mod daemon;
 mod lookup;
@@ -38,7 +38,7 @@ pub enum ConfigError {
     Range {
         /// The file.
         path: PathBuf,
-        /// Every one of them, at least one.
+        /// All of them, at least one.
         faults: Vec<OutOfRange>,
     },
 }
@@ -67,16 +67,16 @@ fn within<T: PartialOrd + std::fmt::Display + Copy>(key: &str, value: T, low: T,
     Some(OutOfRange { key: key.into(), value: value.to_string(), allowed: format!("{low} to {high}") })
 }
 
-/// No configuration file is larger; a wrong path must not fill memory.
+/// Largest configuration file: a wrong path must not fill the memory.
 const MAX_FILE_BYTES: u64 = 1 << 20;
 
 fn read_text(path: &Path) -> Result<String, ConfigError> {
     let read = || {
         let mut text = String::new();
-        // Not by its length: a device has none, and no end either.
+        // Limits what is read instead of checking the length: a device file has no length and may have no end.
         std::fs::File::open(path)?.take(MAX_FILE_BYTES + 1).read_to_string(&mut text)?;
         if text.len() as u64 > MAX_FILE_BYTES {
-            let message = format!("more than {MAX_FILE_BYTES} bytes are too many for a configuration file");
+            let message = format!("a configuration file may have at most {MAX_FILE_BYTES} bytes");
             return Err(std::io::Error::new(std::io::ErrorKind::InvalidData, message));
         }
         Ok(text)
@@ -95,7 +95,7 @@ fn parse<T: serde::de::DeserializeOwned>(
     if faults.is_empty() { Ok(value) } else { Err(ConfigError::Range { path: path.into(), faults }) }
 }
 
-/// A parser's message with ranges where it names the types of a programming language.
+/// Replaces the names of Rust types in a parser's message by ranges.
 fn in_words(message: &str) -> String {
     message
         .trim_end()

@@ -1,4 +1,4 @@
-//! One recipe: how a layer is exposed and the plate is moved.
+//! One recipe: exposure of the layers and moves of the plate.
 
 use std::path::Path;
 
@@ -27,9 +27,9 @@ pub struct Recipe {
     pub lift_height_um: u32,
     /// Speed of the lift, micrometres a second.
     pub lift_speed_um_s: u32,
-    /// Speed of the way back, micrometres a second.
+    /// Speed of the return move, micrometres a second.
     pub retract_speed_um_s: u32,
-    /// Wait between arrival of the plate and light, milliseconds, before `wait_before_exposure_ms`; resin comes to rest.
+    /// Wait after the plate has arrived, milliseconds, so that the resin comes to rest. `wait_before_exposure_ms` follows.
     #[serde(default)]
     pub light_off_delay_ms: u32,
     /// Wait before light, milliseconds.
@@ -62,7 +62,7 @@ impl Recipe {
         Self::parse(path, &read_text(path)?)
     }
 
-    /// Checks a recipe's text; `path` is what errors name.
+    /// Parses and checks a recipe's text. Errors name `path`.
     ///
     /// # Errors
     /// [`ConfigError`] names file, key, value and the allowed range.
@@ -71,7 +71,7 @@ impl Recipe {
     }
 
     fn check(&self) -> Vec<OutOfRange> {
-        // An exposure of ten minutes is far beyond any resin; moves are bounded so that a typing error cannot take hours.
+        // No resin needs an exposure of ten minutes. Moves are limited so that a typing error cannot take hours.
         [
             within("layer_height_um", self.layer_height_um, 1.0, 1000.0),
             within("exposure_ms", self.exposure_ms, 1, 600_000),
@@ -92,7 +92,7 @@ impl Recipe {
         .collect()
     }
 
-    /// Exposure of a layer: bottom layers, then a linear transition, then normal.
+    /// Exposure of a layer, milliseconds: bottom layers, then a linear transition, then normal layers.
     pub fn layer_exposure_ms(&self, layer: u32) -> u32 {
         let Some(after_bottom) = layer.checked_sub(self.bottom_layers) else {
             return self.bottom_exposure_ms;

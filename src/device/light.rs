@@ -13,7 +13,7 @@ const MAX_ROUND_TRIP_US: u64 = 2_000_000;
 pub const DARK_LIMIT_US: u64 = 5_000_000;
 /// Warning to the operator about a device that is lit for longer than [`DARK_LIMIT_US`] after a light-off.
 pub const STAYS_LIT: &str =
-    "WARNING: the device does not put its light off: switch the machine off at its mains and look";
+    "WARNING: the device does not switch its light off: switch the machine off at its mains and look";
 
 /// What a reported state says about the light.
 #[derive(Clone, Debug, PartialEq, Eq)]

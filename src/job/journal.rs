@@ -64,7 +64,7 @@ pub enum JournalError {
         what: String,
     },
     /// Its records contradict each other.
-    #[error("the journal {} is not true: {source}; the job cannot be resumed, start the part again", path.display())]
+    #[error("the journal {} is not valid: {source}; the job cannot be resumed, start the part again", path.display())]
     Contradiction {
         /// The file.
         path: PathBuf,
@@ -296,7 +296,7 @@ fn contents(path: &Path, file: &mut File) -> Result<Vec<u8>, JournalError> {
 fn parse(path: &Path, bytes: &[u8]) -> Result<(Vec<Entry>, u64), JournalError> {
     let damaged = |what: String| JournalError::Damaged { path: path.into(), what };
     if !bytes.starts_with(&MAGIC) {
-        return Err(damaged("it does not begin as a journal of version 1 does".into()));
+        return Err(damaged("it does not begin like a journal of version 1".into()));
     }
     let mut entries = Vec::new();
     let mut at = MAGIC.len();

@@ -221,8 +221,7 @@ pub enum ResumeError {
     Over(JobState),
     /// The operator ordered its end.
     #[error(
-        "the job was ordered to {} and is not printed any further; `layerctl {} JOB` has it ended now, start the part \
-         again instead", .0.verb(), .0.verb()
+        "the job was ordered to {} and cannot be resumed; `layerctl {} JOB` ends it now; start the part again instead", .0.verb(), .0.verb()
     )]
     Ordered(EndOrder),
     /// A layer is in doubt and the operator has not decided.
@@ -238,8 +237,8 @@ pub enum ResumeError {
     },
     /// The operator spoke of a layer that is not in doubt.
     #[error(
-        "no layer is in doubt: layers below {next_layer} are known to be exposed, and layer {next_layer} not to be; resume \
-         without --in-doubt"
+        "no layer is in doubt: the layers below {next_layer} are exposed, and layer {next_layer} is not; resume without \
+         --in-doubt"
     )]
     NoDoubt {
         /// The first layer not exposed.

@@ -1,4 +1,4 @@
-//! The task that joins a host session to its port: paces bytes, keeps timers, opens the port again and begins new sessions.
+//! The task that connects a host session to its port: paces bytes, keeps timers, reopens the port and begins new sessions.
 
 use std::io;
 use std::os::unix::fs::MetadataExt;
@@ -18,27 +18,27 @@ use super::session::{Hindrance, HostEvent, HostSession, HostSettings, SendError,
 use super::spacing::Spacing;
 use super::transport::{OpenError, SerialLine};
 
-/// Events the owner has not taken. When full, the device is held back by its credit.
+/// Events that the owner has not taken. When the queue is full, credit holds the device back.
 const EVENT_QUEUE: usize = 64;
-/// More than an operator can press in the time in which the line answers.
+/// Urgent orders that wait; more than an operator can give before the line answers.
 const URGENT_QUEUE: usize = 16;
-/// Bytes read at once: the system's own buffer for a terminal.
+/// Bytes read at once: the size of the system's terminal buffer.
 const READ_BYTES: usize = 4096;
 
-/// What the owner of a line hears.
+/// What the task reports to the owner of the line.
 #[derive(Debug)]
 pub enum LinkEvent {
     /// From the session.
     Session(HostEvent),
-    /// The port could not be opened; it is tried again. Told once for each reason.
+    /// The port could not be opened; it is tried again. Reported once for each reason.
     NotOpen(OpenError),
-    /// The port failed and is opened again; the session, if there was one, is lost.
+    /// The port failed and is reopened. A session is lost.
     PortFailed(io::Error),
-    /// A message was not sent: it is longer than `Connected` allows. A fault of the owner.
+    /// A message was not sent because it is longer than `Connected` allows: an error of the owner.
     NotSent(SendError),
 }
 
-/// Where the owner puts in messages. Cloning shares the line.
+/// The owner's handle of the line. Clones share the line.
 #[derive(Clone, Debug)]
 pub struct LinkHandle {
     messages: mpsc::Sender<(u32, HostMessage)>,
@@ -46,12 +46,12 @@ pub struct LinkHandle {
     shared: Arc<Shared>,
 }
 
-/// What the task tells besides events.
+/// What handle and task share besides the queues.
 #[derive(Debug, Default)]
 struct Shared {
     statistics: Mutex<Statistics>,
     busy_share: Mutex<Option<f64>>,
-    /// Of which session, and what.
+    /// Session id, and what hinders it.
     hindrance: Mutex<(u32, Option<Hindrance>)>,
     renew: Notify,
     give_up: Notify,
@@ -68,38 +68,39 @@ impl LinkHandle {
         let _ = self.messages.reserve().await;
     }
 
-    /// Queues a message for the session named by [`HostEvent::Connected`]; once that session has ended it is dropped. At most
-    /// two windows and one message are ever queued.
+    /// Queues a message for the session named by [`HostEvent::Connected`]. It is dropped if that session has ended. At most two
+    /// windows and one message are queued.
     ///
     /// # Errors
-    /// [`NoRoom`] where a message waits already or the task has ended.
+    /// [`NoRoom`] if a message waits already or the task has ended.
     pub fn try_send(&self, session_id: u32, message: HostMessage) -> Result<(), NoRoom> {
         self.messages.try_send((session_id, message)).map_err(|_| NoRoom)
     }
 
-    /// Sends something that overtakes all messages; over new sessions too, until it is answered by `UrgentDone`. Urgent frames
-    /// are numbered from 1 in the order of these calls.
+    /// Sends an order that overtakes all messages. It is repeated, in new sessions too, until `UrgentDone` answers it. Urgent
+    /// frames are numbered from 1 in the order of these calls.
     ///
     /// # Errors
-    /// [`NoRoom`] where too many wait already or the task has ended.
+    /// [`NoRoom`] if too many wait already or the task has ended.
     pub fn urgent(&self, urgent: Urgent) -> Result<(), NoRoom> {
         self.urgents.try_send(urgent).map_err(|_| NoRoom)
     }
 
-    /// Ends the present session and begins another, at once unless this is called again and again. There is no
-    /// [`HostEvent::Lost`] for the one that ends.
+    /// Ends the present session and begins another, without a pause unless this is called too often. The end is not reported as
+    /// [`HostEvent::Lost`].
     pub fn renew(&self) {
         self.shared.renew.notify_one();
     }
 
-    /// Ends the present session because the device makes no sense, or the owner lost its place. The next begins after a pause
-    /// that grows from one such session to the next, as after a session that was lost. There is no [`HostEvent::Lost`].
+    /// Ends the present session because the device broke the protocol, or the owner lost track. The next one begins after a pause,
+    /// as after a lost session; the pause grows from one such session to the next. The end is not reported as
+    /// [`HostEvent::Lost`].
     pub fn give_up(&self) {
         self.shared.give_up.notify_one();
     }
 
-    /// What keeps data of a session from getting through although the device is heard; its text says what to do. While there
-    /// is such a thing, a request without an answer may not have reached the device.
+    /// What keeps data of a session from getting through although the device is heard. Its text says what to do. A request
+    /// without an answer may then not have reached the device.
     pub fn hindrance(&self, session_id: u32) -> Option<Hindrance> {
         let (of_session, hindrance) = *self.shared.hindrance.lock().unwrap_or_else(PoisonError::into_inner);
         hindrance.filter(|_| of_session == session_id)
@@ -110,13 +111,13 @@ impl LinkHandle {
         *self.shared.statistics.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Share of the time with data to send in which the line was busy, 0 to 1; `None` before any data.
+    /// Share of the time with data to send during which the line was busy, 0 to 1; `None` before any data.
     pub fn busy_share(&self) -> Option<f64> {
         *self.shared.busy_share.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// The task's own end of the channels.
+/// The task's end of the channels.
 #[derive(Debug)]
 pub struct LinkDriver {
     settings: LinkSettings,
@@ -132,7 +133,7 @@ pub struct LinkDriver {
     spacing: Spacing,
 }
 
-/// Makes a line: the handle, its events, and the driver whose [`LinkDriver::run`] moves the bytes.
+/// Makes a line: its handle, its events, and its driver. [`LinkDriver::run`] moves the bytes.
 pub fn link(settings: LinkSettings) -> (LinkHandle, mpsc::Receiver<LinkEvent>, LinkDriver) {
     let (message_sender, messages) = mpsc::channel(1);
     let (urgent_sender, urgents) = mpsc::channel(URGENT_QUEUE);
@@ -155,18 +156,18 @@ pub fn link(settings: LinkSettings) -> (LinkHandle, mpsc::Receiver<LinkEvent>, L
     (handle, event_receiver, driver)
 }
 
-/// A session id that no earlier process used, in all likelihood.
+/// A random session id, so that it differs from those of earlier processes.
 fn random_id() -> u32 {
     let bits = random::bits();
     (bits ^ (bits >> 32)) as u32
 }
 
-/// The device number of the port that a path, perhaps a symbolic link, leads to now; `None` where it leads nowhere.
+/// Device number of the port that a path leads to now, through symbolic links; `None` if there is none.
 fn port_at(path: &Path) -> Option<u64> {
     std::fs::metadata(path).ok().map(|metadata| metadata.rdev())
 }
 
-/// Why the inner loop came back.
+/// Why the inner loop ended.
 enum Left {
     /// The session has ended, or was given up; the port is fine.
     Session,
@@ -215,7 +216,7 @@ impl LinkDriver {
         }
     }
 
-    /// Sessions one after the other on an open port. Opening anew would reset many boards.
+    /// Runs sessions one after the other on the open port. Reopening the port would reset many boards.
     async fn run_line(&mut self, mut line: SerialLine, port: Option<u64>) -> Left {
         loop {
             self.forget_ends().await;
@@ -241,7 +242,7 @@ impl LinkDriver {
         }
     }
 
-    /// What was ordered to end has ended: the order must not end the next session as well.
+    /// Clears orders to end the session: it has ended, and they must not end the next one.
     async fn forget_ends(&self) {
         for order in [&self.shared.renew, &self.shared.give_up] {
             tokio::select! {
@@ -269,8 +270,8 @@ impl LinkDriver {
         self.rest(pause_us).await
     }
 
-    /// Waits before the next try; `true` when the owner has gone. Messages of the old session are void, urgent frames are kept
-    /// and end the pause: only a new session can carry them.
+    /// Waits before the next try. Returns `true` when the owner is gone. Messages of the old session are dropped. An urgent order is
+    /// kept and ends the pause: only a new session can carry it.
     async fn rest(&mut self, pause_us: u64) -> bool {
         self.waiting = None;
         if pause_us == 0 {
@@ -296,7 +297,7 @@ impl LinkDriver {
 
     async fn run_session(&mut self, line: &mut SerialLine) -> Left {
         let mut input = [0_u8; READ_BYTES];
-        // The rest of the frame being written.
+        // The frame being written, and how much of it is written.
         let (mut output, mut written) = (Vec::new(), 0);
         let mut event = None;
         loop {
@@ -320,9 +321,9 @@ impl LinkDriver {
             self.share_counts(writing, now_us);
             let timeout_us = self.session.next_timeout_us().unwrap_or(u64::MAX);
             let wake_us = match (writing, now_us < line_free_us) {
-                // Timers of frames that cannot go out yet are of no use; only the dead-man is, and a millisecond is soon enough.
+                // No frame can go out yet, so only the dead-man timer matters: checking it each millisecond is enough.
                 (true, _) => timeout_us.max(now_us + 1_000),
-                // Data may wait that no timer knows of.
+                // Data may wait without a timer.
                 (false, true) => line_free_us,
                 (false, false) => timeout_us,
             };
@@ -367,7 +368,7 @@ impl LinkDriver {
         *self.shared.hindrance.lock().unwrap_or_else(PoisonError::into_inner) = hindrance;
     }
 
-    /// Gives the session the message that waits; one for another session is void.
+    /// Passes the waiting message to the session. A message for another session is dropped.
     fn queue_waiting(&mut self) -> Option<LinkEvent> {
         let (session_id, message) = self.waiting.take()?;
         if session_id != self.session.session_id() {

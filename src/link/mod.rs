@@ -1,8 +1,8 @@
-//! The line to the device: frames, a reliable session with credit, the serial transport. It does not know what a layer is.
+//! The line to the device: frames and messages, a reliable session with credit, the serial port.
 //!
 //! | module        | owns                                                                                  |
 //! |---------------|---------------------------------------------------------------------------------------|
-//! | [`wire`]      | bytes: frames, messages, handshake; core and alloc only, firmware can share it         |
+//! | [`wire`]      | bytes: frames, messages, handshake; core and alloc only, so firmware can share it      |
 //! | [`session`]   | order, loss, credit, urgency, silence: a pure state machine for host and device        |
 //! | [`transport`] | the serial port, real or pseudo-terminal                                               |
 //! | [`driver`]    | the task that joins a host session to its port: pacing, timers, reconnecting            |

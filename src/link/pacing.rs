@@ -1,19 +1,19 @@
-//! How far ahead of the line bytes are given to the kernel, and how busy the line was.
+//! Limits how far ahead of the line bytes are given to the kernel, and measures how busy the line is.
 //!
-//! The kernel's buffer is filled by the line's rate and the time, not by what it would take: an urgent frame waits behind
-//! whatever lies there.
+//! An urgent frame waits behind all bytes in the kernel's buffer. So the buffer is filled at the rate of the line, not up to its
+//! size.
 
 use super::session::line_time_us;
 
-/// Line time of the bytes given to the kernel ahead: an urgent frame waits behind them, and the line must not run dry while
-/// the host is busy.
+/// Line time of the bytes given to the kernel ahead. Short, because an urgent frame waits behind them; long enough that the line
+/// does not run dry while the host is busy.
 const BACKLOG_US: u64 = 10_000;
 
-/// The account of one line. Times are microseconds of any clock that never goes back.
+/// The pacing of one line. Times are microseconds of a monotonic clock.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Pacing {
     baud: u32,
-    /// Until when the line is busy with what the kernel has.
+    /// When the kernel's bytes will have been sent.
     busy_until_us: u64,
     seen_us: u64,
     had_data: bool,
@@ -27,7 +27,7 @@ impl Pacing {
         Self { baud, busy_until_us: 0, seen_us: 0, had_data: false, wanted_us: 0, busy_us: 0 }
     }
 
-    /// The port was opened anew: nothing lies in the kernel.
+    /// The port was reopened: the kernel's buffer is empty.
     pub(super) fn reset(&mut self) {
         self.busy_until_us = 0;
     }
@@ -52,7 +52,7 @@ impl Pacing {
         self.had_data = has_data;
     }
 
-    /// Share of the time with data to send in which the line was busy, 0 to 1; `None` before any.
+    /// Share of the time with data to send during which the line was busy, 0 to 1; `None` before any data.
     pub(super) fn busy_share(&self) -> Option<f64> {
         (self.wanted_us > 0).then(|| self.busy_us as f64 / self.wanted_us as f64)
     }

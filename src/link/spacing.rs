@@ -1,23 +1,23 @@
-//! How soon the next session may begin: a device that refuses, forgets or confuses every session must not fill log and events.
+//! Pauses between sessions, so that a device that fails every session does not flood the log and the events.
 
 /// Pause after a session that failed: short at first, since a device that restarts is back soon.
 const FIRST_PAUSE_US: u64 = 100_000;
-/// Longest pause: a device that is switched on again is not waited for longer than this.
+/// Longest pause. A device that is switched on again is found within this time.
 const MAX_PAUSE_US: u64 = 5_000_000;
-/// A session that stood as long as the longest pause was a good one: the next pause is short again.
+/// A session that lasted this long was good: the next pause is short again.
 const STEADY_US: u64 = MAX_PAUSE_US;
 /// Sessions the owner may begin in a row without a pause. A job needs one at its beginning, after an abort and at its end.
 const BURST: u64 = 6;
-/// After a burst, one session in this time.
+/// After a burst, one session per this time.
 const REFILL_US: u64 = 1_000_000;
 
-/// The account of one line. Times are microseconds of any clock that never goes back.
+/// The pauses of one line. Times are microseconds of a monotonic clock.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Spacing {
     pause_us: u64,
     /// When the present session was accepted.
     connected_us: Option<u64>,
-    /// The burst is used up to this moment; each session moves it by [`REFILL_US`].
+    /// The burst is used up to this time. Each session moves it by [`REFILL_US`].
     used_until_us: u64,
 }
 
@@ -32,7 +32,7 @@ impl Spacing {
         self.connected_us = Some(now_us);
     }
 
-    /// A session, or a try to open the port, failed: the pause before the next, microseconds.
+    /// A session, or an attempt to open the port, failed. Returns the pause before the next, microseconds.
     pub(super) fn failed(&mut self, now_us: u64) -> u64 {
         if self.connected_us.take().is_some_and(|since_us| now_us.saturating_sub(since_us) >= STEADY_US) {
             self.pause_us = FIRST_PAUSE_US;
@@ -42,7 +42,7 @@ impl Spacing {
         pause_us
     }
 
-    /// The owner asks for a new session: the pause before it, microseconds; 0 unless it asks again and again.
+    /// The owner asks for a new session. Returns the pause before it, microseconds: 0 unless it asks too often.
     pub(super) fn renewed(&mut self, now_us: u64) -> u64 {
         self.connected_us = None;
         self.used_until_us = self.used_until_us.max(now_us) + REFILL_US;

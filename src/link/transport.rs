@@ -1,7 +1,7 @@
-//! The serial port: a real one or a pseudo-terminal, 8N1, raw, for one process alone.
+//! The serial port or pseudo-terminal: 8N1, raw, exclusive to one process.
 //!
-//! Linux raises DTR and RTS when a port is opened that nobody has open, and lowers them at the last close if HUPCL is set.
-//! Many boards reset when DTR rises. So the port is opened once, HUPCL is cleared, and neither line is touched.
+//! Linux raises DTR and RTS at the first open of a port, and lowers them at the last close if HUPCL is set. Many boards reset
+//! when DTR rises. So the port is opened once, HUPCL is cleared, and neither line is touched.
 
 use std::io;
 use std::os::fd::AsRawFd;
@@ -17,7 +17,7 @@ use tokio_serial::{SerialPortBuilderExt, SerialStream};
 use super::settings::{FlowControl, LinkSettings};
 use crate::text::shell_word;
 
-/// Further from the rate asked for, a receiver samples the last bit of a byte wrongly.
+/// Tolerance of the line rate. Beyond it, a receiver samples the last bit of a byte wrongly.
 const RATE_TOLERANCE_PERCENT: u64 = 3;
 
 /// EHWPOISON, the highest error number of Linux.
@@ -32,10 +32,10 @@ pub enum OpenError {
     /// Another process has it.
     #[error("{}: in use by another program (find it with: fuser {})", .0.display(), shell_word(&.0.to_string_lossy()))]
     InUse(PathBuf),
-    /// Something else than a port.
+    /// Not a port.
     #[error("{}: not a serial port or pseudo-terminal", .0.display())]
     NotATerminal(PathBuf),
-    /// Not for this user (EACCES): the file's owner, group and mode forbid it.
+    /// The file's owner, group and mode forbid it (EACCES).
     #[error("{}: permission denied; {remedy}", path.display())]
     PermissionDenied {
         /// The port.
@@ -43,7 +43,7 @@ pub enum OpenError {
         /// What to do about it.
         remedy: String,
     },
-    /// Not for this service (EPERM): the systemd unit or the container allows no device of this kind.
+    /// The systemd unit or the container forbids devices of this kind (EPERM).
     #[error(
         "{}: the systemd unit does not allow devices of major number {major}; run `systemctl edit layerd`, add the lines \
          [Service] and DeviceAllow=char-{major} rw, and restart the service",
@@ -55,7 +55,7 @@ pub enum OpenError {
         /// Its device's major number.
         major: u32,
     },
-    /// The port does not do what the machine's file asks for.
+    /// The port does not support a setting of the machine file.
     #[error("{}: the port does not take {key} = {wanted}{found}: correct `{key}` in the machine's file, or use another adapter", path.display())]
     Unsuited {
         /// The port.
@@ -64,7 +64,7 @@ pub enum OpenError {
         key: &'static str,
         /// What it says.
         wanted: String,
-        /// What the port has instead, where it says so.
+        /// What the port has instead, if it says so.
         found: String,
     },
     /// Anything else.
@@ -77,7 +77,7 @@ pub enum OpenError {
     },
 }
 
-/// An open port. Dropping it closes it. Both halves work at the same time: a device that takes nothing must still be heard.
+/// An open port. Dropping it closes it. Both halves work at the same time: a device that accepts no data must still be heard.
 #[derive(Debug)]
 pub struct SerialLine {
     /// From the device.
@@ -103,8 +103,8 @@ impl SerialLine {
         let path = &config.path;
         let major = major_of_device(path)?;
         let name = path.to_str().ok_or_else(|| other(path, "the path is not UTF-8"))?;
-        // The library claims the port with TIOCEXCL and then flock, and gives both up when the port is dropped. Root passes
-        // TIOCEXCL: where flock refuses root, the library takes TIOCEXCL off the port of the other program, too.
+        // The library claims the port with TIOCEXCL, then with flock, and releases both when the port is dropped. TIOCEXCL does not
+        // stop root. If flock then refuses root, the library also clears the TIOCEXCL of the other program.
         let builder = serialport::new(name, config.baud).flow_control(match config.flow_control {
             FlowControl::None => serialport::FlowControl::None,
             FlowControl::RtsCts => serialport::FlowControl::Hardware,
@@ -112,7 +112,7 @@ impl SerialLine {
         });
         let stream = builder.open_native_async().map_err(|error| port_error(config, major, &error))?;
         clear_modes(&stream).map_err(|errno| open_error(path, major, errno))?;
-        // Setting a port up succeeds where the port takes only a part of it.
+        // Setup succeeds even if the port takes only some of the settings.
         let baud = stream.baud_rate().map_err(|error| port_error(config, major, &error))?;
         let flow_control = stream.flow_control().map_err(|error| port_error(config, major, &error))?;
         check_taken(config, baud, flow_control)?;
@@ -122,7 +122,7 @@ impl SerialLine {
 }
 
 impl LineReader {
-    /// Reads what is there, at least one byte. Cancel safe.
+    /// Reads the available bytes, at least one. Cancel safe.
     ///
     /// # Errors
     /// The port vanished or its other end closed; open it again.
@@ -144,8 +144,8 @@ impl LineWriter {
     }
 }
 
-/// The major number of the character device at `path`. Anything else is refused before it is opened, since opening alone can
-/// do something: a reader of a named pipe wakes.
+/// The major number of the character device at `path`. Anything else is refused before it is opened, because opening alone can have
+/// effects: it wakes the reader of a named pipe.
 fn major_of_device(path: &Path) -> Result<u32, OpenError> {
     let metadata = std::fs::metadata(path).map_err(|error| match error.raw_os_error() {
         Some(number) => open_error(path, 0, Errno::from_i32(number)),
@@ -158,7 +158,7 @@ fn major_of_device(path: &Path) -> Result<u32, OpenError> {
     }
 }
 
-/// Clears what the library leaves as the program before had it: HUPCL, and IXANY, with which any byte ends an XOFF.
+/// Clears modes that the library leaves as an earlier program set them: HUPCL, and IXANY, with which any byte ends an XOFF.
 fn clear_modes(stream: &SerialStream) -> Result<(), Errno> {
     let mut modes = tcgetattr(stream.as_raw_fd())?;
     modes.control_flags -= ControlFlags::HUPCL;
@@ -166,7 +166,7 @@ fn clear_modes(stream: &SerialStream) -> Result<(), Errno> {
     tcsetattr(stream.as_raw_fd(), SetArg::TCSANOW, &modes)
 }
 
-/// Compares what the port has with what the machine's file asks for.
+/// Compares the settings of the port with those of the machine file.
 fn check_taken(config: &LinkSettings, baud: u32, flow_control: serialport::FlowControl) -> Result<(), OpenError> {
     let (path, wanted) = (&config.path, config.baud);
     if u64::from(baud.abs_diff(wanted)) * 100 > u64::from(wanted) * RATE_TOLERANCE_PERCENT {
@@ -182,14 +182,14 @@ fn check_taken(config: &LinkSettings, baud: u32, flow_control: serialport::FlowC
 fn port_error(config: &LinkSettings, major: u32, error: &serialport::Error) -> OpenError {
     let path = &config.path;
     match error.kind() {
-        // Its word for EBUSY and for a lock that another program holds.
+        // The library's error for EBUSY and for a lock that another program holds.
         ErrorKind::NoDevice => return OpenError::InUse(path.clone()),
         ErrorKind::InvalidInput => return unsuited(path, "baud", config.baud.to_string(), String::new()),
         _ => {}
     }
-    // The kind is `Unknown` for most errors: only the text tells which.
+    // The kind is `Unknown` for most errors; only the text identifies them.
     match (1..=LAST_ERRNO).map(Errno::from_i32).find(|errno| errno.desc() == error.description) {
-        // What some devices (hidraw, evdev) answer to a terminal's ioctl. A terminal refuses no rate by an error.
+        // Some devices (hidraw, evdev) answer a terminal's ioctl with this. A terminal never does so for a rate.
         Some(Errno::EINVAL) => OpenError::NotATerminal(path.clone()),
         Some(errno) => open_error(path, major, errno),
         None => other(path, &error.description),
@@ -218,7 +218,7 @@ pub(crate) fn denied(path: &Path) -> OpenError {
     OpenError::PermissionDenied { path: path.into(), remedy: remedy(path, group.as_deref()) }
 }
 
-/// Only membership in a group that is made for ports helps; a pseudo-terminal belongs to whoever made it.
+/// Membership helps only in a group that is made for ports. A pseudo-terminal belongs to the user who opened it.
 fn remedy(path: &Path, group: Option<&str>) -> String {
     match group {
         Some(group) => format!("add this user to the group {group} (usermod -aG {group} USER) and log in again"),
@@ -229,12 +229,12 @@ fn remedy(path: &Path, group: Option<&str>) -> String {
     }
 }
 
-/// Whether a device number is that of a pseudo-terminal: these are the numbers of Linux.
+/// Whether a major number is that of a pseudo-terminal on Linux.
 fn is_pseudo_terminal(major: u32) -> bool {
     (136..=143).contains(&major)
 }
 
-/// The name of a group in the text of `/etc/group`. Nobody is advised to join that of root.
+/// The name of a group in the text of `/etc/group`; `None` for root's group, which nobody should join.
 fn group_name(groups: &str, gid: u32) -> Option<String> {
     let is_it = |line: &&str| gid != 0 && line.split(':').nth(2).is_some_and(|field| field.parse() == Ok(gid));
     groups.lines().find(is_it)?.split(':').next().map(str::to_owned)

@@ -1,8 +1,8 @@
 //! A thread that computes layers ahead of the printer, and the bounded queue of those it has finished.
 //!
-//! The queue is bounded twice: in bytes, by what was charged to the memory budget for it, and in layers. A layer's bytes are
-//! free again only when its [`Room`] is dropped, so a layer being uploaded still counts. One more layer may wait for room: whoever
-//! produces layers charges it with its own buffers.
+//! The queue is limited in bytes, which are charged to the memory budget, and in layers. The bytes of a layer become free when its
+//! [`Room`] is dropped, so a layer being uploaded still counts. One more layer may wait for room; the producer charges it
+//! together with its own buffers.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -15,11 +15,11 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc};
 use super::{BudgetExceeded, Charge, MemoryBudget};
 use crate::text::size_text;
 
-/// Finished layers that may wait at once: enough to ride out any hiccup, few enough that a resumed or aborted job throws
-/// little work away. Small layers would otherwise queue by the thousand.
+/// Most finished layers that wait: enough to bridge any delay, few enough that a resumed or aborted job discards little work. Without
+/// it thousands of small layers would queue.
 const QUEUE_LAYERS: usize = 64;
 
-/// The semaphore's unit; its permits are a `u32`, so counting bytes would cap the queue at 4 GiB less one.
+/// Unit of the semaphore. Its permits are a `u32`, so counting single bytes would limit the queue to 4 GiB.
 const PERMIT_BYTES: u64 = 1024;
 
 /// A layer that is ready.
@@ -29,19 +29,19 @@ pub struct Finished<T> {
     pub layer: T,
     /// How long computing it took.
     pub compute_time: Duration,
-    /// Its share of the queue; to be kept as long as the layer's bytes.
+    /// Its share of the queue; keep it as long as the layer's bytes.
     pub room: Room,
 }
 
-/// A share of the queue, free again when dropped.
+/// A share of the queue. Dropping it frees the share.
 #[derive(Debug)]
 pub struct Room {
     _permit: OwnedSemaphorePermit,
-    /// The queue's bytes stay charged as long as any layer of it is held.
+    /// The queue's bytes stay charged while any layer of it is held.
     _charge: Arc<Charge>,
 }
 
-/// Why no layer, or no further layer, comes.
+/// Why no further layer comes.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum StreamError {
     /// The queue does not fit the memory budget.
@@ -69,7 +69,7 @@ pub enum StreamError {
     Panicked,
 }
 
-/// What one step of computing yields: a layer and the bytes it keeps, or `None` after the last.
+/// Result of one computing step: a layer and the bytes that it takes, or `None` after the last layer.
 pub type Produced<T> = Result<Option<(T, u64)>, String>;
 
 /// Layers computed ahead, in order.
@@ -81,10 +81,10 @@ pub struct Ahead<T> {
 }
 
 impl<T: Send + 'static> Ahead<T> {
-    /// Starts computing. `produce` is called on a thread of its own until it yields `None`, fails, or this is dropped.
+    /// Starts computing. `produce` is called on its own thread until it returns `None` or an error, or until `Ahead` is dropped.
     ///
     /// # Errors
-    /// [`StreamError::Budget`] where `queue_bytes` are not free in the budget, [`StreamError::Thread`] without a thread.
+    /// [`StreamError::Budget`] if `queue_bytes` are not free in the budget, [`StreamError::Thread`] if no thread can be started.
     ///
     /// # Panics
     /// Outside a tokio runtime.
@@ -106,7 +106,7 @@ impl<T: Send + 'static> Ahead<T> {
         Ok(Self { finished, room, thread: Some(thread) })
     }
 
-    /// The next layer, waiting for it; `None` after the last. Cancel safe.
+    /// Waits for the next layer; `None` after the last. Cancel safe.
     ///
     /// # Errors
     /// [`StreamError`], once; no layer follows.
@@ -114,11 +114,11 @@ impl<T: Send + 'static> Ahead<T> {
         self.finished.recv().await.transpose()
     }
 
-    /// Stops computing and waits until the thread has given back its memory, at most the time of one layer.
+    /// Stops computing and waits until the thread has freed its memory, at most for the time of one layer.
     pub async fn stop(mut self) {
         self.room.close();
         self.finished.close();
-        // Layers already in the queue hold room; nothing else needs them.
+        // Layers in the queue hold room; drop them.
         while self.finished.recv().await.is_some() {}
         if let Some(thread) = self.thread.take() {
             // Its panic, if any, was reported when it happened.
@@ -129,7 +129,7 @@ impl<T: Send + 'static> Ahead<T> {
 
 impl<T> Drop for Ahead<T> {
     fn drop(&mut self) {
-        // Wakes a thread that waits for room; it then ends by itself.
+        // Wakes a thread that waits for room. It then ends by itself.
         self.room.close();
     }
 }
@@ -139,7 +139,7 @@ struct Worker<T> {
     permits: u32,
     runtime: Handle,
     charge: Arc<Charge>,
-    /// Dropped last: whoever sees the end of the queue finds the memory given back.
+    /// Dropped last, so that the memory is free when the receiver sees the end of the queue.
     sender: mpsc::Sender<Result<Finished<T>, StreamError>>,
 }
 
@@ -147,7 +147,7 @@ impl<T: Send + 'static> Worker<T> {
     fn run(self, mut produce: impl FnMut() -> Produced<T>) {
         loop {
             let began = Instant::now();
-            // After a panic nothing of `produce` is used again.
+            // After a panic `produce` is not used again.
             let step = match catch_unwind(AssertUnwindSafe(&mut produce)) {
                 Ok(Ok(None)) => return,
                 Ok(Ok(Some((layer, bytes)))) => self.queue(layer, bytes, began.elapsed()),
@@ -162,7 +162,7 @@ impl<T: Send + 'static> Worker<T> {
         }
     }
 
-    /// Waits for room; `None` where nobody wants layers any more.
+    /// Waits for room; `None` if the receiver is gone.
     fn queue(&self, layer: T, bytes: u64, compute_time: Duration) -> Result<Option<Finished<T>>, StreamError> {
         let needed = u32::try_from(bytes.div_ceil(PERMIT_BYTES)).unwrap_or(u32::MAX);
         if needed > self.permits {

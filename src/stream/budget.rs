@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::text::size_text;
 
-/// A shared account of bytes with a ceiling. Cloning shares the account.
+/// A shared account of bytes with a limit. Clones share the account.
 #[derive(Clone, Debug)]
 pub struct MemoryBudget {
     account: Arc<Account>,
@@ -31,11 +31,11 @@ pub struct BudgetExceeded {
     pub need_bytes: u64,
     /// Bytes that were free.
     pub free_bytes: u64,
-    /// The ceiling.
+    /// The limit.
     pub limit_bytes: u64,
 }
 
-/// Bytes taken from a budget; given back when dropped.
+/// Bytes taken from a budget. Dropping it returns them.
 #[derive(Debug)]
 pub struct Charge {
     account: Arc<Account>,
@@ -52,7 +52,7 @@ impl MemoryBudget {
     /// Takes `bytes` for `what`.
     ///
     /// # Errors
-    /// [`BudgetExceeded`] where they are not free; nothing is taken then.
+    /// [`BudgetExceeded`] if they are not free; then nothing is taken.
     pub fn charge(&self, what: &'static str, bytes: u64) -> Result<Charge, BudgetExceeded> {
         let account = &self.account;
         let taken = account.used_bytes.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |used| {
@@ -72,7 +72,7 @@ impl MemoryBudget {
         }
     }
 
-    /// The ceiling in bytes.
+    /// The limit in bytes.
     pub fn limit_bytes(&self) -> u64 {
         self.account.limit_bytes
     }

@@ -1,8 +1,8 @@
 //! Computing ahead of the printer, inside the memory budget.
 //!
-//! [`MemoryBudget`] is the account that every buffer of the print path is charged to; [`Ahead`] is the thread that computes
-//! layers and the bounded queue of finished ones. Neither knows what a layer is. A layer that is not ready when the device
-//! wants it is late: the printer waits dark, and the job engine counts it.
+//! Every buffer of the print path is charged to the [`MemoryBudget`]. [`Ahead`] is a thread that computes layers, and the bounded queue
+//! of finished layers. A layer that is not ready when the machine needs it is late: the printer waits dark, and the job engine
+//! counts it.
 
 mod ahead;
 mod budget;

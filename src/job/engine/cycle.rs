@@ -76,8 +76,10 @@ impl Engine {
     pub(super) fn command_exposure(&mut self, now_us: u64) {
         self.commands_of_layer += 1;
         if self.commands_of_layer > MAX_COMMANDS {
-            let text =
-                format!("layer {} was commanded {MAX_COMMANDS} times in vain; check the device", self.next_layer);
+            let text = format!(
+                "layer {} was commanded {MAX_COMMANDS} times without success; check the device",
+                self.next_layer
+            );
             return self.wind_down(JobState::Interrupted, text, now_us);
         }
         let boot_id = self.device.boot_id;
@@ -242,7 +244,7 @@ impl Engine {
             (_, Outcome::TakenBack) => self.withdraw(now_us),
             (_, Outcome::Refused(refusal)) => self.on_refused(refusal, now_us),
             (_, outcome) => {
-                let text = format!("the device answered {outcome:?} to something else; check its firmware");
+                let text = format!("the device answered {outcome:?}, which does not fit the act; check its firmware");
                 if self.unconfirmed.is_some() {
                     self.doubt(&text, now_us);
                 } else {
@@ -339,7 +341,8 @@ impl Engine {
             return;
         }
         self.position_um = found_um;
-        let found = found_um.map_or("at a place it no longer knows".into(), |found_um| format!("at {found_um} µm"));
+        let found =
+            found_um.map_or("at a position that it no longer knows".into(), |found_um| format!("at {found_um} µm"));
         let text = format!(
             "the device says its plate is {found}; it was left at {left_um} µm. Look at the machine, then resume"
         );

@@ -8,7 +8,7 @@ use crate::deadline::Deadline;
 const SLOW_DISK_US: u64 = 2 * SECOND_US;
 
 pub(super) const SLOW_DISK: &str = "the disk has not taken the journal's last record for 2 s: no layer is exposed before it is on \
-     disk. For a pause or an end the plate is lifted all the same";
+     disk. For a pause or an end the plate is lifted nevertheless";
 pub(super) const WAITS_FOR_DISK: &str = "waiting for the disk, which has not taken the journal's last record";
 
 /// How long a record has been on its way to the disk.

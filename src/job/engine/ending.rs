@@ -238,7 +238,7 @@ impl Engine {
             return self.end_unparked(format!("the device refused to move: {}", remedy(refusal)));
         }
         match refusal {
-            Refusal::CutShort if self.light.must_wait() => self.doubt("its light was put off", now_us),
+            Refusal::CutShort if self.light.must_wait() => self.doubt("its light was switched off", now_us),
             Refusal::CutShort => {
                 self.doubt("the device ended its light early (`layerctl device` tells after how long)", now_us);
             }
@@ -266,7 +266,7 @@ impl Engine {
         if self.phase == Phase::Ending {
             return self.finish();
         }
-        let reason = format!("the journal cannot be written: {text}. Mend that, then resume");
+        let reason = format!("the journal cannot be written: {text}. Fix that, then resume");
         self.intend_to_end(JobState::Interrupted, reason);
         match self.phase {
             Phase::Commanding => {
@@ -407,7 +407,7 @@ const LIGHT_UNKNOWN: &str = "WARNING: the device did not confirm that its light 
      machine off at its mains and look";
 
 fn fault_text(fault: &Fault) -> String {
-    format!("the device reports fault {} ({}): mend it, then resume", fault.code, plain_line(&fault.text))
+    format!("the device reports fault {} ({}): clear it, then resume", fault.code, plain_line(&fault.text))
 }
 
 fn remedy(refusal: Refusal) -> &'static str {

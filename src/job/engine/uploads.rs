@@ -102,7 +102,7 @@ impl Uploads {
 fn remedy(refusal: Refusal) -> &'static str {
     match refusal {
         Refusal::NotReady => "it is not ready; look at the device, then resume",
-        Refusal::NoSuchLayer => "it has not the slots that it stated; check its firmware",
+        Refusal::NoSuchLayer => "it does not have the slots that it stated; check its firmware",
         Refusal::SlotBusy => {
             "it says that the slot is being exposed, which this job did not ask for; check its firmware"
         }
@@ -119,6 +119,6 @@ fn remedy(refusal: Refusal) -> &'static str {
         | Refusal::BadMove
         | Refusal::NotHomed
         | Refusal::Busy
-        | Refusal::CutShort => "its answer is none to a layer; check its firmware",
+        | Refusal::CutShort => "this refusal does not apply to a layer; check its firmware",
     }
 }

@@ -1,4 +1,4 @@
-//! The device's end of a session: what the simulated devices run, and what firmware must do.
+//! The device's end of a session. Simulated devices run it; firmware must do the same.
 
 use std::collections::VecDeque;
 
@@ -12,41 +12,41 @@ use super::endpoint::{Endpoint, Terms};
 use super::line::Line;
 use super::{SendError, Statistics};
 
-/// Sessions that have ended, remembered so that a delayed hello does not bring one back. The line keeps the order of bytes;
-/// only converters on the way can delay a frame, and then by little.
+/// Ended sessions that are remembered, so that a delayed hello does not reopen one. The line keeps the order of bytes; only
+/// converters on the way can delay a frame, and only slightly.
 const RETIRED_SESSIONS: usize = 4;
 
-/// Urgent frames remembered so that a repetition is answered and not carried out again; twice what a host repeats.
+/// Urgent frames that are remembered, so that a repetition is answered but not carried out again. Twice as many as a host repeats.
 const REMEMBERED_URGENTS: usize = 32;
 
-/// A host that does not know better sends many frames of a session that is gone; one answer in this time is enough.
+/// Least time between two NoSession frames: a host may send many frames of an ended session before it notices.
 const NO_SESSION_PAUSE_US: u64 = 50_000;
 
-/// What the device must know of the line.
+/// Settings of the line at the device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DeviceSettings {
     /// Line rate, 8N1.
     pub baud: u32,
-    /// XON/XOFF is in use below: the bytes 0x11 and 0x13 are escaped.
+    /// XON/XOFF is in use, so the bytes 0x11 and 0x13 are escaped.
     pub escaped: bool,
 }
 
 /// What happened.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum DeviceEvent {
-    /// A host opens a session; all messages of the one before are void. The device must answer with
-    /// [`DeviceSession::welcome`]. Comes again for the same session when the welcome was lost.
+    /// A host opens a session. All messages of the previous session are void. The device must answer with
+    /// [`DeviceSession::welcome`]. Repeated for the same session if the welcome was lost.
     Hello {
         /// The session.
         session_id: u32,
     },
-    /// A message, in order, once.
+    /// A message; each comes once and in order.
     Message(HostMessage),
-    /// To be carried out at once and answered with [`DeviceSession::urgent_done`].
+    /// An urgent order, to be carried out at once and answered with [`DeviceSession::urgent_done`].
     Urgent {
         /// Its number.
         number: u32,
-        /// What.
+        /// The order.
         urgent: Urgent,
     },
     /// Nothing was heard from the host for 2 s. The session has ended; only a hello starts another.
@@ -63,11 +63,11 @@ pub struct DeviceSession {
     /// Bounded: one hello, [`REMEMBERED_URGENTS`] urgents, one silence.
     events: VecDeque<DeviceEvent>,
     retired: VecDeque<u32>,
-    /// Number, and the answer once given; at most [`REMEMBERED_URGENTS`].
+    /// Numbers, with the answers once given; at most [`REMEMBERED_URGENTS`].
     urgents: VecDeque<(u32, Option<bool>)>,
-    /// Number of the newest hold or release carried out.
+    /// Number of the newest hold or release that was carried out.
     last_hold: Option<u32>,
-    /// Answers to urgent frames and to hellos that wait for the line; at most [`REMEMBERED_URGENTS`] and three.
+    /// Answers to urgent frames and hellos that wait for the line; at most [`REMEMBERED_URGENTS`] plus three.
     answers: VecDeque<Answer>,
     no_session_after_us: u64,
     first_sequence: u32,
@@ -82,7 +82,7 @@ enum Phase {
         session_id: u32,
         hello: Hello,
     },
-    /// Confirmed once the host was heard in the session: it has the welcome.
+    /// `confirmed` once the host was heard in the session, so it has the welcome.
     Open {
         endpoint: Box<Endpoint>,
         confirmed: bool,
@@ -117,21 +117,21 @@ impl DeviceSession {
         }
     }
 
-    /// Data sequences begin here at both ends, for tests of the wrap-around.
+    /// Sets the first data sequence of both ends, for tests of the wrap-around.
     #[cfg(test)]
     pub(super) fn starting_at(mut self, first_sequence: u32) -> Self {
         self.first_sequence = first_sequence;
         self
     }
 
-    /// Takes bytes from the line, in whatever pieces they come.
+    /// Takes bytes from the line, in pieces of any size.
     pub fn receive(&mut self, bytes: &[u8], now_us: u64) {
         self.now_us = now_us;
         for decoded in self.line.receive(bytes) {
             match decoded.frame.kind {
                 FrameKind::Hello => self.receive_hello(&decoded.frame),
                 FrameKind::Data | FrameKind::Ack | FrameKind::Urgent => self.receive_frame(decoded),
-                // What only a device sends: an echo of its own.
+                // Only a device sends these: an echo of its own frames.
                 FrameKind::Welcome | FrameKind::HelloRefused | FrameKind::NoSession | FrameKind::UrgentDone => {
                     self.line.statistics.malformed_frames += 1;
                 }
@@ -170,7 +170,7 @@ impl DeviceSession {
         }
     }
 
-    /// Leaves the old session, if any, for a new one.
+    /// Ends the old session, if any, and begins a new one.
     fn greet(&mut self, session_id: u32, hello: Hello) {
         self.close();
         self.events.clear();
@@ -190,7 +190,7 @@ impl DeviceSession {
         self.phase = Phase::Closed;
     }
 
-    /// Answers a [`DeviceEvent::Hello`]; does nothing where there was none.
+    /// Answers a [`DeviceEvent::Hello`]. Does nothing if there was none.
     pub fn welcome(&mut self, state: &DeviceState, now_us: u64) {
         self.now_us = now_us;
         let session_id = match &self.phase {
@@ -238,7 +238,7 @@ impl DeviceSession {
                     },
                 }
             }
-            // The welcome is still to come; the host will repeat what it has to say.
+            // The welcome was not sent yet. The host will repeat the frame.
             Phase::Greeted { session_id: greeted, .. } if *greeted == session_id => {}
             _ => {
                 self.line.statistics.stale_frames += 1;
@@ -252,7 +252,7 @@ impl DeviceSession {
 
     fn receive_urgent(&mut self, number: u32, urgent: Urgent) {
         if let Some((_, answer)) = self.urgents.iter().find(|(known, _)| *known == number) {
-            // Repeated; if the owner has not answered yet, its answer serves both.
+            // A repetition. If the owner has not answered yet, its answer serves both.
             if let Some(light_on) = *answer {
                 self.answer_urgent(number, light_on);
             }
@@ -262,7 +262,7 @@ impl DeviceSession {
             self.urgents.pop_front();
         }
         if matches!(urgent, Urgent::Hold | Urgent::Release) {
-            // One that comes late, after a newer hold or release, is answered but must not undo the newer one.
+            // A late one must not undo a newer hold or release. It is only answered.
             if self.last_hold.is_some_and(|last| number.wrapping_sub(last) >= 1 << 31) {
                 let light_on = self.urgents.iter().rev().find_map(|(_, answer)| *answer).unwrap_or(false);
                 self.urgents.push_back((number, Some(light_on)));
@@ -273,7 +273,7 @@ impl DeviceSession {
         self.urgents.push_back((number, None));
         self.events.push_back(DeviceEvent::Urgent { number, urgent });
         if self.events.len() > REMEMBERED_URGENTS {
-            // The owner takes no events: the oldest is void, the host repeats it while it waits.
+            // The owner takes no events. The oldest is dropped; the host repeats it.
             self.events.pop_front();
         }
     }
@@ -297,7 +297,7 @@ impl DeviceSession {
     fn answer(&mut self, kind: FrameKind, session_id: u32, sequence: u32, payload: Vec<u8>) {
         let same = |other: &Answer| (other.kind, other.session_id, other.sequence) == (kind, session_id, sequence);
         self.answers.retain(|other| !same(other));
-        // Refusals of many sessions in a row, while the line takes nothing: the oldest is of no use to anyone.
+        // Many refused sessions while the line takes nothing: the oldest answer is useless.
         if self.answers.len() >= REMEMBERED_URGENTS + 3 {
             self.answers.pop_front();
         }
@@ -310,7 +310,7 @@ impl DeviceSession {
         }
     }
 
-    /// The next whole frame for the line. The caller asks again only once the line is about to take it.
+    /// The next whole frame for the line. Call it only when the line can take a frame.
     pub fn transmit(&mut self, now_us: u64) -> Option<Vec<u8>> {
         self.now_us = now_us;
         if let Some(Answer { kind, session_id, sequence, payload }) = self.answers.pop_front() {
@@ -330,7 +330,7 @@ impl DeviceSession {
         }
     }
 
-    /// Handles every timer that has run out.
+    /// Handles the timers that have run out.
     pub fn handle_timeout(&mut self, now_us: u64) {
         self.now_us = now_us;
         if let Phase::Open { endpoint, .. } = &mut self.phase
@@ -341,7 +341,7 @@ impl DeviceSession {
         }
     }
 
-    /// The next thing that happened.
+    /// The next event.
     pub fn event(&mut self) -> Option<DeviceEvent> {
         if let Some(event) = self.events.pop_front() {
             return Some(event);
@@ -353,7 +353,7 @@ impl DeviceSession {
                 Err(WireError::BadRequest { number }) => {
                     self.line.statistics.malformed_frames += 1;
                     let reply = DeviceMessage::Reply { number, reply: Reply::Refused(Refusal::Unknown) };
-                    // If the queue is full the host takes no replies, and one more would not help it.
+                    // If the queue is full, the host takes no replies, and one more would not help.
                     let _ = endpoint.send(&encode_device_message(&reply), false);
                 }
                 Err(_) => self.line.statistics.malformed_frames += 1,
@@ -364,7 +364,7 @@ impl DeviceSession {
     /// Queues a message.
     ///
     /// # Errors
-    /// [`SendError`]; the message is not queued then.
+    /// [`SendError`]; then the message is not queued.
     pub fn send(&mut self, message: &DeviceMessage) -> Result<(), SendError> {
         let Phase::Open { endpoint, .. } = &mut self.phase else { return Err(SendError::NotConnected) };
         endpoint.send(&encode_device_message(message), false)

@@ -1,4 +1,4 @@
-//! Reliable data in both directions, the same at either end.
+//! Reliable data in both directions; the same at both ends.
 
 use std::collections::VecDeque;
 
@@ -11,12 +11,12 @@ use super::outgoing::{FalseAck, Outgoing};
 use super::timer::RetransmitTimer;
 use super::{DEAD_MAN_US, SendError, line_bytes, line_time_us};
 
-/// More than this on the way is of no use: acknowledgements come back far sooner, and the dead-man time must not pass while
-/// a window crosses a slow line.
+/// Most line time in flight. More is useless, because acknowledgements come back far sooner; and a window must cross a slow line well
+/// within the dead-man time.
 const WINDOW_TIME_US: u64 = 250_000;
 
-/// Room beyond the data bound that only messages other than layer data may take, so that a request is not refused because
-/// layer data fills the queue. Several of the largest request.
+/// Room in the queue that layer data may not use, so that layer data does not block requests. It holds several of the largest
+/// request.
 const RESERVE_BYTES: usize = 1024;
 
 /// What both ends agreed on.
@@ -24,7 +24,7 @@ const RESERVE_BYTES: usize = 1024;
 pub(super) struct Terms {
     pub(super) session_id: u32,
     pub(super) baud: u32,
-    /// Window and largest frame the peer stated.
+    /// Window that the peer stated.
     pub(super) peer_window_bytes: usize,
     /// Largest frame to send; at most the peer's.
     pub(super) frame_bytes: usize,
@@ -43,7 +43,7 @@ pub(super) struct Endpoint {
     outgoing: Outgoing,
     watch: Watch,
     incoming: Incoming,
-    /// Payloads received, and the bytes their frames took; bounded by the window.
+    /// Payloads received, with the wire bytes of their frames; bounded by the window.
     received: VecDeque<(Vec<u8>, usize)>,
     timer: RetransmitTimer,
     retransmit_at_us: Option<u64>,
@@ -57,7 +57,7 @@ impl Endpoint {
         Self {
             session_id: terms.session_id,
             frame_bytes,
-            // One window on its way and one ready behind it.
+            // One window in flight and one ready to follow.
             queue_limit_bytes: 2 * window,
             outgoing: Outgoing::new(terms.first_sequence, window),
             watch: Watch::new(terms.baud),
@@ -103,7 +103,7 @@ impl Endpoint {
         Ok(())
     }
 
-    /// Any frame of this session came.
+    /// A frame of this session came.
     pub(super) fn heard(&mut self, now_us: u64) {
         self.last_heard_us = now_us;
     }
@@ -149,14 +149,14 @@ impl Endpoint {
         Ok(())
     }
 
-    /// The next payload received in order; its room is free again.
+    /// The next payload received in order. Its room becomes free.
     pub(super) fn take_received(&mut self, now_us: u64) -> Option<Vec<u8>> {
         let (payload, wire_bytes) = self.received.pop_front()?;
         self.incoming.release(wire_bytes, now_us);
         Some(payload)
     }
 
-    /// The next frame for the line: an acknowledgement that is due, else data that credit allows.
+    /// The next frame for the line: an acknowledgement if one is due, else data if credit allows.
     pub(super) fn transmit(&mut self, line: &mut Line, now_us: u64) -> Option<Vec<u8>> {
         if now_us >= self.incoming.ack_at_us() {
             let ack = self.incoming.acknowledge(now_us);
@@ -176,7 +176,7 @@ impl Endpoint {
         self.retransmit_at_us.map_or(own, |at| at.min(own))
     }
 
-    /// Handles timers; `true` when the peer has been silent too long.
+    /// Handles timers. Returns `true` when the peer has been silent for too long.
     pub(super) fn handle_timeout(&mut self, line: &mut Line, now_us: u64) -> bool {
         self.watch.look(self.outgoing.queued_bytes() > 0, now_us);
         if self.retransmit_at_us.is_some_and(|at| now_us >= at) {

@@ -1,13 +1,13 @@
-//! What keeps data from getting through while the session stands, told apart by what the acknowledgements say.
+//! What keeps data from getting through in an open session. The acknowledgements show the cause.
 
-/// Shorter waits are ordinary: one retransmission takes up to 500 ms.
+/// Shorter waits are normal: one retransmission takes up to 500 ms.
 const MIN_WAIT_US: u64 = 1_000_000;
-/// Throughput is measured over this time, with data waiting all the while.
+/// Throughput is measured over this time, while data waits.
 const SPAN_US: u64 = 2_000_000;
-/// Less than this part of the line's rate is slow. A small window and a slow adapter cost half of the rate, not three quarters.
+/// A line is slow below this fraction of its rate. A small window and a slow adapter cost half of the rate, not three quarters.
 const SLOW_DIVISOR: u64 = 4;
 
-/// Why data does not get through, or hardly, though the device is heard.
+/// Why data gets through slowly or not at all although the device is heard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Hindrance {
     /// The device states too little room for the next frame.
@@ -49,9 +49,9 @@ pub enum Hindrance {
 #[derive(Debug)]
 pub(super) struct Watch {
     line_bytes_s: u64,
-    /// Since when data waits and none was acknowledged.
+    /// Since when data waits without an acknowledgement.
     stuck_since_us: Option<u64>,
-    /// Begin of the measurement under way, and the bytes acknowledged since.
+    /// Start of the measurement under way, and the bytes acknowledged since.
     span: Option<(u64, u64)>,
     /// The last measurement, while data waits.
     bytes_s: Option<u64>,
@@ -63,7 +63,7 @@ impl Watch {
         Self { line_bytes_s: u64::from(baud) / 10, stuck_since_us: None, span: None, bytes_s: None }
     }
 
-    /// Whether anything is queued or sent and not acknowledged; to be called as time goes by.
+    /// Updates the measurement; to be called regularly. `is_waiting`: unacknowledged data is queued or sent.
     pub(super) fn look(&mut self, is_waiting: bool, now_us: u64) {
         if !is_waiting {
             (self.stuck_since_us, self.span, self.bytes_s) = (None, None, None);
@@ -86,7 +86,7 @@ impl Watch {
         }
     }
 
-    /// What hinders data now; `free_bytes` is the room the device states where the next frame does not fit into it.
+    /// What hinders data now. `free_bytes` is the room that the device states, if the next frame does not fit.
     pub(super) fn hindrance(&self, free_bytes: Option<usize>, now_us: u64) -> Option<Hindrance> {
         let waited_us = now_us.saturating_sub(self.stuck_since_us?);
         if waited_us >= MIN_WAIT_US {

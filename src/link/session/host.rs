@@ -18,19 +18,19 @@ use super::line::Line;
 use super::outgoing::FalseAck;
 use super::{DEAD_MAN_US, HELLO_REPEAT_US, MAX_URGENTS, SendError, Statistics, URGENT_REPEAT_US, line_bytes};
 
-/// Largest frame the host takes; the largest the protocol needs is 640 bytes.
+/// Largest frame that the host takes. The protocol needs at most 640 bytes.
 const MAX_FRAME_BYTES: u16 = 1024;
-/// Replies and reports the host takes unread: a dozen states.
+/// The host's receive buffer: a dozen states.
 const WINDOW_BYTES: u32 = 8192;
-/// An urgent frame waits for the frame before it: this much line time at most.
+/// Longest line time of a frame: an urgent frame waits for the frame before it.
 const FRAME_TIME_US: u64 = 20_000;
 
-/// What the host must know of the line.
+/// Settings of the line at the host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HostSettings {
     /// Line rate, 8N1.
     pub baud: u32,
-    /// XON/XOFF is in use below: the bytes 0x11 and 0x13 are escaped.
+    /// XON/XOFF is in use, so the bytes 0x11 and 0x13 are escaped.
     pub escaped: bool,
 }
 
@@ -41,7 +41,7 @@ pub struct HostSession {
     settings: HostSettings,
     line: Line,
     phase: Phase,
-    /// Of the open session's device.
+    /// Slots of the connected device.
     layer_slots: u8,
     events: VecDeque<HostEvent>,
     /// Not yet answered, oldest first; at most [`MAX_URGENTS`].
@@ -69,7 +69,7 @@ struct PendingUrgent {
 }
 
 impl HostSession {
-    /// Begins a session with a hello. `session_id` must be drawn at random: a device tells sessions apart by it.
+    /// Begins a session with a hello. `session_id` must be random: it identifies the session to the device.
     pub fn new(session_id: u32, settings: HostSettings, now_us: u64) -> Self {
         Self::begin(session_id, settings, Statistics::default(), 0, now_us)
     }
@@ -96,14 +96,14 @@ impl HostSession {
         }
     }
 
-    /// Data sequences begin here at both ends, for tests of the wrap-around.
+    /// Sets the first data sequence of both ends, for tests of the wrap-around.
     #[cfg(test)]
     pub(super) fn starting_at(mut self, first_sequence: u32) -> Self {
         self.first_sequence = first_sequence;
         self
     }
 
-    /// The next session on the same line. Messages of this one are void; its unanswered urgent frames and its counts carry on.
+    /// The next session on the same line. It takes over unanswered urgent frames and counts; messages of this session are void.
     #[must_use]
     pub fn successor(&self, session_id: u32, now_us: u64) -> Self {
         let mut next = Self::begin(session_id, self.settings, self.line.statistics, self.first_sequence, now_us);
@@ -115,7 +115,7 @@ impl HostSession {
         next
     }
 
-    /// Takes bytes from the line, in whatever pieces they come.
+    /// Takes bytes from the line, in pieces of any size.
     pub fn receive(&mut self, bytes: &[u8], now_us: u64) {
         self.now_us = now_us;
         for decoded in self.line.receive(bytes) {
@@ -168,7 +168,7 @@ impl HostSession {
                     Err(_) => self.line.statistics.malformed_frames += 1,
                 }
             }
-            // A welcome that comes twice; or what a session that has ended no longer wants.
+            // A repeated welcome, or a frame after the end of the session.
             _ => {}
         }
     }
@@ -209,13 +209,13 @@ impl HostSession {
         let Some(place) = self.urgents.iter().position(|pending| pending.number == number) else { return };
         let done = self.urgents.remove(place);
         if done.is_some_and(|done| done.urgent == Urgent::Abort) {
-            // They stand in order. What went before an abort is over with it; sent again, it would end what comes after.
+            // They are in order. Orders before the abort are obsolete; sent again, they would end later acts.
             self.urgents.drain(..place);
         }
         self.events.push_back(HostEvent::UrgentDone { number, light_on });
     }
 
-    /// The next whole frame for the line, urgent first. The caller asks again only once the line is about to take it.
+    /// The next whole frame for the line, urgent frames first. Call it only when the line can take a frame.
     pub fn transmit(&mut self, now_us: u64) -> Option<Vec<u8>> {
         self.now_us = now_us;
         match &mut self.phase {
@@ -257,7 +257,7 @@ impl HostSession {
         }
     }
 
-    /// Handles every timer that has run out.
+    /// Handles the timers that have run out.
     pub fn handle_timeout(&mut self, now_us: u64) {
         self.now_us = now_us;
         match &mut self.phase {
@@ -277,7 +277,7 @@ impl HostSession {
         }
     }
 
-    /// The next thing that happened.
+    /// The next event.
     pub fn event(&mut self) -> Option<HostEvent> {
         if let Some(event) = self.events.pop_front() {
             return Some(event);
@@ -298,7 +298,7 @@ impl HostSession {
                     return Some(HostEvent::Message(DeviceMessage::Reply { number, reply }));
                 }
                 Ok(message) => return Some(HostEvent::Message(message)),
-                // Of a newer device: nobody waits for it.
+                // From a newer device. No request waits for it.
                 Err(WireError::UnknownReport { .. }) => self.line.statistics.unknown_reports += 1,
                 Err(error) => {
                     self.phase = Phase::Ended;
@@ -311,19 +311,19 @@ impl HostSession {
     /// Queues a message.
     ///
     /// # Errors
-    /// [`SendError`]; the message is not queued then.
+    /// [`SendError`]; then the message is not queued.
     pub fn send(&mut self, message: &HostMessage) -> Result<(), SendError> {
         let Phase::Open(endpoint) = &mut self.phase else { return Err(SendError::NotConnected) };
         endpoint.send(&encode_host_message(message), matches!(message, HostMessage::LayerData(_)))
     }
 
-    /// What keeps data from getting through although the device is heard; `None` where nothing waits, or not for long.
+    /// What keeps data from getting through although the device is heard; `None` if nothing waits, or not for long.
     pub fn hindrance(&self) -> Option<Hindrance> {
         let Phase::Open(endpoint) = &self.phase else { return None };
         endpoint.hindrance(self.now_us)
     }
 
-    /// How many bytes of layer data may be queued now, in pieces of [`Self::largest_layer_data_bytes`].
+    /// Bytes of layer data that may be queued now, in pieces of [`Self::largest_layer_data_bytes`].
     pub fn send_capacity_bytes(&self) -> usize {
         let Phase::Open(endpoint) = &self.phase else { return 0 };
         endpoint.free_frames() * self.largest_layer_data_bytes()
@@ -332,12 +332,12 @@ impl HostSession {
     /// The longest `LayerData` that fits a frame; 0 while not connected.
     pub fn largest_layer_data_bytes(&self) -> usize {
         let Phase::Open(endpoint) = &self.phase else { return 0 };
-        // One byte says that it is layer data.
+        // One byte for the kind of message.
         endpoint.payload_limit() - 1
     }
 
-    /// Sends something that overtakes all data, now or once connected, and again until it is answered by
-    /// [`HostEvent::UrgentDone`] with the number returned. Of more than [`MAX_URGENTS`] unanswered the oldest is given up.
+    /// Sends an order that overtakes all data, now or once connected. It is repeated until [`HostEvent::UrgentDone`] with the returned
+    /// number answers it. Beyond [`MAX_URGENTS`] unanswered orders, the oldest is dropped.
     pub fn send_urgent(&mut self, urgent: Urgent, now_us: u64) -> u32 {
         self.now_us = now_us;
         if self.urgents.len() >= MAX_URGENTS {

@@ -11,9 +11,9 @@ pub(super) enum Arrival {
     Next,
     /// Received before.
     Duplicate,
-    /// One before it is missing.
+    /// A frame before it is missing.
     Gap,
-    /// No room: the owner has not taken what came before.
+    /// No room: the owner has not taken the earlier frames.
     Overrun,
 }
 
@@ -51,7 +51,7 @@ impl Incoming {
     pub(super) fn arrive(&mut self, sequence: u32, wire_bytes: usize, now_us: u64) -> Arrival {
         self.last_heard = sequence;
         self.unacknowledged_bytes += wire_bytes;
-        // Four acknowledgements a window keep the line busy while each is under way.
+        // Four acknowledgements per window keep the line busy while each is on its way.
         let delay_us = if self.unacknowledged_bytes >= self.window_bytes / 4 { 0 } else { ACK_DELAY_US };
         self.acknowledge_within(delay_us, now_us);
         // Serial number arithmetic: up to 2^31 behind is old.

@@ -1,4 +1,4 @@
-//! Between raw bytes and frames: escapes, delimiters, counts.
+//! Converts between raw bytes and frames: escapes, delimiters, counts.
 
 use crate::link::wire::{Decoded, FrameDecoder, FrameError, FrameKind, Unescaper, encode_frame, escape};
 
@@ -8,7 +8,7 @@ use super::Statistics;
 #[derive(Debug)]
 pub(super) struct Line {
     decoder: FrameDecoder,
-    /// With XON/XOFF below.
+    /// Present with XON/XOFF.
     unescaper: Option<Unescaper>,
     pub(super) statistics: Statistics,
 }
@@ -46,8 +46,8 @@ impl Line {
         frames
     }
 
-    /// A frame as it goes on the line. Hello and urgent frames get a delimiter in front: noise before them, or a frame that
-    /// was cut off, must not cost them.
+    /// A frame as it goes on the line. Hello and urgent frames get a delimiter in front, so that noise or a truncated frame before
+    /// them does not destroy them.
     pub(super) fn frame(&mut self, kind: FrameKind, session_id: u32, sequence: u32, payload: &[u8]) -> Vec<u8> {
         let mut bytes = encode_frame(kind, session_id, sequence, payload);
         if matches!(kind, FrameKind::Hello | FrameKind::Urgent) {

@@ -1,9 +1,9 @@
 //! The reliable session: order, loss, credit, urgency, silence. A pure state machine: no I/O, no clock.
 //!
-//! Bytes from the line go in, whole frames for the line come out, and the time in microseconds since any fixed start is
-//! passed in. [`HostSession`] and [`DeviceSession`] differ in who opens the session and who sends urgent frames; the
-//! machinery for data (`Endpoint`) is one. The owner calls, after every input: `transmit` while the line takes bytes,
-//! `event` until it is empty, and `handle_timeout` at `next_timeout_us`.
+//! Bytes from the line go in, whole frames for the line come out. The owner passes the time in microseconds since any fixed
+//! start. [`HostSession`] opens the session and sends urgent frames; [`DeviceSession`] answers. Both share the machinery for
+//! data (`Endpoint`). After every input the owner calls `transmit` while the line takes bytes and `event` until it is empty; it
+//! calls `handle_timeout` at `next_timeout_us`.
 
 mod device;
 mod endpoint;
@@ -22,31 +22,31 @@ pub use host::{HelloRefusal, HostEvent, HostSession, HostSettings, LostReason};
 
 use serde::Serialize;
 
-/// A peer not heard for this long is lost: eight heartbeats.
+/// A peer that was not heard for this long is lost: eight heartbeats.
 pub const DEAD_MAN_US: u64 = 2_000_000;
 
-/// An acknowledgement goes out at least this often, so that the peer hears something. On a line that loses 30 % of all
-/// frames, eight in a row are lost once in eight hours; of four beats, each 500 ms, all would be lost every few minutes.
+/// An acknowledgement is sent at least this often, so that the peer hears something. On a line that loses 30 % of all frames, eight
+/// in a row are lost once in an hour and a half. With 500 ms, four in a row would be lost once in a minute and a half.
 pub const HEARTBEAT_US: u64 = 250_000;
 
-/// A hello without answer is repeated after this time: above the round trip of a welcome at 9600 baud without a fault text.
+/// A hello without an answer is repeated after this time: longer than a welcome takes at 9600 baud without a fault text.
 pub const HELLO_REPEAT_US: u64 = 250_000;
 
-/// An urgent frame without answer is repeated after this time: two tries and the way back fit the 100 ms in which an urgent
-/// frame is to be answered.
+/// An urgent frame without an answer is repeated after this time. Two tries and the answer fit into the 100 ms in which an urgent
+/// frame must be answered.
 pub const URGENT_REPEAT_US: u64 = 40_000;
 
-/// An acknowledgement waits at most this long for more data: well below the 13.6 ms in which 3 Mbaud fill a 4 KiB window.
+/// An acknowledgement waits at most this long for more data: well below the 13.6 ms in which a 3 Mbaud line fills a 4 KiB window.
 pub const ACK_DELAY_US: u64 = 5_000;
 
-/// Most urgent frames without answer. They are answered within 100 ms, so more means that nothing is answered; the oldest
-/// is given up then, and never the newest.
+/// Most urgent frames without an answer. They are answered within 100 ms, so more means that nothing is answered. Then the oldest
+/// is dropped, never the newest.
 pub const MAX_URGENTS: usize = 16;
 
 /// A message that was not queued.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SendError {
-    /// The queue is at its bound; try again once acknowledgements came.
+    /// The queue is full; try again after acknowledgements.
     #[error("the send queue is full")]
     Full,
     /// Longer than a frame.
@@ -75,15 +75,15 @@ pub struct Statistics {
     pub frames_received: u64,
     /// Data frames sent again.
     pub retransmitted_frames: u64,
-    /// Times a gap report made data go again.
+    /// Times that a gap caused data to be sent again.
     pub fast_retransmits: u64,
     /// Times the retransmission timer ran out.
     pub timeouts: u64,
     /// Frames with a wrong checksum.
     pub crc_errors: u64,
-    /// Bytes between delimiters that are no frame, and frames with a payload that makes no sense.
+    /// Bytes between delimiters that are not a frame, and frames with a malformed payload.
     pub malformed_frames: u64,
-    /// Reports of a kind this host does not know, which it ignores. They are no bad frames.
+    /// Reports of an unknown kind, which the host ignores. They are not bad frames.
     pub unknown_reports: u64,
     /// Frames of another session.
     pub stale_frames: u64,
@@ -97,9 +97,9 @@ pub struct Statistics {
     pub repeated_urgents: u64,
     /// Smoothed round trip, microseconds; 0 before the first sample.
     pub round_trip_us: u64,
-    /// Sent data bytes the peer may not have read yet.
+    /// Sent data bytes that the peer may not have read yet.
     pub flight_bytes: u64,
-    /// The most there ever were.
+    /// Highest value of `flight_bytes`.
     pub peak_flight_bytes: u64,
 }
 

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use crate::link::wire::Ack;
 
-/// What an acknowledgement brought.
+/// What an acknowledgement changed.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub(super) struct Progress {
     /// Frames newly acknowledged.
@@ -51,7 +51,7 @@ struct Queued {
 }
 
 impl Outgoing {
-    /// Sends at most `window_bytes` ahead of what the peer read.
+    /// At most `window_bytes` are in flight.
     pub(super) fn new(first_sequence: u32, window_bytes: usize) -> Self {
         Self {
             frames: VecDeque::new(),
@@ -81,7 +81,7 @@ impl Outgoing {
         self.flight_bytes
     }
 
-    /// The room the peer states, where the next frame does not fit into it; `None` where something else or nothing stops it.
+    /// The room that the peer states, if the next frame does not fit; `None` if nothing or something else stops it.
     pub(super) fn missing_credit(&self) -> Option<usize> {
         let frame = self.frames.get(self.cursor)?;
         (self.flight_bytes + frame.bytes.len() > self.credit_bytes && self.credit_bytes < self.window_bytes)
@@ -94,7 +94,7 @@ impl Outgoing {
         self.frames.push_back(Queued { bytes, sent_us: 0, transmissions: 0 });
     }
 
-    /// The next frame that credit allows, and whether it goes again.
+    /// The next frame, if credit allows it, and whether it was sent before.
     pub(super) fn transmit(&mut self, now_us: u64) -> Option<(&[u8], bool)> {
         let frame = self.frames.get_mut(self.cursor)?;
         let length = frame.bytes.len();
@@ -110,7 +110,7 @@ impl Outgoing {
         Some((&frame.bytes, frame.transmissions > 1))
     }
 
-    /// Takes an acknowledgement; one that is older than another changes nothing.
+    /// Takes an acknowledgement. One that is older than the newest changes nothing.
     ///
     /// # Errors
     /// [`FalseAck`].
@@ -135,7 +135,7 @@ impl Outgoing {
         self.reached -= acknowledged;
         self.credit_bytes = usize::try_from(ack.free_bytes).unwrap_or(usize::MAX);
         self.forget_flight_through(ack.last_heard);
-        // A line keeps the order: the peer heard something sent after this frame and does not have it.
+        // The line keeps the order, so the peer heard a later frame and does not have this one.
         let first_in_flight = self.flight.iter().any(|&(sequence, _)| sequence == self.first_sequence);
         if ack.gap && self.cursor > 0 && !first_in_flight {
             self.cursor = 0;
@@ -144,7 +144,7 @@ impl Outgoing {
         Ok(progress)
     }
 
-    /// The peer read this frame: what was sent before it is read or lost. Of two sendings the earlier is meant, to be safe.
+    /// The peer read this frame, so earlier frames are read or lost. If it was sent twice, the first is assumed, to be safe.
     fn forget_flight_through(&mut self, last_heard: u32) {
         if let Some(position) = self.flight.iter().position(|&(sequence, _)| sequence == last_heard) {
             let read: usize = self.flight.drain(..=position).map(|(_, length)| length).sum();
@@ -152,7 +152,7 @@ impl Outgoing {
         }
     }
 
-    /// Nothing was heard of what was sent: all of it counts as lost.
+    /// No acknowledgement came: everything in flight counts as lost.
     pub(super) fn give_up_flight(&mut self) {
         self.flight.clear();
         self.flight_bytes = 0;
@@ -164,7 +164,7 @@ impl Outgoing {
         self.cursor < self.frames.len()
     }
 
-    /// Whether something was sent that the peer may not have read.
+    /// Whether sent frames are unread or unacknowledged.
     pub(super) fn is_waiting(&self) -> bool {
         !self.flight.is_empty() || self.cursor > 0
     }

@@ -1,4 +1,4 @@
-//! What needs the inside: sequence numbers that wrap around.
+//! Tests that need private parts: sequence numbers that wrap around.
 
 use super::{DeviceEvent, DeviceSession, DeviceSettings, HostEvent, HostSession, HostSettings};
 use crate::link::message::{Capabilities, DeviceKind, DeviceState, HostMessage};

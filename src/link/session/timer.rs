@@ -1,11 +1,11 @@
 //! The retransmission timer of RFC 6298, with bounds for a serial line.
 
-/// Granularity of the clock the owner has (RFC 6298's G).
+/// Granularity of the owner's clock (G in RFC 6298).
 const GRANULARITY_US: u64 = 1_000;
-/// Room for scheduling on a busy host, above the time the line itself needs.
+/// Allowance for scheduling on a busy host, in addition to the time of the line.
 const MIN_US: u64 = 25_000;
-/// A quarter of the dead-man time: a sender tries several times before the line is given up. Still above the floor, which is
-/// at most 275 ms (see the endpoint's bound of the window).
+/// A quarter of the dead-man time: a sender tries several times before the session is lost. It is above the floor, which is at most
+/// 275 ms (see the window's limit in the endpoint).
 const MAX_US: u64 = 500_000;
 
 /// Smoothed round trip and time-out.
@@ -18,10 +18,10 @@ pub(super) struct RetransmitTimer {
 }
 
 impl RetransmitTimer {
-    /// `window_time_us`: how long the line needs for a full window; a time-out below it would be false.
+    /// `window_time_us` is the line time of a full window. A shorter time-out would be wrong.
     pub(super) fn new(window_time_us: u64) -> Self {
         let floor_us = (MIN_US + window_time_us).min(MAX_US);
-        // No sample yet: RFC 6298 takes one second for the internet; twice the floor is ample for a cable.
+        // Before the first sample RFC 6298 takes one second, for the internet. Twice the floor is ample for a cable.
         Self { smoothed_us: None, variation_us: 0, floor_us, timeout_us: (2 * floor_us).min(MAX_US) }
     }
 
@@ -33,7 +33,7 @@ impl RetransmitTimer {
         self.smoothed_us.unwrap_or(0)
     }
 
-    /// A round trip of a frame that was sent once (Karn's rule).
+    /// Takes the round trip of a frame that was sent only once (Karn's rule).
     pub(super) fn sample(&mut self, round_trip_us: u64) {
         match self.smoothed_us {
             None => {
@@ -48,7 +48,7 @@ impl RetransmitTimer {
         self.progress();
     }
 
-    /// New data was acknowledged: ends the back-off even without a sample, which a line that loses much seldom gives.
+    /// New data was acknowledged. Ends the back-off even without a sample: on a lossy line samples are rare.
     pub(super) fn progress(&mut self) {
         let estimate = match self.smoothed_us {
             Some(smoothed) => smoothed + (4 * self.variation_us).max(GRANULARITY_US),
@@ -57,7 +57,7 @@ impl RetransmitTimer {
         self.timeout_us = estimate.clamp(self.floor_us, MAX_US);
     }
 
-    /// Ran out: doubles.
+    /// The timer ran out: doubles the time-out.
     pub(super) fn back_off(&mut self) {
         self.timeout_us = (2 * self.timeout_us).min(MAX_US);
     }

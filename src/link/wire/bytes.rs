@@ -5,7 +5,7 @@ extern crate alloc;
 use alloc::string::String;
 use alloc::vec::Vec;
 
-/// A payload that is not what its type says.
+/// A malformed payload.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum WireError {
     /// The payload ends inside a field.
@@ -20,7 +20,7 @@ pub enum WireError {
         /// How many.
         bytes: usize,
     },
-    /// A field with a value that means nothing.
+    /// A field has a value without a meaning.
     #[error("{field} = {value} has no meaning")]
     BadValue {
         /// The field.
@@ -28,19 +28,19 @@ pub enum WireError {
         /// What it held.
         value: u32,
     },
-    /// A request of an unknown kind or with fields that do not fit; the device answers it with `Refused(Unknown)`.
+    /// A request of an unknown kind, or with malformed fields. The device answers it with `Refused(Unknown)`.
     #[error("request {number} is of an unknown kind or malformed")]
     BadRequest {
         /// The request's number.
         number: u32,
     },
-    /// A report of a kind this implementation does not know; the host ignores it.
+    /// A report of an unknown kind. The host ignores it.
     #[error("report of the unknown kind {kind}")]
     UnknownReport {
         /// The kind's code.
         kind: u8,
     },
-    /// A welcome of another version of the protocol; what follows the version is not looked at.
+    /// A welcome of another protocol version. Nothing after the version is read.
     #[error("version {version} of the protocol is not known here")]
     OtherVersion {
         /// The version it names.
@@ -192,7 +192,7 @@ impl Writer {
         self
     }
 
-    /// Count and values; what is beyond `limit` (at most 255) is cut off.
+    /// Count and values. Values beyond `limit` (at most 255) are dropped.
     pub(super) fn list<T>(&mut self, values: &[T], limit: u8, mut write: impl FnMut(&mut Self, &T)) -> &mut Self {
         let count = u8::try_from(values.len()).unwrap_or(u8::MAX).min(limit);
         self.u8(count);
@@ -202,7 +202,7 @@ impl Writer {
         self
     }
 
-    /// Length and UTF-8; a text longer than `limit` bytes (at most 255) is cut off at a character.
+    /// Length and UTF-8. A text longer than `limit` bytes (at most 255) is cut at a character boundary.
     pub(super) fn text(&mut self, text: &str, limit: u8) -> &mut Self {
         let end = (0..=usize::from(limit).min(text.len())).rev().find(|&end| text.is_char_boundary(end)).unwrap_or(0);
         let length = u8::try_from(end).unwrap_or(limit);

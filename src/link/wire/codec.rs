@@ -1,4 +1,4 @@
-//! Messages as bytes, the payload of data frames.
+//! Encodes and decodes messages, the payload of data frames.
 
 extern crate alloc;
 
@@ -19,9 +19,9 @@ const REPORT: u8 = 0x82;
 const MAX_NAME_BYTES: u8 = 64;
 /// Longest text of a fault, bytes.
 const MAX_FAULT_BYTES: u8 = 120;
-/// Most layer slots a device may have; bounds a state, which must fit a frame.
+/// Most layer slots of a device. It limits the size of a state, which must fit into a frame.
 pub const MAX_SLOTS: u8 = 16;
-/// Most encodings a device may list.
+/// Most encodings in the list of a device.
 const MAX_ENCODINGS: u8 = 16;
 
 /// The payload of a data frame to the device.

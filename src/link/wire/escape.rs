@@ -1,6 +1,6 @@
-//! The escape layer of lines with XON/XOFF: neither byte may occur in what is sent, for the port swallows both.
+//! The escape layer of lines with XON/XOFF. Neither byte may occur in the data, because the port removes both.
 //!
-//! It lies below the frames: limits and credit count bytes before escaping, so that neither depends on the data.
+//! It is below the frames: limits and credit count bytes before escaping, so that they do not depend on the data.
 
 extern crate alloc;
 
@@ -9,7 +9,7 @@ use alloc::vec::Vec;
 const XON: u8 = 0x11;
 const XOFF: u8 = 0x13;
 const ESCAPE: u8 = 0x10;
-/// What follows an escape is the byte with this bit flipped.
+/// After an escape comes the byte with this bit flipped.
 const FLIP: u8 = 0x40;
 
 /// `bytes` with 0x10, 0x11 and 0x13 each written as 0x10 and the byte ^ 0x40. Delimiters stay as they are.
@@ -26,14 +26,14 @@ pub fn escape(bytes: &[u8]) -> Vec<u8> {
     escaped
 }
 
-/// Undoes [`escape`] in a stream. XON and XOFF that come through are dropped; a delimiter ends a broken escape.
+/// Undoes [`escape`] in a stream. XON and XOFF in the input are dropped; a delimiter ends an incomplete escape.
 #[derive(Debug, Default)]
 pub struct Unescaper {
     escaped: bool,
 }
 
 impl Unescaper {
-    /// Appends to `out` what `bytes` stand for.
+    /// Appends the unescaped `bytes` to `out`.
     pub fn push(&mut self, bytes: &[u8], out: &mut Vec<u8>) {
         for &byte in bytes {
             match byte {

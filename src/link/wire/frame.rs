@@ -4,23 +4,23 @@ extern crate alloc;
 
 use alloc::vec::Vec;
 
-/// What a frame is.
+/// The type of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum FrameKind {
-    /// Host opens a session.
+    /// The host opens a session.
     Hello = 1,
-    /// Device accepts it.
+    /// The device accepts it.
     Welcome = 2,
-    /// Device does not.
+    /// The device refuses it.
     HelloRefused = 3,
-    /// Device does not know the session of a frame it got.
+    /// The device does not know the session of a received frame.
     NoSession = 4,
     /// One message, in either direction, delivered in order.
     Data = 5,
-    /// What was received, what may be sent; also the heartbeat.
+    /// What was received and what may be sent; also the heartbeat.
     Ack = 6,
-    /// Overtakes data.
+    /// An urgent order; overtakes data.
     Urgent = 7,
     /// Answer to an urgent frame.
     UrgentDone = 8,
@@ -52,7 +52,7 @@ pub struct Frame {
     pub session_id: u32,
     /// Data: its sequence number. Ack: the next one expected. Urgent and its answer: the urgent's number. Else 0.
     pub sequence: u32,
-    /// By kind.
+    /// Its content depends on the kind.
     pub payload: Vec<u8>,
 }
 
@@ -65,7 +65,7 @@ pub struct Decoded {
     pub wire_bytes: usize,
 }
 
-/// Bytes between two delimiters that are no frame.
+/// Bytes between two delimiters that are not a valid frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum FrameError {
     /// Longer than the largest frame.
@@ -74,10 +74,10 @@ pub enum FrameError {
     /// Not a COBS encoding, or too short for a frame.
     #[error("malformed")]
     Malformed,
-    /// The checksum does not fit.
+    /// The checksum is wrong.
     #[error("wrong checksum")]
     Checksum,
-    /// A whole frame of a kind that is not known here.
+    /// An intact frame of an unknown kind.
     #[error("unknown frame type {0}")]
     UnknownKind(u8),
 }
@@ -102,20 +102,20 @@ pub fn encode_frame(kind: FrameKind, session_id: u32, sequence: u32, payload: &[
     encoded
 }
 
-/// The longest payload whose frame has at most `frame_bytes` on the line, whatever its bytes; 0 where not even an empty one fits.
+/// The longest payload whose frame has at most `frame_bytes` on the line, whatever its bytes; 0 if not even an empty one fits.
 pub fn payload_limit(frame_bytes: usize) -> usize {
-    // COBS adds one byte to each 254 begun; the delimiter is one more.
+    // COBS adds one byte for each 254 or part of them; the delimiter is one more.
     let encoded = frame_bytes.saturating_sub(1);
     (encoded - encoded.div_ceil(255)).saturating_sub(HEADER_BYTES + CRC_BYTES)
 }
 
-/// Finds frames in a stream of bytes, in whatever pieces they come. Never holds more than one frame.
+/// Finds frames in a stream of bytes that arrive in pieces of any size. Holds at most one frame.
 #[derive(Debug)]
 pub struct FrameDecoder {
     /// Bytes since the last delimiter.
     partial: Vec<u8>,
     largest_frame_bytes: usize,
-    /// Skipping to the next delimiter: more came than a frame can have.
+    /// Skips to the next delimiter, because the frame is too long.
     overlong: bool,
 }
 
@@ -125,8 +125,8 @@ impl FrameDecoder {
         Self { partial: Vec::with_capacity(largest_frame_bytes), largest_frame_bytes, overlong: false }
     }
 
-    /// Takes bytes off `input` up to the end of the next frame; `None` once `input` is empty. After an error the next
-    /// delimiter starts afresh. Delimiters with nothing between them are skipped.
+    /// Takes bytes off `input` up to the end of the next frame; `None` once `input` is empty. After an error, decoding restarts at
+    /// the next delimiter. Consecutive delimiters are skipped.
     pub fn next_frame(&mut self, input: &mut &[u8]) -> Option<Result<Decoded, FrameError>> {
         while !input.is_empty() {
             let end = input.iter().position(|&byte| byte == DELIMITER);
@@ -155,7 +155,7 @@ impl FrameDecoder {
     }
 }
 
-/// Decodes what stood between two delimiters, in place.
+/// Decodes the bytes between two delimiters in place.
 fn decode_frame(encoded: &mut [u8]) -> Result<Decoded, FrameError> {
     let wire_bytes = encoded.len() + 1;
     let length = cobs::decode_in_place(encoded).map_err(|_| FrameError::Malformed)?;

@@ -1,4 +1,4 @@
-//! Payloads of all frames but data: hello, welcome, refusal, acknowledgement, urgent.
+//! Payloads of all frames except data: hello, welcome, refusal, acknowledgement, urgent.
 
 extern crate alloc;
 
@@ -11,18 +11,18 @@ use super::message::{Capabilities, DeviceState, Urgent};
 /// What the host states when it opens a session.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Hello {
-    /// Version it speaks.
+    /// Version that the host speaks.
     pub version: u16,
-    /// Most unacknowledged bytes of data frames the device may have on the way to it.
+    /// Most unacknowledged bytes of data frames that the device may have in flight.
     pub window_bytes: u32,
-    /// Largest frame it takes, delimiter included.
+    /// Largest frame that the host takes, delimiter included.
     pub largest_frame_bytes: u16,
 }
 
 /// What the device states when it accepts.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Welcome {
-    /// Version both speak now.
+    /// Version of the session.
     pub version: u16,
     /// What the device is.
     pub capabilities: Capabilities,
@@ -40,27 +40,27 @@ pub enum HelloRefused {
         /// Highest version it speaks.
         highest: u16,
     },
-    /// The host's window or largest frame is below what the protocol asks for.
+    /// The host's window or largest frame is below the limit of the protocol.
     Limits,
 }
 
 /// What was received and what may be sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Ack {
-    /// All data frames before this one were received. The frame's sequence field.
+    /// All data frames before this one were received. It is the frame's sequence field.
     pub next_sequence: u32,
-    /// A data frame came that could not be taken, because one before it is missing or the buffer was full.
+    /// A data frame was dropped, because one before it is missing or the buffer was full.
     pub gap: bool,
-    /// The data frame heard last, taken or not; `next_sequence - 1` before the first.
+    /// The last data frame that was heard, taken or not; `next_sequence - 1` before the first.
     pub last_heard: u32,
-    /// Bytes of data frames the receiver has room for, beyond those it acknowledges.
+    /// Room for further data frames beyond those acknowledged, bytes.
     pub free_bytes: u32,
 }
 
 /// Answer to an urgent frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct UrgentDone {
-    /// Whether there is light (or laser) now.
+    /// Whether the light or laser is on now.
     pub light_on: bool,
 }
 
@@ -70,7 +70,7 @@ impl Hello {
         Writer::default().u16(self.version).u32(self.window_bytes).u16(self.largest_frame_bytes).finish()
     }
 
-    /// Reads a payload. Version and both limits come first in every version, so later versions may append.
+    /// Reads a payload. Version and both limits come first in every version; later versions may append fields.
     ///
     /// # Errors
     /// [`WireError`] where it is too short, or too long for version 1.
@@ -98,7 +98,7 @@ impl Welcome {
         writer.finish()
     }
 
-    /// Reads a payload. The version comes first in every version; of another one nothing else is read.
+    /// Reads a payload. The version comes first in every version; for another version nothing else is read.
     ///
     /// # Errors
     /// [`WireError::OtherVersion`], or another [`WireError`] that names the field that does not fit.

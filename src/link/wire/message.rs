@@ -1,14 +1,14 @@
-//! What host and device say to each other once frames arrive whole and in order. `docs/protocol.md` is the contract.
+//! The messages between host and device, carried in data frames. `docs/protocol.md` is the contract.
 //!
-//! Every [`Request`] has a number that its [`Reply`] repeats; a [`Report`] answers nothing. Core and alloc only: firmware
-//! can share this file.
+//! Every [`Request`] has a number, which its [`Reply`] repeats. A [`Report`] answers no request. Core and alloc only, so that
+//! firmware can share this file.
 
 extern crate alloc;
 
 use alloc::string::String;
 use alloc::vec::Vec;
 
-/// Names an exposure for ever: the job's key (random, chosen by the host when the job is accepted) and the layer.
+/// Identifies an exposure for all time: the job's key (random, drawn by the host when it accepts the job) and the layer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct ExposureId {
     /// Key of the job, never 0.
@@ -27,21 +27,21 @@ pub enum DeviceKind {
     Slm = 2,
 }
 
-/// How a layer's pixels are written in its bytes.
+/// How the pixels of a layer are encoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum Encoding {
-    /// 1 bit a pixel, rows padded to bytes, first pixel in the highest bit, 1 lit.
+    /// 1 bit a pixel, 1 for lit; rows padded to bytes, the first pixel in the highest bit.
     RawBit = 0,
-    /// CCITT Group 4 of the same picture (ITU-T T.6), lit written as black.
+    /// 1 bit a pixel, CCITT Group 4 (ITU-T T.6), lit written as black.
     Group4 = 1,
-    /// 8 bits a pixel.
+    /// 8 bits a pixel, rows as they are.
     RawGrey = 2,
-    /// 8 bits a pixel, runs.
+    /// 8 bits a pixel, runs and edge pixels, arithmetically coded.
     RunGrey = 3,
 }
 
-/// What the device is and can do; fixed from its start to its next reset.
+/// What the device is and can do. Fixed from its start to its next reset.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Capabilities {
     /// Kind of machine.
@@ -56,79 +56,79 @@ pub struct Capabilities {
     pub pixel_nm: [u32; 2],
     /// Layers the device can hold, at least 2.
     pub layer_slots: u8,
-    /// Bytes its receive buffer takes: the most unacknowledged bytes in flight.
+    /// Size of its receive buffer, bytes: the most unacknowledged bytes in flight.
     pub window_bytes: u32,
     /// Largest frame on the wire, its delimiter included, bytes.
     pub largest_frame_bytes: u16,
-    /// What it decodes.
+    /// Encodings that it decodes.
     pub encodings: Vec<Encoding>,
-    /// Longest exposure it allows, milliseconds.
+    /// Longest exposure that it allows, milliseconds.
     pub max_exposure_ms: u32,
     /// Highest plate position above the bottom of the vat, micrometres.
     pub max_position_um: i32,
 }
 
-/// What the device is doing; sent with the welcome and on request.
+/// What the device is doing. Sent with the welcome and on request.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct DeviceState {
-    /// Drawn anew at each start of the device: tells a reset from a lost line.
+    /// Drawn at random at each start of the device: distinguishes a reset from a lost line.
     pub boot_id: u32,
-    /// The last exposure that ran its whole time. Kept across resets where the device can.
+    /// The last exposure that ran its whole time. Kept across resets if the device can.
     pub last_exposed: Option<ExposureId>,
     /// The exposure running now.
     pub exposing: Option<ExposureId>,
-    /// An exposure that began and was ended early (reset, abort, interlock), and for how long there was light.
+    /// The last exposure that ended early (abort, light-off, fault, interlock, reset), and its light time, milliseconds.
     pub cut_short: Option<(ExposureId, u32)>,
-    /// Whether there is light.
+    /// Whether the light is on.
     pub light_on: bool,
     /// Plate height above the bottom of the vat, micrometres; `None` before homing.
     pub position_um: Option<i32>,
     /// Whether the plate moves.
     pub moving: bool,
-    /// For each slot the layer it holds, complete and checked.
+    /// The layer in each slot; only complete and checked layers.
     pub slots: Vec<Option<ExposureId>>,
-    /// What keeps it from working.
+    /// The present fault.
     pub fault: Option<Fault>,
 }
 
 /// From host to device, in order, none lost.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum HostMessage {
-    /// Something to do, answered by one [`Reply`] of the same number.
+    /// A request, answered by one [`Reply`] with the same number.
     Request {
         /// Number, ascending, from 1 in each session.
         number: u32,
-        /// What.
+        /// The request.
         request: Request,
     },
-    /// The next bytes of the layer begun last.
+    /// The next bytes of the layer that was begun last.
     LayerData(Vec<u8>),
 }
 
-/// What a DLP machine is asked to do.
+/// A request to a DLP machine.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Request {
-    /// Tell the state. Answered by [`Reply::State`].
+    /// Report the state. Answered by [`Reply::State`].
     State,
-    /// A layer follows in [`HostMessage::LayerData`]. Answered by [`Reply::Done`] once all bytes are there, decoded and the
-    /// CRC found right; the slot then holds the layer.
+    /// A layer follows in [`HostMessage::LayerData`]. Answered by [`Reply::Done`] once all bytes have arrived and were decoded, and
+    /// the CRC is right. The slot then holds the layer.
     LayerBegin {
-        /// Slot to fill; what it held is forgotten.
+        /// Slot to fill; its former layer is dropped.
         slot: u8,
         /// The layer.
         id: ExposureId,
-        /// How it is written.
+        /// Its encoding.
         encoding: Encoding,
-        /// Bytes that follow.
+        /// Number of bytes that follow.
         encoded_bytes: u32,
         /// CRC-32 (IEEE) of the decoded raw rows.
         decoded_crc32: u32,
     },
-    /// Shine the layer. Answered by [`Reply::Exposed`] when the light is off again.
+    /// Expose the layer. Answered by [`Reply::Exposed`] when the light is off again.
     Expose {
-        /// The layer; must be in a slot, which becomes free.
+        /// The layer. It must be in a slot, which becomes free.
         id: ExposureId,
-        /// Time with light, milliseconds.
+        /// Commanded light time, milliseconds.
         duration_ms: u32,
         /// Light power, 1 to 255.
         light_pwm: u8,
@@ -154,7 +154,7 @@ pub enum DeviceMessage {
         /// The answer.
         reply: Reply,
     },
-    /// News that answers nothing.
+    /// A message that answers no request.
     Report(Report),
 }
 
@@ -169,7 +169,7 @@ pub enum Reply {
     Exposed {
         /// Which.
         id: ExposureId,
-        /// How long the light was on, milliseconds.
+        /// Light time as the device reports it, milliseconds.
         duration_ms: u32,
     },
     /// The plate arrived.
@@ -177,7 +177,7 @@ pub enum Reply {
         /// Where it is, micrometres.
         position_um: i32,
     },
-    /// Not done, and why.
+    /// The request was not carried out, and why.
     Refused(Refusal),
 }
 
@@ -187,38 +187,38 @@ pub enum Reply {
 pub enum Refusal {
     /// The device has a fault or was aborted; a new hello clears an abort.
     NotReady = 1,
-    /// That layer, or a later one of its job, was exposed before.
+    /// That layer, or a later one of its job, was already exposed.
     AlreadyExposed = 2,
-    /// Longer than the device's maximum, or no time at all.
+    /// Longer than the device's maximum, 0 ms, or at light power 0.
     BadDuration = 3,
-    /// No slot holds that layer, or no such slot.
+    /// No slot holds that layer, or there is no such slot.
     NoSuchLayer = 4,
     /// The slot is being exposed.
     SlotBusy = 5,
-    /// The decoded layer's CRC is not the announced one, or it did not decode.
+    /// The layer cannot be decoded, has a wrong CRC or length, or was not finished.
     BadLayer = 6,
-    /// Encoding not supported.
+    /// The device does not decode that encoding.
     BadEncoding = 7,
-    /// Outside the travel, or at no speed.
+    /// Outside the travel, or at speed 0.
     BadMove = 8,
     /// Not homed.
     NotHomed = 9,
-    /// Busy with a request of the same kind.
+    /// An exposure or a move is running, or waits for Release.
     Busy = 10,
-    /// Ended early by an abort, a light-off or an interlock.
+    /// Began, and was ended early by an abort, a light-off, a fault or an interlock.
     CutShort = 11,
-    /// Not a request this kind of device knows.
+    /// The device does not know the request, or it is malformed.
     Unknown = 12,
 }
 
-/// Unasked news.
+/// A message that answers no request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Report {
-    /// Something keeps the device from working, or it works again (`None`).
+    /// The device has a fault, or its fault is gone (`None`).
     Fault(Option<Fault>),
 }
 
-/// What keeps a device from working.
+/// A condition that keeps a device from working.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Fault {
     /// The device's own number for it.
@@ -227,16 +227,16 @@ pub struct Fault {
     pub text: String,
 }
 
-/// Overtakes everything; acknowledged at once by the same number.
+/// An urgent order. It overtakes all data and is answered at once with its number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Urgent {
-    /// Light off, stop moving, forget the layers; nothing more until a new hello.
+    /// Light off, stop moving, drop the layers. The device refuses everything until a new hello.
     Abort = 1,
-    /// Light off now; a running exposure is cut short.
+    /// Light off now. A running exposure is cut short.
     LightOff = 2,
-    /// Begin nothing new until [`Urgent::Release`]; what runs, ends.
+    /// Begin no exposure and no move until [`Urgent::Release`]. A running one goes on to its end.
     Hold = 3,
-    /// Begin again.
+    /// End a hold.
     Release = 4,
 }

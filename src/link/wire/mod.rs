@@ -1,4 +1,5 @@
-//! Bytes on the line: frames, messages and the handshake. Core and alloc only: firmware, host and simulated device share it.
+//! Bytes on the line: frames, messages and the handshake. Core and alloc only, so that firmware can share it with host and simulated
+//! device.
 //!
 //! ```text
 //! message ──codec──▶ payload ──frame──▶ type, session, sequence, payload, CRC ──COBS──▶ bytes, 0x00 (──escape──▶ line)
@@ -20,11 +21,11 @@ pub use escape::{Unescaper, escape};
 pub use frame::{Decoded, Frame, FrameDecoder, FrameError, FrameKind, encode_frame, payload_limit};
 pub use handshake::{Ack, Hello, HelloRefused, UrgentDone, Welcome, decode_urgent, encode_urgent};
 
-/// The version this implementation speaks.
+/// The protocol version of this implementation.
 pub const PROTOCOL_VERSION: u16 = 1;
 
-/// Smallest "largest frame" a device may state: the longest request (28 bytes) with its frame around it, and some room.
+/// Smallest "largest frame" that a device may state: the frame of the longest request (28 bytes), and some room.
 pub const MIN_FRAME_BYTES: u16 = 64;
 
-/// Smallest "largest frame" a host may state: a welcome with every list and text at its limit has 602 bytes.
+/// Smallest "largest frame" that a host may state: a welcome with every list and text at its limit has 602 bytes.
 pub const MIN_HOST_FRAME_BYTES: u16 = 640;

@@ -8,27 +8,27 @@ use crate::link::wire::{MIN_FRAME_BYTES, PROTOCOL_VERSION, WireError};
 pub enum HostEvent {
     /// The device accepted the session.
     Connected {
-        /// Of this session.
+        /// The session.
         session_id: u32,
-        /// What it is.
+        /// What the device is.
         capabilities: Capabilities,
-        /// What it was doing when it answered. As in every state from here, `slots` has an entry for each slot.
+        /// Its state when it answered. As in every state that the host reports, `slots` has an entry for each slot.
         state: DeviceState,
-        /// The longest piece of layer data that fits a frame.
+        /// The longest piece of layer data that fits into a frame.
         largest_layer_data_bytes: usize,
     },
-    /// A message, in order, once.
+    /// A message; each comes once and in order.
     Message(DeviceMessage),
     /// The device carried out an urgent frame.
     UrgentDone {
         /// Its number.
         number: u32,
-        /// Whether there is light now.
+        /// Whether the light is on now.
         light_on: bool,
     },
-    /// The session has ended; the last event but for messages.
+    /// The session has ended. Only messages may follow.
     Lost(LostReason),
-    /// The device does not accept this host, or cannot be used; the session has ended.
+    /// The device does not accept this host, or cannot be used. The session has ended.
     Refused(HelloRefusal),
 }
 
@@ -38,16 +38,16 @@ pub enum LostReason {
     /// No answer to the hello within 2 s.
     #[error("{}", no_answer(*.garbage_frames))]
     NoAnswer {
-        /// Frames that were damaged or no frames at all.
+        /// Number of damaged frames.
         garbage_frames: u64,
     },
-    /// Nothing heard for 2 s.
+    /// Nothing was heard for 2 s.
     #[error("the device has been silent for 2 s")]
     Silent,
-    /// The device does not know the session: it was reset, or had not heard the host for 2 s.
+    /// The device does not know the session: it was reset, or did not hear the host for 2 s.
     #[error("the device no longer knows the session; it was reset or had lost the line")]
     DeviceForgot,
-    /// A message came whole but makes no sense.
+    /// An intact message makes no sense.
     #[error("the device sent a message that makes no sense: {0}")]
     BadMessage(WireError),
     /// An acknowledgement of data that was never sent.
@@ -56,14 +56,14 @@ pub enum LostReason {
          not follow the protocol"
     )]
     FalseAck {
-        /// The number that the device expects next, by its own word.
+        /// The number that the device expects next.
         acknowledged: u32,
         /// The first number that was not sent.
         sent: u32,
     },
 }
 
-/// Without the count, which is another each time: one cause is told once.
+/// Leaves the count out, which differs each time: the same cause gives the same text and is reported once.
 fn no_answer(garbage_frames: u64) -> &'static str {
     if garbage_frames == 0 {
         "the device does not answer; is it switched on, and is this its port?"
@@ -87,20 +87,20 @@ pub enum HelloRefusal {
         /// Highest version the device speaks.
         highest: u16,
     },
-    /// The device asks for larger limits than this host's.
+    /// The device requires larger limits than this host's.
     #[error("the device finds the host's window or frames too small")]
     Limits,
     /// The welcome makes no sense.
     #[error("the device's welcome makes no sense: {0}")]
     BadWelcome(WireError),
-    /// The device's own limits are below what the protocol asks for.
+    /// The device's limits are below those of the protocol.
     #[error(
         "the device states a window of {window_bytes} bytes and frames of {largest_frame_bytes}; both must be at least {MIN_FRAME_BYTES}"
     )]
     BadLimits {
-        /// Window it stated.
+        /// Stated window.
         window_bytes: u32,
-        /// Largest frame it stated.
+        /// Stated largest frame.
         largest_frame_bytes: u16,
     },
 }
