@@ -7,7 +7,7 @@ use std::borrow::Cow;
 use std::io::Write;
 
 /// Longest name as shown, characters: it fits a line of a terminal together with a job's number, state and layers.
-const LONGEST_NAME_SHOWN: usize = 48;
+const MAX_NAME_CHARS: usize = 48;
 /// Of a shortened name this many characters of its end are shown: numbers and extensions stand there.
 const END_SHOWN: usize = 16;
 
@@ -53,10 +53,10 @@ pub(crate) fn plain_line(text: &str) -> String {
 pub(crate) fn short_name(name: &str) -> String {
     let name = plain_line(name);
     let length = name.chars().count();
-    if length <= LONGEST_NAME_SHOWN {
+    if length <= MAX_NAME_CHARS {
         return name;
     }
-    let begin = LONGEST_NAME_SHOWN - END_SHOWN - 1;
+    let begin = MAX_NAME_CHARS - END_SHOWN - 1;
     let (first, last) = (name.chars().take(begin), name.chars().skip(length - END_SHOWN));
     first.chain(['…']).chain(last).collect()
 }
@@ -146,7 +146,7 @@ mod tests {
     fn a_long_name_is_shortened_in_its_middle() {
         assert_eq!(short_name("part.layerd"), "part.layerd");
         let shown = short_name(&format!("{}_0042.layerd", "ü".repeat(200)));
-        assert_eq!(shown.chars().count(), LONGEST_NAME_SHOWN);
+        assert_eq!(shown.chars().count(), MAX_NAME_CHARS);
         assert!(shown.starts_with("üüü") && shown.contains('…') && shown.ends_with("_0042.layerd"), "{shown}");
         assert_eq!(short_name("a\nb"), "a\\nb");
     }

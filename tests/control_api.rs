@@ -13,7 +13,7 @@ use layerd::daemon::api::{
     DeviceView, Event, InDoubt, JobView, LinkState, LinkView, RaiseView, RemovedView, ResumeBody,
 };
 use layerd::daemon::caller::Caller;
-use layerd::daemon::handle::{Answer, Command, CommandError, Desk, MOST_QUEUED_JOBS, Order, Snapshot, channel};
+use layerd::daemon::handle::{Answer, Command, CommandError, Desk, MAX_QUEUED_JOBS, Order, Snapshot, channel};
 use layerd::daemon::server;
 use layerd::daemon::socket::{self, BindError};
 use layerd::job::JobState;
@@ -493,7 +493,7 @@ async fn an_abort_falls_back_to_the_common_socket() {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_full_queue_refuses_a_job_before_its_part_is_read() {
     let daemon = Daemon::start().await;
-    for _ in 0..MOST_QUEUED_JOBS {
+    for _ in 0..MAX_QUEUED_JOBS {
         daemon.submit("one").await;
     }
     // Only announced: whoever waits for the bytes waits for ever.

@@ -1,126 +1,35 @@
-//! Talks to the daemon: HTTP over its Unix socket, one connection a request.
+//! The control API as `layerctl` and other programs call it.
 
+mod connection;
 mod events;
 
 use std::path::{Path, PathBuf};
 use std::pin::Pin;
 use std::time::Duration;
 
-use http_body_util::{BodyExt, Either, Full};
-use hyper::body::{Bytes, Incoming};
-use hyper::client::conn::http1;
-use hyper::{Method, Request, Response, header};
-use hyper_util::rt::TokioIo;
+use http_body_util::{Either, Full};
+use hyper::body::Bytes;
+use hyper::{Method, Request, header};
 use serde::de::DeserializeOwned;
 use tokio::io::AsyncReadExt;
-use tokio::net::UnixStream;
-use tokio::time::{Instant, sleep, timeout};
+use tokio::time::{Instant, timeout};
 
+use self::connection::{Answer, RequestBody, accepted, exchange, post, read, request};
 pub use self::events::Events;
+pub use super::client_error::ClientError;
 use super::patience::{Listener, TELL_AFTER, Wait};
 use crate::config::DEFAULT_SOCKET;
 use crate::daemon::api::{
-    ErrorBody, JobList, JobView, NAME_HEADER, RECIPE_HEADER, RECIPE_NAME_HEADER, RaiseView, RemovedView, ResumeBody,
-    Status,
+    JobList, JobView, NAME_HEADER, RECIPE_HEADER, RECIPE_NAME_HEADER, RaiseView, RemovedView, ResumeBody, Status,
 };
-use crate::daemon::socket::LONGEST_PATH_BYTES;
 use crate::daemon::{ChannelBody, percent_encode, socket};
 
-/// No answer of the API but events is larger; a wrong socket must not fill memory.
-const LARGEST_ANSWER_BYTES: usize = 16 << 20;
 /// The daemon reads a submitted part once from its disk: ten gigabytes from a slow one take some minutes.
-const LONGEST_CHECK: Duration = Duration::from_secs(900);
-/// A socket whose backlog is full is tried again this often: it becomes free as soon as the daemon accepts.
-const CONNECT_INTERVAL: Duration = Duration::from_millis(20);
+const MAX_CHECK_TIME: Duration = Duration::from_secs(900);
 /// A crowd on the socket for aborts may push one out before the daemon has read it.
 const ABORT_TRIES: usize = 3;
 /// Bytes read from the build file at a time.
 const PART_BYTES: usize = 64 << 10;
-
-/// Why the daemon could not be asked.
-#[derive(Debug, thiserror::Error)]
-pub enum ClientError {
-    /// Nobody listens.
-    #[error(
-        "no layerd answers at {}: {}, or name the socket of another one (--socket PATH or LAYERD_SOCKET=PATH)",
-        socket.display(), start_text(socket)
-    )]
-    NoDaemon {
-        /// The socket.
-        socket: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// The socket may not be opened.
-    #[error("the control socket {} may not be opened: join its group (usermod -aG layerd USER) or use sudo", socket.display())]
-    NotAllowed {
-        /// The socket.
-        socket: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// The socket's path cannot be used.
-    #[error(
-        "the path of the control socket, {}, has {} bytes, but the system allows {LONGEST_PATH_BYTES}: set `socket` in \
-         layerd.toml to a shorter path, and --socket or LAYERD_SOCKET to the same",
-        socket.display(), socket.as_os_str().len()
-    )]
-    SocketPath {
-        /// The socket.
-        socket: PathBuf,
-    },
-    /// Somebody listens and does not answer.
-    #[error(
-        "layerd at {} did not answer within {waited_s} s: it is stopped or hangs.{consequence} {}; after a new start a print \
-         under way can be resumed",
-        socket.display(), restart_text(socket)
-    )]
-    Silent {
-        /// The socket.
-        socket: PathBuf,
-        /// How long it was waited for.
-        waited_s: u64,
-        /// What this means for what was asked, with a space in front; may be empty.
-        consequence: &'static str,
-    },
-    /// The daemon says no; the text is its own.
-    #[error("{message}")]
-    Refused {
-        /// HTTP status.
-        status: u16,
-        /// What is wrong and what to do.
-        message: String,
-    },
-    /// The conversation broke off.
-    #[error("the daemon broke off: {0}")]
-    Broken(String),
-    /// The build file cannot be read.
-    #[error("cannot read {}: {source}", path.display())]
-    Part {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
-}
-
-/// How the daemon of a socket is started: the service has the usual one.
-pub(super) fn start_text(socket: &Path) -> &'static str {
-    if socket == Path::new(DEFAULT_SOCKET) {
-        "start it (systemctl start layerd)"
-    } else {
-        "start it (layerd --config FILE)"
-    }
-}
-
-/// Where a daemon that hangs may tell why, and how it is started anew.
-fn restart_text(socket: &Path) -> &'static str {
-    if socket == Path::new(DEFAULT_SOCKET) {
-        "Its log may tell why (journalctl -u layerd). Start it anew with `systemctl restart layerd`"
-    } else {
-        "Its log may tell why. End it, and start it anew with `layerd --config FILE`"
-    }
-}
 
 /// A new job, as an operator gives it.
 #[derive(Clone, Debug)]
@@ -139,8 +48,6 @@ pub struct Client {
     socket: PathBuf,
     listener: Listener,
 }
-
-type RequestBody = Either<Full<Bytes>, ChannelBody>;
 
 impl Client {
     /// The daemon at the socket of `--socket`, else of `$LAYERD_SOCKET`, else at [`DEFAULT_SOCKET`]. What a long wait is for is
@@ -209,7 +116,7 @@ impl Client {
 
     async fn get_within<T: DeserializeOwned>(&self, wait: Wait, path: &str) -> Result<T, ClientError> {
         let request = request(Method::GET, path).body(Either::Left(Full::default()));
-        self.ask(wait, request.map_err(broken)?).await
+        self.ask(wait, request.map_err(ClientError::broken)?).await
     }
 
     /// Gives a job an order: `pause`, `stop` or `abort`.
@@ -226,7 +133,7 @@ impl Client {
     /// # Errors
     /// [`ClientError`]; status 409 where a layer is in doubt and `body` does not resolve it.
     pub async fn resume(&self, id: &str, body: ResumeBody) -> Result<JobView, ClientError> {
-        let bytes = serde_json::to_vec(&body).map_err(broken)?;
+        let bytes = serde_json::to_vec(&body).map_err(ClientError::broken)?;
         self.post(Wait::Order, &format!("/v1/jobs/{}/resume", percent_encode(id)), bytes.into()).await
     }
 
@@ -273,7 +180,7 @@ impl Client {
     /// [`ClientError`]; status 409 where the job is not over.
     pub async fn remove(&self, id: &str) -> Result<RemovedView, ClientError> {
         let request = request(Method::DELETE, &format!("/v1/jobs/{}", percent_encode(id)));
-        let request = request.body(Either::Left(Full::default())).map_err(broken)?;
+        let request = request.body(Either::Left(Full::default())).map_err(ClientError::broken)?;
         self.ask(Wait::Order, request).await
     }
 
@@ -287,7 +194,7 @@ impl Client {
 
     /// Without a limit in time.
     async fn ask_once<T: DeserializeOwned>(&self, request: Request<RequestBody>) -> Result<T, ClientError> {
-        read(self.exchange(request).await?).await
+        read(exchange(&self.socket, request).await?).await
     }
 
     /// Sends a build file as a new job; `progress` hears bytes sent and bytes in all.
@@ -310,7 +217,7 @@ impl Client {
                 request.header(RECIPE_NAME_HEADER, percent_encode(name)).header(RECIPE_HEADER, percent_encode(text));
         }
         let (parts, body) = ChannelBody::new();
-        let request = request.body(Either::Right(body)).map_err(broken)?;
+        let request = request.body(Either::Right(body)).map_err(ClientError::broken)?;
         let upload = async {
             let mut sent = 0;
             while sent < total {
@@ -331,7 +238,7 @@ impl Client {
             drop(parts);
             Ok(())
         };
-        let exchange = self.exchange(request);
+        let exchange = exchange(&self.socket, request);
         tokio::pin!(upload, exchange);
         tokio::select! {
             // The daemon may refuse before everything is sent.
@@ -346,7 +253,7 @@ impl Client {
         &self,
         mut exchange: Pin<&mut impl Future<Output = Result<Answer, ClientError>>>,
     ) -> Result<Answer, ClientError> {
-        let (until, limit_min) = (Instant::now() + LONGEST_CHECK, LONGEST_CHECK.as_secs() / 60);
+        let (until, limit_min) = (Instant::now() + MAX_CHECK_TIME, MAX_CHECK_TIME.as_secs() / 60);
         let mut told = false;
         while Instant::now() < until {
             if let Ok(answer) = timeout(TELL_AFTER, &mut exchange).await {
@@ -378,96 +285,13 @@ impl Client {
     /// # Errors
     /// [`ClientError`].
     pub async fn events(&self) -> Result<Events, ClientError> {
-        let request = request(Method::GET, "/v1/events").body(Either::Left(Full::default())).map_err(broken)?;
+        let request =
+            request(Method::GET, "/v1/events").body(Either::Left(Full::default())).map_err(ClientError::broken)?;
         let conversation = async {
-            let (response, connection) = self.exchange(request).await?;
+            let (response, connection) = exchange(&self.socket, request).await?;
             Ok((accepted(response).await?, connection))
         };
         let (response, connection) = self.listener.patiently(Wait::Query, &self.socket, conversation).await?;
         Ok(Events::new(response.into_body(), self.listener.clone(), connection))
     }
-
-    async fn connect(&self) -> Result<UnixStream, ClientError> {
-        let socket = self.socket.clone();
-        loop {
-            let source = match UnixStream::connect(&self.socket).await {
-                Ok(stream) => return Ok(stream),
-                Err(source) => source,
-            };
-            return Err(match source.kind() {
-                // The backlog is full: it listens, and is waited for as for an answer.
-                std::io::ErrorKind::WouldBlock => {
-                    sleep(CONNECT_INTERVAL).await;
-                    continue;
-                }
-                std::io::ErrorKind::PermissionDenied => ClientError::NotAllowed { socket, source },
-                std::io::ErrorKind::InvalidInput if socket.as_os_str().len() > LONGEST_PATH_BYTES => {
-                    ClientError::SocketPath { socket }
-                }
-                _ => ClientError::NoDaemon { socket, source },
-            });
-        }
-    }
-
-    async fn exchange(&self, request: Request<RequestBody>) -> Result<Answer, ClientError> {
-        let stream = self.connect().await?;
-        let (mut sender, connection) = http1::handshake(TokioIo::new(stream)).await.map_err(broken)?;
-        let connection = Connection(tokio::spawn(async move {
-            // What goes wrong here shows in the answer as well.
-            let _ = connection.await;
-        }));
-        let response = sender.send_request(request).await.map_err(broken)?;
-        Ok((response, connection))
-    }
-}
-
-type Answer = (Response<Incoming>, Connection);
-
-/// The task that moves a connection's bytes; it ends with its owner.
-#[derive(Debug)]
-struct Connection(tokio::task::JoinHandle<()>);
-
-impl Drop for Connection {
-    fn drop(&mut self) {
-        self.0.abort();
-    }
-}
-
-fn request(method: Method, path: &str) -> hyper::http::request::Builder {
-    Request::builder().method(method).uri(path).header(header::HOST, "layerd")
-}
-
-fn post(path: &str, body: Bytes) -> Result<Request<RequestBody>, ClientError> {
-    let request = request(Method::POST, path).header(header::CONTENT_TYPE, "application/json");
-    request.body(Either::Left(Full::new(body))).map_err(broken)
-}
-
-fn broken(error: impl std::fmt::Display) -> ClientError {
-    ClientError::Broken(error.to_string())
-}
-
-async fn bytes(response: Response<Incoming>) -> Result<Bytes, ClientError> {
-    let limited = http_body_util::Limited::new(response.into_body(), LARGEST_ANSWER_BYTES);
-    Ok(limited.collect().await.map_err(broken)?.to_bytes())
-}
-
-/// The response, if it is one of success; else the error it tells.
-async fn accepted(response: Response<Incoming>) -> Result<Response<Incoming>, ClientError> {
-    let status = response.status();
-    if status.is_success() {
-        return Ok(response);
-    }
-    let bytes = bytes(response).await?;
-    let message = match serde_json::from_slice::<ErrorBody>(&bytes) {
-        Ok(body) => body.error,
-        Err(_) => format!("the daemon answered {status}"),
-    };
-    Err(ClientError::Refused { status: status.as_u16(), message })
-}
-
-async fn read<T: DeserializeOwned>((response, _connection): Answer) -> Result<T, ClientError> {
-    let bytes = bytes(accepted(response).await?).await?;
-    serde_json::from_slice(&bytes).map_err(|error| {
-        ClientError::Broken(format!("its answer is not understood ({error}); are layerd and layerctl of one version?"))
-    })
 }

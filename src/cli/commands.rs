@@ -17,7 +17,7 @@ const ACCEPTED: &str = "The command returns when the order is accepted, before i
      it is. The command waits up to 30 s for a daemon that does not answer, and says so after 2 s.";
 
 /// How long a device may be away after an order before that is told: one that took an abort begins a new session at once.
-const LONGEST_ABSENCE: Duration = Duration::from_secs(1);
+const MAX_ABSENCE: Duration = Duration::from_secs(1);
 /// How often the daemon is asked whether the device is back.
 const ABSENCE_INTERVAL: Duration = Duration::from_millis(100);
 
@@ -176,7 +176,7 @@ async fn tell(client: &Client, order: &str, job: &JobView, json: bool) -> anyhow
 /// `None` where it answers, or the job needs it no more.
 pub(super) async fn absence(client: &Client, job: &JobView) -> Option<String> {
     let needs_device = |state: JobState| state.is_active() || state == JobState::Queued;
-    let until = Instant::now() + LONGEST_ABSENCE;
+    let until = Instant::now() + MAX_ABSENCE;
     while needs_device(job.state) {
         let status = match client.status().await {
             Ok(status) => status,

@@ -18,7 +18,7 @@ use crate::job::JobState;
 use crate::text::{count_text, size_text};
 
 /// Both processes are up within a second on a slow machine; this is for one that is busy with something else.
-const LONGEST_START: Duration = Duration::from_secs(30);
+const MAX_START_TIME: Duration = Duration::from_secs(30);
 /// First line of the configuration: tells a directory of an earlier demo from one that must not be touched.
 const MARK: &str = "# written by `layerctl demo`; the next demo replaces this directory's contents\n";
 /// What a demo leaves in its directory, and the next one removes.
@@ -172,8 +172,8 @@ async fn wait_until(what: &str, children: &mut Children, met: impl AsyncFn() -> 
     let began = Instant::now();
     while !met().await {
         children.check()?;
-        if began.elapsed() > LONGEST_START {
-            bail!("{what} did not come up within {} s", LONGEST_START.as_secs());
+        if began.elapsed() > MAX_START_TIME {
+            bail!("{what} did not come up within {} s", MAX_START_TIME.as_secs());
         }
         tokio::time::sleep(Duration::from_millis(20)).await;
     }

@@ -6,6 +6,7 @@
 
 pub mod check;
 pub mod client;
+mod client_error;
 mod commands;
 mod demo;
 mod device;

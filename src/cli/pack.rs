@@ -12,10 +12,10 @@ use crate::config::byte_size;
 use crate::text::size_text;
 
 /// Least memory of the sort; below it merging takes too many passes.
-const MEMORY_LEAST_BYTES: u64 = 1 << 20;
+const MIN_MEMORY_BYTES: u64 = 1 << 20;
 
 /// Most threads that parse and sort: one thread reads the source and takes its digest, and feeds no more.
-const MOST_THREADS: NonZero<usize> = NonZero::<usize>::MIN.saturating_add(7);
+const MAX_THREADS: NonZero<usize> = NonZero::<usize>::MIN.saturating_add(7);
 
 /// Pack 3MF lattices and edge text into a build file.
 #[derive(Debug, clap::Args)]
@@ -92,7 +92,7 @@ pub fn run(args: PackArgs) -> anyhow::Result<()> {
         placement: at.map_or(Placement::Centred, |[x_mm, y_mm]| Placement::At { x_mm, y_mm }),
         quantum_um: quantum,
         memory_bytes: memory,
-        threads: std::thread::available_parallelism().map_or(NonZero::<usize>::MIN, |cores| cores.min(MOST_THREADS)),
+        threads: std::thread::available_parallelism().map_or(NonZero::<usize>::MIN, |cores| cores.min(MAX_THREADS)),
     };
     let mut display = Display { bar: progress_bar(BAR), phase: "", output: &output };
     let report = buildfile::pack(&inputs, &output, &options, &mut |progress| display.show(progress));
@@ -178,7 +178,7 @@ fn factors(text: &str) -> Result<Factors, String> {
 
 fn memory(text: &str) -> Result<u64, String> {
     let bytes = byte_size::parse(text)?;
-    if bytes < MEMORY_LEAST_BYTES {
+    if bytes < MIN_MEMORY_BYTES {
         return Err(format!("{} is too little; at least 1MiB is needed", size_text(bytes)));
     }
     Ok(bytes)

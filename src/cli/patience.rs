@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use tokio::time::timeout;
 
-use super::client::ClientError;
+use super::client_error::ClientError;
 
 /// A daemon that runs answers within milliseconds. After this long the operator is told what is being waited for.
 pub(super) const TELL_AFTER: Duration = Duration::from_secs(2);

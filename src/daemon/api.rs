@@ -14,9 +14,9 @@ pub const RECIPE_HEADER: &str = "x-layerd-recipe";
 pub const RECIPE_NAME_HEADER: &str = "x-layerd-recipe-name";
 /// Longest recipe text, before percent-encoding. A recipe has 16 keys; this leaves ample room for comments, and three times
 /// it fits the header limit of [`super::server`].
-pub const LARGEST_RECIPE_BYTES: usize = 16 << 10;
+pub const MAX_RECIPE_BYTES: usize = 16 << 10;
 /// Longest name of a job or recipe, bytes.
-pub const LONGEST_NAME_BYTES: usize = 255;
+pub const MAX_NAME_BYTES: usize = 255;
 
 /// Answer of `GET /v1/status`: everything at a glance.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -3,7 +3,7 @@
 use tokio::sync::oneshot;
 
 use super::handle::{Answer, CommandError};
-use super::jobs::Job;
+use super::job::Job;
 use super::opened::{Opened, Unopened};
 use super::settle::Settled;
 

@@ -134,7 +134,7 @@ impl Findings {
                 machine.time_scale
             ));
         }
-        let need_bytes = PrintMemory::least_bytes(Depth::Bit, machine.width_px, machine.height_px);
+        let need_bytes = PrintMemory::min_bytes(Depth::Bit, machine.width_px, machine.height_px);
         if need_bytes > config.memory_budget {
             self.warnings.push(format!(
                 "`memory_budget` of {} is less than the {} that one layer of {} x {} pixels takes: every job will be refused; \

@@ -1,8 +1,8 @@
 //! Connections: how many there may be, who is let go, and what is said to those for whom there is no place.
 //!
 //! A connection is taken from the socket's queue at once, always: nobody waits behind others there. The first
-//! [`MOST_CONNECTIONS`] may ask for everything; all others may only abort, and hear at once that there is no place for anything
-//! else. Of these others, the crowd, there are [`LARGEST_CROWD`]: a new one takes the place of one that has not asked yet,
+//! [`MAX_CONNECTIONS`] may ask for everything; all others may only abort, and hear at once that there is no place for anything
+//! else. Of these others, the crowd, there are [`MAX_CROWD`]: a new one takes the place of one that has not asked yet,
 //! so that no number of silent ones keeps an abort out.
 
 use std::collections::HashMap;
@@ -26,12 +26,12 @@ use tokio::time::{Instant, timeout};
 use super::caller::Caller;
 
 /// Connections at once that may ask for everything. Operators, a web bridge and scripts need a handful.
-pub(super) const MOST_CONNECTIONS: usize = 64;
+pub(super) const MAX_CONNECTIONS: usize = 64;
 /// Connections at once that may only abort. Each lasts as long as its request takes to arrive, which is no time for an honest
 /// one: a place less than a millisecond old is taken only from somebody who opens 64 in that time.
-pub(super) const LARGEST_CROWD: usize = 64;
+pub(super) const MAX_CROWD: usize = 64;
 /// A client that does not finish a request's head is let go: all of them are programs on this host.
-pub(super) const LONGEST_HEAD: Duration = Duration::from_secs(1);
+pub(super) const HEAD_TIMEOUT: Duration = Duration::from_secs(1);
 /// Requests under way get this long to end once the printer has ended.
 const LAST_WORDS: Duration = Duration::from_secs(1);
 /// Without file descriptors no connection is taken for so long: some may end meanwhile.
@@ -43,20 +43,20 @@ const COMPLAINT_INTERVAL: Duration = Duration::from_secs(1);
 pub(super) struct Door {
     /// The socket.
     pub listener: UnixListener,
-    /// Answers the first [`MOST_CONNECTIONS`]; without it everybody is of the crowd.
+    /// Answers the first [`MAX_CONNECTIONS`]; without it everybody is of the crowd.
     pub everything: Option<Router>,
     /// Answers the crowd.
     pub aborts: Router,
     /// Longest head of a request, bytes; at least 8192.
-    pub largest_head_bytes: usize,
+    pub max_head_bytes: usize,
 }
 
 impl Door {
     /// Serves the socket until `shutdown` becomes true or its sender is dropped.
     pub(super) async fn serve(self, mut shutdown: watch::Receiver<bool>) {
-        let Self { listener, everything, aborts, largest_head_bytes } = self;
-        let talk = Talk { largest_head_bytes, shutdown: shutdown.clone() };
-        let places = Arc::new(Semaphore::new(if everything.is_some() { MOST_CONNECTIONS } else { 0 }));
+        let Self { listener, everything, aborts, max_head_bytes } = self;
+        let talk = Talk { max_head_bytes, shutdown: shutdown.clone() };
+        let places = Arc::new(Semaphore::new(if everything.is_some() { MAX_CONNECTIONS } else { 0 }));
         let everything = everything.map(TowerToHyperService::new);
         let mut crowd = Crowd::new(aborts);
         let mut tasks = JoinSet::new();
@@ -108,7 +108,7 @@ pub(super) async fn ending(shutdown: &mut watch::Receiver<bool>) {
 /// How to speak HTTP on a connection.
 #[derive(Clone)]
 struct Talk {
-    largest_head_bytes: usize,
+    max_head_bytes: usize,
     shutdown: watch::Receiver<bool>,
 }
 
@@ -132,10 +132,10 @@ impl Talk {
         });
         let connection = hyper::server::conn::http1::Builder::new()
             .timer(TokioTimer::new())
-            .header_read_timeout(LONGEST_HEAD)
+            .header_read_timeout(HEAD_TIMEOUT)
             // One request a connection: a client that asks on without reading must not hold a place that another needs.
             .keep_alive(false)
-            .max_buf_size(self.largest_head_bytes)
+            .max_buf_size(self.max_head_bytes)
             .serve_connection(TokioIo::new(stream), service);
         tokio::pin!(connection);
         let ended = tokio::select! {
@@ -182,7 +182,7 @@ impl Crowd {
     }
 
     fn admit(&mut self, stream: UnixStream, caller: Caller, talk: &Talk) {
-        if self.members.len() >= LARGEST_CROWD {
+        if self.members.len() >= MAX_CROWD {
             self.make_room();
         }
         let asked = Arc::new(AtomicBool::new(false));

@@ -10,7 +10,7 @@ use super::server;
 const OWN: u64 = 128;
 
 /// Descriptors that must be there.
-pub(super) const NEEDED: u64 = OWN + server::MOST_DESCRIPTORS;
+pub(super) const NEEDED: u64 = OWN + server::MAX_DESCRIPTORS;
 
 /// Raises the limit as far as this process may.
 ///

@@ -17,7 +17,7 @@ const WAITING_ORDERS: usize = 16;
 const WAITING_ABORTS: usize = 4;
 /// Jobs that wait for the machine. Each holds a part in the spool; more than two months of daily prints come from a script
 /// that runs wild, and make lists that nobody reads.
-pub const MOST_QUEUED_JOBS: usize = 64;
+pub const MAX_QUEUED_JOBS: usize = 64;
 /// Events a slow subscriber may be behind before it is told to read everything again.
 const EVENTS_KEPT: usize = 256;
 
@@ -72,11 +72,11 @@ impl Snapshot {
     /// 503 where it has none.
     pub fn check_queue(&self, coming: usize) -> Result<(), CommandError> {
         let queued = self.jobs.iter().filter(|job| job.state == JobState::Queued).count();
-        if queued + coming < MOST_QUEUED_JOBS {
+        if queued + coming < MAX_QUEUED_JOBS {
             return Ok(());
         }
         let text = format!(
-            "the queue is full: {queued} jobs wait, at most {MOST_QUEUED_JOBS} may; let one be printed, or stop one \
+            "the queue is full: {queued} jobs wait, at most {MAX_QUEUED_JOBS} may; let one be printed, or stop one \
              (layerctl jobs, layerctl stop JOB)"
         );
         Err(CommandError::new(503, text))

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::clock::unix_ms;
-use super::jobs::TakeUp;
+use super::job::TakeUp;
 use super::part::{Part, Unprintable, spool_text};
 use crate::config::{Machine, Recipe};
 use crate::job::{JobDirectory, JobState, Journal, Record, StartPoint};

@@ -2,7 +2,7 @@
 
 use super::api::{InDoubt, JobView};
 use super::handle::{Answer, Command, CommandError, Order};
-use super::jobs::{Job, TakeUp};
+use super::job::{Job, TakeUp};
 use super::printer::Printer;
 use super::settle::Change;
 use super::unwritten::Unwritten;

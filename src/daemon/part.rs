@@ -15,7 +15,7 @@ use crate::stream::{Ahead, MemoryBudget, Produced};
 const LINK_BYTES: u64 = 512 << 10;
 
 /// More queue than this would only compute layers that an abort throws away.
-const LARGEST_QUEUE_BYTES: u64 = 16 << 20;
+const MAX_QUEUE_BYTES: u64 = 16 << 20;
 
 /// A layer as it goes to the device.
 #[derive(Debug)]
@@ -66,15 +66,15 @@ pub(crate) struct PrintMemory {
     /// The picture, the encoder's output, a layer that waits for room in the queue, and the line.
     buffer_bytes: u64,
     /// At least two layers wait, or one waits and one is on the line.
-    least_queue_bytes: u64,
+    min_queue_bytes: u64,
 }
 
 impl PrintMemory {
-    /// Of a part on a raster, computed by as many of `most_threads` threads as `limit_bytes` allow: each takes memory of its
+    /// Of a part on a raster, computed by as many of `max_threads` threads as `limit_bytes` allow: each takes memory of its
     /// own, and a host with many cores is to print what one with few can.
-    pub(crate) fn within(file: &Arc<BuildFile>, plan: &SlicePlan, most_threads: usize, limit_bytes: u64) -> Self {
+    pub(crate) fn within(file: &Arc<BuildFile>, plan: &SlicePlan, max_threads: usize, limit_bytes: u64) -> Self {
         let bodies = BodySource::of(file);
-        let mut several = (2..=most_threads).rev().map(|threads| Self::new(&bodies, plan, threads));
+        let mut several = (2..=max_threads).rev().map(|threads| Self::new(&bodies, plan, threads));
         several.find(|memory| memory.need_bytes() <= limit_bytes).unwrap_or_else(|| Self::new(&bodies, plan, 1))
     }
 
@@ -90,18 +90,18 @@ impl PrintMemory {
             threads: 1,
             slicer_bytes: 0,
             buffer_bytes: raw_bytes + 2 * encoding::largest_encoded_bytes(depth, raw_bytes) + LINK_BYTES,
-            least_queue_bytes: 2 * raw_bytes + (64 << 10),
+            min_queue_bytes: 2 * raw_bytes + (64 << 10),
         }
     }
 
     /// What a part of no strut at all would take on a machine of this size.
-    pub(crate) fn least_bytes(depth: Depth, width_px: u32, height_px: u32) -> u64 {
+    pub(crate) fn min_bytes(depth: Depth, width_px: u32, height_px: u32) -> u64 {
         Self::of_pictures(depth, width_px, height_px).need_bytes()
     }
 
     /// The least budget that will do.
     pub(crate) fn need_bytes(&self) -> u64 {
-        self.slicer_bytes.saturating_add(self.buffer_bytes + self.least_queue_bytes)
+        self.slicer_bytes.saturating_add(self.buffer_bytes + self.min_queue_bytes)
     }
 }
 
@@ -124,21 +124,21 @@ impl Part {
         path: &Path,
         machine: &Machine,
         recipe: &Recipe,
-        most_threads: usize,
+        max_threads: usize,
         limit_bytes: u64,
     ) -> Result<Self, Unprintable> {
         let file = Arc::new(BuildFile::open(path)?);
         let depth = if recipe.antialias { Depth::Grey } else { Depth::Bit };
         let plan = SlicePlan::new(file.header(), machine.raster(), depth, recipe.layer_height_um)
             .map_err(|error| Unprintable::Part(error.to_string()))?;
-        let memory = PrintMemory::within(&file, &plan, most_threads, limit_bytes);
+        let memory = PrintMemory::within(&file, &plan, max_threads, limit_bytes);
         let need_bytes = memory.need_bytes();
         if need_bytes > limit_bytes {
             return Err(Unprintable::Memory { need_bytes, limit_bytes });
         }
-        let PrintMemory { threads, buffer_bytes, least_queue_bytes, .. } = memory;
-        let room_bytes = limit_bytes - need_bytes + least_queue_bytes;
-        let queue_bytes = room_bytes.min(LARGEST_QUEUE_BYTES.max(least_queue_bytes));
+        let PrintMemory { threads, buffer_bytes, min_queue_bytes, .. } = memory;
+        let room_bytes = limit_bytes - need_bytes + min_queue_bytes;
+        let queue_bytes = room_bytes.min(MAX_QUEUE_BYTES.max(min_queue_bytes));
         Ok(Self { path: path.into(), plan, threads, queue_bytes, buffer_bytes })
     }
 

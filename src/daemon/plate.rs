@@ -10,7 +10,8 @@ use std::fmt;
 use super::background::Background;
 use super::handle::CommandError;
 use super::idle::Idle;
-use super::jobs::{Account, Job, TakeUp};
+use super::job::{Job, TakeUp};
+use super::jobs::Account;
 use super::orders::Step;
 use super::printer::Printer;
 use crate::job::{Event, Trace};
@@ -20,7 +21,7 @@ use crate::link::message::{DeviceState, ExposureId};
 pub(super) const CLEAR_TOLERANCE_UM: i32 = 100;
 
 /// Signs kept for a job. A device shows a handful; more than two devices one after the other nobody plugs in.
-const MOST_SIGNS: usize = 64;
+const MAX_SIGNS: usize = 64;
 
 /// How the device shows an exposure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -291,7 +292,7 @@ impl Job {
                 (Sign::Low { .. }, Sign::Low { .. }) => true,
                 (new, sign) => new == sign,
             });
-            if !is_told && self.told.len() < MOST_SIGNS {
+            if !is_told && self.told.len() < MAX_SIGNS {
                 self.told.push(sign);
             }
         }

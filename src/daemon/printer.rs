@@ -2,30 +2,28 @@
 //! arrives here as an event, and everything that is decided leaves from here; nothing in the loop waits for a disk, the line
 //! or a computation.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use anyhow::anyhow;
 use tokio::sync::{mpsc, watch};
 use tokio::time::MissedTickBehavior;
 
-use super::api::{DeviceView, Event as News, LayerExposed};
+use super::api::DeviceView;
 use super::background::Background;
 use super::clock::Clock;
 use super::faults::FaultNews;
-use super::handle::{CommandError, Desk};
+use super::handle::Desk;
 use super::idle::Idle;
-use super::jobs::{Jobs, TakeUp};
+use super::jobs::Jobs;
 use super::line::Line;
-use super::opened::{Opened, Unopened};
 use super::part::EncodedLayer;
 use super::running::{Running, Task};
 use super::setting::Setting;
-use super::settle::Change;
 use super::unwritten::Unwritten;
-use super::{notify, raise, view};
+use super::{notify, raise};
 use crate::device::DlpDriver;
-use crate::job::{Command, Event, JobState, Progress, Spool};
+use crate::job::{Event, Progress, Spool};
 use crate::link::message::{Capabilities, DeviceState, HostMessage, Request, Urgent};
 use crate::stream::{Finished, MemoryBudget};
 
@@ -68,7 +66,7 @@ pub(super) struct Printer {
     pub(super) message: Option<HostMessage>,
     /// Number of the abort sent last that no device has answered.
     pub(super) last_abort: Option<u32>,
-    last_progress: Option<Progress>,
+    pub(super) last_progress: Option<Progress>,
     /// See [`super::handle::Snapshot::jobs_ended`].
     pub(super) jobs_ended: u64,
     /// Sessions begun because the one before was lost.
@@ -266,46 +264,6 @@ impl Printer {
         self.with_engine(|running| running.urgent = Some((number, urgent)));
     }
 
-    /// Tells the operator something to look at.
-    pub(super) fn notice(&self, text: String) {
-        tracing::warn!("{text}");
-        let _ = self.desk.events.send(News::Notice { text });
-    }
-
-    /// Tells the operator that all is well.
-    pub(super) fn tell(&self, text: String) {
-        tracing::info!("{text}");
-        let _ = self.desk.events.send(News::Notice { text });
-    }
-
-    fn open_next(&mut self) {
-        let Some(job) = self.jobs.next() else { return };
-        let waits_for_word = || {
-            let signs = || self.unknown_signs(job, self.device_state.as_ref());
-            job.needs_bare_plate() && !(job.told.is_empty() && signs().is_empty())
-        };
-        if job.is_to_print() && self.unwanted_light().is_some() {
-            return;
-        }
-        if job.awaits_plate || (job.awaits_device && !self.device.connected) || waits_for_word() {
-            return;
-        }
-        let id = job.directory.id;
-        self.jobs.take(id, self.setting.machine.confirm_plate);
-        let Some(job) = self.jobs.get_mut(id) else { return };
-        let (directory, take_up, has_begun) = (job.directory.clone(), job.take_up, job.has_begun());
-        job.view.state = take_up.state_before(JobState::Checking);
-        job.view.reason = None;
-        let (threads, limit_bytes) = (self.setting.threads, self.budget.limit_bytes());
-        let background = self.background.clone();
-        self.opening = Some(id);
-        self.publish_job(id);
-        tokio::task::spawn_blocking(move || {
-            let result = Opened::open(&directory, take_up, has_begun, threads, limit_bytes).map(Box::new);
-            let _ = background.blocking_send(Background::Opened { job: id, result });
-        });
-    }
-
     fn background(&mut self, event: Background) {
         let now_us = self.clock.now_us();
         match event {
@@ -333,98 +291,6 @@ impl Printer {
         }
     }
 
-    fn opened(&mut self, id: u32, result: Result<Box<Opened>, Unopened>, now_us: u64) {
-        self.opening = None;
-        // Perhaps ordered while it was opened.
-        let end = self.jobs.get(id).and_then(|job| match job.take_up {
-            TakeUp::Print(_) => None,
-            TakeUp::End(command) => Some(command),
-        });
-        match result {
-            Ok(mut opened) => {
-                tracing::info!(job = id, "job begins");
-                // Of the device that is there now, not of the job: an interrupted one can go on once it is corrected.
-                opened.machine.time_scale = self.setting.machine.time_scale;
-                let mut running =
-                    Running::new(id, *opened, std::mem::take(&mut self.idle).light, self.background.clone(), now_us);
-                if let Some(command) = end {
-                    running.command(command, now_us);
-                }
-                if self.shutting_down {
-                    running.engine.handle(Event::Shutdown, now_us);
-                }
-                self.message = None;
-                self.running = Some(running);
-                // A new session tells the device's state afresh and numbers requests from 1 for the job's driver.
-                self.link.reconnect();
-            }
-            Err(Unopened { text, state }) => {
-                self.notice(format!("job {id} cannot be printed: {text}"));
-                if let Some(job) = self.jobs.get_mut(id) {
-                    job.end(state, Some(text.clone()));
-                }
-                self.jobs_ended += 1;
-                self.publish_job(id);
-                let mut replies = self.take_unwritten(id);
-                if let (Some(Command::Abort), JobState::Interrupted) = (end, state) {
-                    let reply = replies.pop().unwrap_or_else(|| tokio::sync::oneshot::channel().0);
-                    self.change(id, Change::Close, reply);
-                }
-                for reply in replies {
-                    let failed = || CommandError::new(409, format!("job {id} could not be taken up: {text}"));
-                    // Whoever asked may have gone.
-                    let _ = reply.send(if state.is_final() { self.view(id, None) } else { Err(failed()) });
-                }
-            }
-        }
-    }
-
-    /// The running job is over: its memory and the spool's old jobs are given up in the background.
-    fn finish(&mut self) {
-        self.tell_progress();
-        let Some(running) = self.running.take() else { return };
-        self.forget_progress();
-        let id = running.job;
-        let mut again = None;
-        if let Some(job) = self.jobs.get_mut(id) {
-            job.past.update(&running.engine);
-            // An order to end that the device was not there for.
-            again = job.past.ordered.filter(|_| job.view.state == JobState::Interrupted && !self.device.connected);
-        }
-        if running.engine.journal_failed() && self.jobs.get(id).is_some_and(|job| job.view.state.is_final()) {
-            self.answer_unwritten(id);
-        }
-        self.jobs_ended += 1;
-        // Of before the job's last moves.
-        self.device_state = None;
-        if let Some(job) = self.jobs.get(id) {
-            job.log_end();
-        }
-        if let Some(order) = again {
-            self.jobs.end_later(id, order);
-        }
-        self.idle = Idle::after(running.engine.light().clone());
-        self.link.reconnect();
-        self.releasing = true;
-        let (spool, over, background) = (Arc::clone(&self.spool), self.jobs.over(), self.background.clone());
-        tokio::spawn(async move {
-            running.release().await;
-            let tidy = move || spool.lock().unwrap_or_else(PoisonError::into_inner).tidy(&over);
-            let forgotten = match tokio::task::spawn_blocking(tidy).await {
-                Ok(tidied) => tidied.map_err(|error| error.to_string()),
-                Err(panic) => Err(panic.to_string()),
-            };
-            let _ = background.send(Background::Released { forgotten }).await;
-        });
-        self.publish();
-    }
-
-    /// What was told of the job that runs no more.
-    pub(super) fn forget_progress(&mut self) {
-        self.message = None;
-        self.last_progress = None;
-    }
-
     fn heartbeat(&mut self) {
         notify::alive();
         let now_us = self.clock.now_us();
@@ -435,59 +301,9 @@ impl Printer {
         self.publish();
     }
 
-    /// Compares what the engine says with what was told last, and tells the difference.
-    fn tell_progress(&mut self) {
-        let Some(running) = &self.running else { return };
-        let (id, progress) = (running.job, running.engine.progress());
-        let before = self.last_progress.replace(progress.clone());
-        if let Some(before) = before.filter(|before| before.layers_done < progress.layers_done) {
-            let late_ms = progress.late_ms_total - before.late_ms_total;
-            let layer = progress.layers_done - 1;
-            let exposed = LayerExposed { job: id.to_string(), layer, exposure_ms: progress.light_ms, late_ms };
-            let _ = self.desk.events.send(News::Layer(exposed));
-        }
-        if self.jobs.get_mut(id).is_some_and(|job| job.update(&progress)) {
-            self.publish_job(id);
-        }
-    }
-
-    /// Tells that a job changed.
-    pub(super) fn publish_job(&mut self, id: u32) {
-        // First: it fills in what a queued job waits for.
-        let told = self.publish();
-        let Some(job) = self.jobs.get(id) else { return };
-        if !told.contains(&id) {
-            let _ = self.desk.events.send(News::Job(Box::new(job.view.clone())));
-        }
-        notify::status(&view::status_line(&job.view));
-    }
-
     /// The job that has the machine, or is about to.
     pub(super) fn holder(&self) -> Option<u32> {
         self.running.as_ref().map(|running| running.job).or(self.opening)
-    }
-
-    /// Writes what subscribers and `status` read. Gives the jobs that wait for something else than before, which is told.
-    pub(super) fn publish(&mut self) -> Vec<u32> {
-        self.look_at_light();
-        let told = self.explain_queue();
-        for id in &told {
-            if let Some(job) = self.jobs.get(*id) {
-                let _ = self.desk.events.send(News::Job(Box::new(job.view.clone())));
-            }
-        }
-        let line = view::line(&self.link.statistics(), self.link.hindrance(), self.reconnects, self.link.busy_share());
-        let budget = view::budget(&self.budget);
-        let (device, jobs, jobs_ended, fit) = (self.device.clone(), self.jobs.views(), self.jobs_ended, self.fit());
-        self.desk.snapshot.send_modify(|snapshot| {
-            snapshot.line = line;
-            snapshot.budget = budget;
-            snapshot.device = device;
-            snapshot.jobs_ended = jobs_ended;
-            snapshot.fit = Some(fit);
-            snapshot.jobs = jobs;
-        });
-        told
     }
 }
 

@@ -26,7 +26,7 @@ use crate::stream::MemoryBudget;
 /// sockets have threads of their own, so that no number of connections holds up an order on its way to the device.
 const RUNTIME_THREADS: usize = 2;
 /// What is still being written at the end is waited for no longer: a disk that hangs must not keep the daemon from ending.
-const LONGEST_WRITE: Duration = Duration::from_secs(2);
+const MAX_WRITE_TIME: Duration = Duration::from_secs(2);
 
 /// Runs the daemon until SIGTERM, SIGINT, SIGQUIT or SIGHUP; returns once the machine is safe. It logs to stderr.
 ///
@@ -45,7 +45,7 @@ pub fn run(config: &Path) -> anyhow::Result<()> {
         let _log = log::to_stderr().context("cannot start the log")?;
         serve(load(config)?, signals).await
     });
-    runtime.shutdown_timeout(LONGEST_WRITE);
+    runtime.shutdown_timeout(MAX_WRITE_TIME);
     ended
 }
 
@@ -121,7 +121,7 @@ fn serve_in_thread<F: Future<Output = ()>>(
                 Err(error) => tracing::error!(%error, "a control socket cannot be served"),
             }
         });
-        runtime.shutdown_timeout(LONGEST_WRITE);
+        runtime.shutdown_timeout(MAX_WRITE_TIME);
     };
     std::thread::Builder::new().name(name.into()).spawn(run).context("cannot start a thread")
 }

@@ -17,24 +17,24 @@ use tokio::time::timeout;
 
 use super::api::{ErrorBody, Event, JobList, ResumeBody};
 use super::caller::Caller;
-use super::connections::{Door, LARGEST_CROWD, LONGEST_HEAD, MOST_CONNECTIONS, ending};
+use super::connections::{Door, HEAD_TIMEOUT, MAX_CONNECTIONS, MAX_CROWD, ending};
 use super::handle::{Command, CommandError, Handle};
 use super::{ChannelBody, upload};
 
 /// Subscribers to events at once; fewer than connections, so that orders have room beside them.
-const MOST_SUBSCRIBERS: usize = 24;
+const MAX_SUBSCRIBERS: usize = 24;
 /// Uploads at once: each holds a file in the spool.
-const MOST_UPLOADS: usize = 2;
+const MAX_UPLOADS: usize = 2;
 /// All headers together, bytes: a recipe of 16 KiB is 48 KiB percent-encoded.
-const LARGEST_HEAD_BYTES: usize = 64 << 10;
+const MAX_HEAD_BYTES: usize = 64 << 10;
 /// The same where nothing but an abort is asked for; hyper takes no less.
-const LARGEST_ABORT_HEAD_BYTES: usize = 8 << 10;
+const MAX_ABORT_HEAD_BYTES: usize = 8 << 10;
 /// A small JSON body, bytes.
-const LARGEST_ORDER_BYTES: usize = 4 << 10;
+const MAX_ORDER_BYTES: usize = 4 << 10;
 /// A subscriber hears at least this often, so that both ends notice a broken connection.
 const KEEP_ALIVE: Duration = Duration::from_secs(1);
 /// File descriptors of both sockets at most: their connections, and one each that is just being let go.
-pub(super) const MOST_DESCRIPTORS: u64 = (MOST_CONNECTIONS + 2 * (LARGEST_CROWD + 1)) as u64;
+pub(super) const MAX_DESCRIPTORS: u64 = (MAX_CONNECTIONS + 2 * (MAX_CROWD + 1)) as u64;
 
 /// Serves the API until `shutdown` becomes true (or its sender is dropped). `incoming` takes uploads; it
 /// must lie on the spool's file system, and whoever opens the spool removes what a crash left there.
@@ -42,21 +42,21 @@ pub async fn serve(listener: UnixListener, handle: Handle, incoming: PathBuf, sh
     let shared = Shared {
         handle,
         incoming,
-        subscribers: Arc::new(Semaphore::new(MOST_SUBSCRIBERS)),
-        uploads: Arc::new(Semaphore::new(MOST_UPLOADS)),
+        subscribers: Arc::new(Semaphore::new(MAX_SUBSCRIBERS)),
+        uploads: Arc::new(Semaphore::new(MAX_UPLOADS)),
         shutdown: shutdown.clone(),
     };
     let shared = Arc::new(shared);
     let everything = Some(router(Arc::clone(&shared)));
     let aborts = abort_router(shared.handle.clone(), no_place);
-    Door { listener, everything, aborts, largest_head_bytes: LARGEST_HEAD_BYTES }.serve(shutdown).await;
+    Door { listener, everything, aborts, max_head_bytes: MAX_HEAD_BYTES }.serve(shutdown).await;
 }
 
 /// Serves the socket for aborts, as long as [`serve`] does.
 pub async fn serve_aborts(listener: UnixListener, handle: Handle, shutdown: watch::Receiver<bool>) {
     let aborts = abort_router(handle, only_aborts);
-    let largest_head_bytes = LARGEST_ABORT_HEAD_BYTES;
-    Door { listener, everything: None, aborts, largest_head_bytes }.serve(shutdown).await;
+    let max_head_bytes = MAX_ABORT_HEAD_BYTES;
+    Door { listener, everything: None, aborts, max_head_bytes }.serve(shutdown).await;
 }
 
 struct Shared {
@@ -72,8 +72,8 @@ impl Shared {
     fn begin_upload(&self) -> Result<OwnedSemaphorePermit, CommandError> {
         let place = Arc::clone(&self.uploads)
             .try_acquire_owned()
-            .map_err(|_| CommandError::new(503, format!("{MOST_UPLOADS} uploads are under way already; try again")))?;
-        let others = MOST_UPLOADS - 1 - self.uploads.available_permits();
+            .map_err(|_| CommandError::new(503, format!("{MAX_UPLOADS} uploads are under way already; try again")))?;
+        let others = MAX_UPLOADS - 1 - self.uploads.available_permits();
         self.handle.snapshot().check_queue(others)?;
         Ok(place)
     }
@@ -199,7 +199,7 @@ async fn abort_job(
 
 async fn no_place(mut body: Body) -> CommandError {
     upload::drain(&mut body).await;
-    CommandError::new(503, format!("{MOST_CONNECTIONS} connections are open already; only an abort is taken now"))
+    CommandError::new(503, format!("{MAX_CONNECTIONS} connections are open already; only an abort is taken now"))
 }
 
 async fn only_aborts(mut body: Body) -> CommandError {
@@ -217,7 +217,7 @@ async fn raise(State(shared): App, Extension(caller): Extension<Caller>) -> Answ
 }
 
 async fn resume_body(request: Request) -> Result<ResumeBody, CommandError> {
-    let read = timeout(LONGEST_HEAD, axum::body::to_bytes(request.into_body(), LARGEST_ORDER_BYTES));
+    let read = timeout(HEAD_TIMEOUT, axum::body::to_bytes(request.into_body(), MAX_ORDER_BYTES));
     let bytes = read
         .await
         .map_err(|_| CommandError::new(408, "the body did not arrive"))?
@@ -243,7 +243,7 @@ async fn no_such_method(method: Method, uri: Uri) -> CommandError {
 
 async fn events(State(shared): App) -> Answer {
     let Ok(permit) = Arc::clone(&shared.subscribers).try_acquire_owned() else {
-        return Err(CommandError::new(503, format!("{MOST_SUBSCRIBERS} subscribers listen already")));
+        return Err(CommandError::new(503, format!("{MAX_SUBSCRIBERS} subscribers listen already")));
     };
     // Subscribed before the status is read: nothing falls between the two.
     let news = shared.handle.subscribe();

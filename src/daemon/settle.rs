@@ -5,7 +5,7 @@ use std::path::Path;
 use super::background::{Background, Reply};
 use super::clock::unix_ms;
 use super::handle::CommandError;
-use super::jobs::TakeUp;
+use super::job::TakeUp;
 use super::orders::{no_such_job, refused};
 use super::past::Past;
 use super::printer::Printer;

@@ -10,7 +10,7 @@ use rustix::fs::{Access, access};
 use tokio::net::{UnixListener, UnixStream};
 
 /// Longest path of a Unix socket, bytes: `sun_path` holds 108 with the zero at its end.
-pub(crate) const LONGEST_PATH_BYTES: usize = 107;
+pub(crate) const MAX_PATH_BYTES: usize = 107;
 /// What the path of the socket for aborts ends in.
 const ABORT_SUFFIX: &str = ".abort";
 
@@ -26,7 +26,7 @@ pub enum BindError {
     /// The system takes no such path.
     #[error(
         "the control socket {} has a path of {} bytes; at most {} are possible: give layerd a shorter `socket`",
-        path.display(), path.as_os_str().len(), LONGEST_PATH_BYTES - ABORT_SUFFIX.len()
+        path.display(), path.as_os_str().len(), MAX_PATH_BYTES - ABORT_SUFFIX.len()
     )]
     PathTooLong {
         /// The socket.
@@ -63,7 +63,7 @@ pub fn abort_path(socket: &Path) -> PathBuf {
 /// # Errors
 /// [`BindError`] says what is in the way.
 pub(super) fn check(socket: &Path) -> Result<(), BindError> {
-    if abort_path(socket).as_os_str().len() > LONGEST_PATH_BYTES {
+    if abort_path(socket).as_os_str().len() > MAX_PATH_BYTES {
         return Err(BindError::PathTooLong { path: socket.into() });
     }
     let directory = directory(socket);

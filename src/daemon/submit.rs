@@ -6,7 +6,7 @@ use super::background::{Background, Reply};
 use super::clock::unix_ms;
 use super::fit::Fit;
 use super::handle::{CommandError, Submission};
-use super::jobs::Job;
+use super::job::Job;
 use super::part::Part;
 use super::printer::Printer;
 use super::setting::Setting;

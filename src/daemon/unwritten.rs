@@ -6,7 +6,7 @@ use super::settle::Change;
 use crate::job::{EndOrder, JobState};
 
 /// The slowest memory cards flush within a second; an operator who aborts is not kept waiting longer for a disk.
-const LONGEST_WRITE_US: u64 = 1_500_000;
+const MAX_WRITE_US: u64 = 1_500_000;
 /// What is said of an order whose record is not on disk.
 const SLOW: &str =
     "is being carried out, but the disk has not taken its record yet: after a crash now it must be given again";
@@ -26,7 +26,7 @@ pub(super) struct Unwritten {
 impl Unwritten {
     /// An order just given to an engine.
     pub(super) fn new(job: u32, order: EndOrder, reply: Reply, now_us: u64) -> Self {
-        Self { job, order, reply, until_us: now_us + LONGEST_WRITE_US }
+        Self { job, order, reply, until_us: now_us + MAX_WRITE_US }
     }
 }
 

@@ -13,7 +13,7 @@ use tokio::sync::OwnedSemaphorePermit;
 use tokio::task::spawn_blocking;
 use tokio::time::timeout;
 
-use super::api::{LARGEST_RECIPE_BYTES, LONGEST_NAME_BYTES, NAME_HEADER, RECIPE_HEADER, RECIPE_NAME_HEADER};
+use super::api::{MAX_NAME_BYTES, MAX_RECIPE_BYTES, NAME_HEADER, RECIPE_HEADER, RECIPE_NAME_HEADER};
 use super::fit::Fit;
 use super::handle::{CommandError, Submission};
 use super::percent;
@@ -22,13 +22,13 @@ use crate::disk;
 use crate::text::size_text;
 
 /// A sender that is silent for longer has gone away without closing; its half file is removed.
-const LONGEST_SILENCE: Duration = Duration::from_secs(30);
+const MAX_SILENCE: Duration = Duration::from_secs(30);
 /// Written at once: large enough that handing it to a thread costs nothing, small enough beside the memory budget.
 const PIECE_BYTES: usize = 256 << 10;
 /// [`drain`]: a local sender that still sends is never still for so long.
-const LONGEST_PAUSE: Duration = Duration::from_millis(300);
+const MAX_PAUSE: Duration = Duration::from_millis(300);
 /// [`drain`]: several gigabytes pass a Unix socket in this time.
-const LONGEST_DRAIN: Duration = Duration::from_secs(10);
+const MAX_DRAIN_TIME: Duration = Duration::from_secs(10);
 
 /// Writes the request's body into `incoming` and flushes it, where `fit` has nothing against the job's recipe: that is looked at
 /// before the body. `place` is given back with the new job.
@@ -45,14 +45,13 @@ pub(super) async fn receive(
     fit: Option<Fit>,
     place: OwnedSemaphorePermit,
 ) -> Result<(Submission, OwnedSemaphorePermit), CommandError> {
-    let name =
-        text(headers, NAME_HEADER, LONGEST_NAME_BYTES)?.filter(|name| !name.trim().is_empty()).ok_or_else(|| {
-            CommandError::new(400, format!("the header {NAME_HEADER} is missing: how is the job called?"))
-        })?;
+    let name = text(headers, NAME_HEADER, MAX_NAME_BYTES)?.filter(|name| !name.trim().is_empty()).ok_or_else(|| {
+        CommandError::new(400, format!("the header {NAME_HEADER} is missing: how is the job called?"))
+    })?;
     // A file's name may hold line breaks; a list of jobs has a line for each.
     let name = name.replace(char::is_control, " ");
-    let recipe_text = text(headers, RECIPE_HEADER, LARGEST_RECIPE_BYTES)?;
-    let recipe_name = text(headers, RECIPE_NAME_HEADER, LONGEST_NAME_BYTES)?;
+    let recipe_text = text(headers, RECIPE_HEADER, MAX_RECIPE_BYTES)?;
+    let recipe_name = text(headers, RECIPE_NAME_HEADER, MAX_NAME_BYTES)?;
     if let Some(fit) = fit {
         fit.check(recipe_text.as_deref(), recipe_name.as_deref())?;
     }
@@ -64,8 +63,8 @@ pub(super) async fn receive(
 /// Reads what a refused sender still sends, so that it comes to read the answer: many clients read none before they have
 /// written everything, and lose it if the connection ends meanwhile. Bounded in time, both for a pause and in all.
 pub(super) async fn drain(body: &mut Body) {
-    let rest = async { while let Ok(Some(Ok(_))) = timeout(LONGEST_PAUSE, body.frame()).await {} };
-    let _ = timeout(LONGEST_DRAIN, rest).await;
+    let rest = async { while let Ok(Some(Ok(_))) = timeout(MAX_PAUSE, body.frame()).await {} };
+    let _ = timeout(MAX_DRAIN_TIME, rest).await;
 }
 
 /// Writes the body into a file of its own and flushes it.
@@ -91,9 +90,9 @@ async fn fill(target: &mut Target, name: &str, body: &mut Body) -> Result<(), Co
     let mut beginning = Vec::with_capacity(BEGINNING_BYTES);
     let mut piece = Vec::with_capacity(PIECE_BYTES);
     loop {
-        let frame = timeout(LONGEST_SILENCE, body.frame()).await.map_err(|_| {
-            CommandError::new(408, format!("no data for {} s: upload given up", LONGEST_SILENCE.as_secs()))
-        })?;
+        let frame = timeout(MAX_SILENCE, body.frame())
+            .await
+            .map_err(|_| CommandError::new(408, format!("no data for {} s: upload given up", MAX_SILENCE.as_secs())))?;
         let Some(frame) = frame else { break };
         let frame = frame.map_err(|error| CommandError::new(400, format!("the upload broke off: {error}")))?;
         let Ok(bytes) = frame.into_data() else { continue };

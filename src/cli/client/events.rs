@@ -6,12 +6,13 @@ use http_body_util::BodyExt;
 use hyper::body::{Bytes, Frame, Incoming};
 use tokio::time::{Instant, timeout_at};
 
-use super::{ClientError, Connection, LARGEST_ANSWER_BYTES, broken};
+use super::connection::{Connection, MAX_ANSWER_BYTES};
+use crate::cli::client_error::ClientError;
 use crate::cli::patience::{Listener, TELL_AFTER};
 use crate::daemon::api::Event;
 
 /// The daemon sends something every second.
-const LONGEST_SILENCE: Duration = Duration::from_secs(20);
+const MAX_SILENCE: Duration = Duration::from_secs(20);
 
 /// News from the daemon.
 #[derive(Debug)]
@@ -42,11 +43,11 @@ impl Events {
                     return Ok(Some(event));
                 }
             }
-            if self.text.len() > LARGEST_ANSWER_BYTES {
+            if self.text.len() > MAX_ANSWER_BYTES {
                 return Err(ClientError::Broken("an event has no end".into()));
             }
             let Some(frame) = self.frame().await? else { return Ok(None) };
-            if let Ok(data) = frame.map_err(broken)?.into_data() {
+            if let Ok(data) = frame.map_err(ClientError::broken)?.into_data() {
                 self.text.extend_from_slice(&data);
             }
         }
@@ -54,7 +55,7 @@ impl Events {
 
     /// The next bytes. A silence is told once, and so is its end.
     async fn frame(&mut self) -> Result<Option<Result<Frame<Bytes>, hyper::Error>>, ClientError> {
-        let silence_s = LONGEST_SILENCE.as_secs();
+        let silence_s = MAX_SILENCE.as_secs();
         if !self.told {
             if let Ok(frame) = timeout_at(self.heard + TELL_AFTER, self.body.frame()).await {
                 self.heard = Instant::now();
@@ -67,7 +68,7 @@ impl Events {
                 TELL_AFTER.as_secs()
             ));
         }
-        let frame = timeout_at(self.heard + LONGEST_SILENCE, self.body.frame())
+        let frame = timeout_at(self.heard + MAX_SILENCE, self.body.frame())
             .await
             .map_err(|_| ClientError::Broken(format!("silent for {silence_s} s")))?;
         if frame.is_some() {
@@ -80,7 +81,7 @@ impl Events {
 
 /// One block of a server-sent event stream; `None` for comments and for events of a newer daemon.
 fn parse_block(block: &[u8]) -> Result<Option<Event>, ClientError> {
-    let text = std::str::from_utf8(block).map_err(broken)?;
+    let text = std::str::from_utf8(block).map_err(ClientError::broken)?;
     let data: Vec<&str> = text.lines().filter_map(|line| line.strip_prefix("data:")).map(str::trim_start).collect();
     if data.is_empty() {
         return Ok(None);

@@ -9,7 +9,7 @@ use ratatui::text::Line;
 use ratatui::widgets::{Gauge, Paragraph, Wrap};
 use tokio::time::Instant;
 
-use super::View;
+use super::view::View;
 use crate::cli::{duration_text, layers_text, status, with_socket, without_eta};
 use crate::daemon::api::{DeviceView, JobView};
 use crate::text::plain;
@@ -45,11 +45,11 @@ pub(super) fn draw(frame: &mut Frame<'_>, view: &View, now: Instant) {
     let prompt_rows = take(prompt.line_count(width));
     let wanted_note_rows = rows_of(&note, width);
     let by_hand_rows = if view.is_by_hand() { take(wanted_note_rows) } else { 0 };
-    let most_warning_rows = usize::from(frame.area().height.div_ceil(WARNING_SHARE));
-    let warning_rows = take(rows_of(&warning, width).min(most_warning_rows));
+    let max_warning_rows = usize::from(frame.area().height.div_ceil(WARNING_SHARE));
+    let warning_rows = take(rows_of(&warning, width).min(max_warning_rows));
     let bar_rows = take(1);
-    let most_note_rows = usize::from(frame.area().height.div_ceil(NOTE_SHARE));
-    let note_rows = by_hand_rows + if view.is_by_hand() { 0 } else { take(wanted_note_rows.min(most_note_rows)) };
+    let max_note_rows = usize::from(frame.area().height.div_ceil(NOTE_SHARE));
+    let note_rows = by_hand_rows + if view.is_by_hand() { 0 } else { take(wanted_note_rows.min(max_note_rows)) };
     let rest_rows = take(usize::MAX);
     let [light_area, warning_area, bar_area, rest_area, note_area, prompt_area] = Layout::vertical(
         [light_rows, warning_rows, bar_rows, rest_rows, note_rows, prompt_rows].map(Constraint::Length),
@@ -160,9 +160,10 @@ mod tests {
     use ratatui::backend::TestBackend;
     use ratatui::buffer::Buffer;
 
-    use super::super::tests::view;
-    use super::super::{BY_HAND, Question};
+    use super::super::view::Question;
+    use super::super::view::tests::view;
     use super::*;
+    use crate::cli::patience::BY_HAND;
     use crate::daemon::api::LinkState;
 
     fn screen(view: &View, width: u16, height: u16, now: Instant) -> (String, Buffer) {

@@ -1,7 +1,7 @@
 //! Counts lines of the log instead of writing them again and again.
 //!
 //! Each place in the program that writes to the log has a window of ten seconds, which its first line begins. In a window the
-//! same line is written [`MOST_REPEATS`] times, of lines that differ the first [`MOST_LINES`] are written, and at its end the
+//! same line is written [`MAX_REPEATS`] times, of lines that differ the first [`MAX_LINES`] are written, and at its end the
 //! rest is told as a number. What `RUST_LOG=debug` adds is not counted: who asks for it wants all of it.
 
 use std::collections::HashMap;
@@ -18,12 +18,12 @@ use tracing_subscriber::layer::Context;
 /// Long enough that a line repeated for days stays some thousand lines, short enough that an operator sees it goes on.
 const WINDOW: Duration = Duration::from_secs(10);
 /// The same line is written so often in a window: that it repeats is itself worth a look.
-const MOST_REPEATS: u64 = 3;
+const MAX_REPEATS: u64 = 3;
 /// Different lines of one place in a window: nothing that a person could act on writes more. It also bounds what is
 /// remembered, to this many lines for each place.
-const MOST_LINES: usize = 50;
+const MAX_LINES: usize = 50;
 /// Bytes of a line that are compared and repeated.
-const LONGEST_LINE_BYTES: usize = 300;
+const MAX_LINE_BYTES: usize = 300;
 /// Marks the lines in which the count itself is told; they are never counted.
 const TARGET: &str = "layerd::repeats";
 
@@ -38,7 +38,7 @@ struct Window {
     began: Instant,
     /// How often each line came.
     lines: HashMap<String, u64>,
-    /// Lines beyond [`MOST_LINES`].
+    /// Lines beyond [`MAX_LINES`].
     more: u64,
 }
 
@@ -54,9 +54,9 @@ impl Limiter {
         }
         if let Some(count) = window.lines.get_mut(&line) {
             *count += 1;
-            return *count <= MOST_REPEATS;
+            return *count <= MAX_REPEATS;
         }
-        if window.lines.len() >= MOST_LINES {
+        if window.lines.len() >= MAX_LINES {
             window.more += 1;
             return false;
         }
@@ -96,9 +96,9 @@ impl Window {
     /// What was counted and not written.
     fn counted(&self) -> Vec<String> {
         let window_s = WINDOW.as_secs();
-        let repeats = self.lines.iter().filter(|(_, count)| **count > MOST_REPEATS);
+        let repeats = self.lines.iter().filter(|(_, count)| **count > MAX_REPEATS);
         let repeats = repeats
-            .map(|(line, count)| format!("repeated {} more times within {window_s} s: {line}", count - MOST_REPEATS));
+            .map(|(line, count)| format!("repeated {} more times within {window_s} s: {line}", count - MAX_REPEATS));
         let example = self.lines.keys().next().filter(|_| self.more > 0);
         let more = example.map(|line| format!("{} more lines of this kind within {window_s} s: {line}", self.more));
         repeats.chain(more).collect()
@@ -127,7 +127,7 @@ impl Visit for Line {
             "message" => write!(self.0, "{separator}{value:?}"),
             name => write!(self.0, "{separator}{name}={value:?}"),
         };
-        while self.0.len() > LONGEST_LINE_BYTES {
+        while self.0.len() > MAX_LINE_BYTES {
             self.0.pop();
         }
     }
@@ -165,9 +165,9 @@ mod tests {
     fn lines_that_differ_are_bounded_as_well() {
         let (limiter, [place, _], now) = (Limiter::default(), places(), Instant::now());
         let written = (0..100_000).filter(|n| limiter.admit(place.clone(), format!("odd reply {n}"), now)).count();
-        assert_eq!(written, MOST_LINES);
+        assert_eq!(written, MAX_LINES);
         let windows = limiter.windows.lock().unwrap();
-        assert_eq!(windows[&place].lines.len(), MOST_LINES, "no more is remembered");
+        assert_eq!(windows[&place].lines.len(), MAX_LINES, "no more is remembered");
         let counted = windows[&place].counted();
         assert!(counted.len() == 1 && counted[0].starts_with("99950 more lines of this kind"), "{counted:?}");
     }

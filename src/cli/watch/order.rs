@@ -1,0 +1,83 @@
+//! An order that a key gives, and what the screen says of it.
+
+use super::view::JobThen;
+use crate::cli::client::Client;
+use crate::cli::client_error::ClientError;
+use crate::cli::commands::{absence, answer};
+use crate::cli::patience::BY_HAND;
+use crate::daemon::api::{JobView, ResumeBody};
+
+/// An order to a job; without an id to the one that holds the machine.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) struct Order {
+    pub(super) id: Option<String>,
+    pub(super) order: &'static str,
+}
+
+impl Order {
+    /// Gives it and says what became of it.
+    pub(super) async fn give(self, client: &Client) -> (String, Option<JobThen>) {
+        let given = match (self.id, self.order) {
+            (None, _) => client.abort_active().await,
+            (Some(id), "resume") => client.resume(&id, ResumeBody::default()).await,
+            (Some(id), order) => client.order(&id, order).await,
+        };
+        match given {
+            Ok(job) => {
+                let absence = absence(client, &job).await;
+                (taken(self.order, &job, absence.as_deref()), Some((job.id, job.state)))
+            }
+            Err(error) => (not_taken(self.order, &error), None),
+        }
+    }
+}
+
+/// What became of an order that was taken, and what went wrong although it is carried out.
+fn taken(order: &str, job: &JobView, absence: Option<&str>) -> String {
+    let answer = answer(order, job, absence);
+    job.warning.as_ref().map_or_else(|| answer.clone(), |warning| format!("{answer}. WARNING: {warning}"))
+}
+
+/// Why an order was not taken, in few words: there may be little room. Where nobody took an abort, with what to do by hand first.
+fn not_taken(order: &str, error: &ClientError) -> String {
+    let why = match error {
+        ClientError::Refused { status: 404 | 409, .. } => return error.to_string(),
+        ClientError::Silent { waited_s, .. } => {
+            format!("layerd did not answer within {waited_s} s; it may still carry the order out if it goes on")
+        }
+        ClientError::NoDaemon { .. } => "no layerd answers, so the order was not given".into(),
+        error => error.to_string(),
+    };
+    if order == "abort" { format!("{BY_HAND}: {why}") } else { why }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::view::tests::view;
+    use super::*;
+    use crate::job::JobState;
+
+    #[test]
+    fn an_order_that_is_not_on_disk_says_so() {
+        let mut job = view().reading.status.active.unwrap();
+        job.state = JobState::Aborting;
+        assert!(!taken("abort", &job, None).contains("WARNING"));
+        job.warning = Some("the order is carried out, but its record could not be written".into());
+        let text = taken("abort", &job, None);
+        assert!(
+            text.contains("job 7 (part.layerd) is being aborted") && text.contains("WARNING: the order is carried out"),
+            "{text}"
+        );
+    }
+
+    #[tokio::test]
+    async fn an_abort_that_nobody_takes_says_what_to_do_by_hand() {
+        let client = Client::new("/nonexistent/control.sock");
+        let (told, _) = Order { id: None, order: "abort" }.give(&client).await;
+        assert!(told.starts_with(BY_HAND) && !told.contains("control.sock"), "{told}");
+        assert!(
+            told.starts_with("If there is light or the plate moves, switch the printer off at the mains"),
+            "{told}"
+        );
+    }
+}

@@ -1,0 +1,135 @@
+//! A job's turn: it is opened, gets the machine, and gives it back.
+
+use std::sync::{Arc, PoisonError};
+
+use super::background::Background;
+use super::handle::CommandError;
+use super::idle::Idle;
+use super::job::TakeUp;
+use super::opened::{Opened, Unopened};
+use super::printer::Printer;
+use super::running::Running;
+use super::settle::Change;
+use crate::job::{Command, Event, JobState};
+
+impl Printer {
+    pub(super) fn open_next(&mut self) {
+        let Some(job) = self.jobs.next() else { return };
+        let waits_for_word = || {
+            let signs = || self.unknown_signs(job, self.device_state.as_ref());
+            job.needs_bare_plate() && !(job.told.is_empty() && signs().is_empty())
+        };
+        if job.is_to_print() && self.unwanted_light().is_some() {
+            return;
+        }
+        if job.awaits_plate || (job.awaits_device && !self.device.connected) || waits_for_word() {
+            return;
+        }
+        let id = job.directory.id;
+        self.jobs.take(id, self.setting.machine.confirm_plate);
+        let Some(job) = self.jobs.get_mut(id) else { return };
+        let (directory, take_up, has_begun) = (job.directory.clone(), job.take_up, job.has_begun());
+        job.view.state = take_up.state_before(JobState::Checking);
+        job.view.reason = None;
+        let (threads, limit_bytes) = (self.setting.threads, self.budget.limit_bytes());
+        let background = self.background.clone();
+        self.opening = Some(id);
+        self.publish_job(id);
+        tokio::task::spawn_blocking(move || {
+            let result = Opened::open(&directory, take_up, has_begun, threads, limit_bytes).map(Box::new);
+            let _ = background.blocking_send(Background::Opened { job: id, result });
+        });
+    }
+
+    pub(super) fn opened(&mut self, id: u32, result: Result<Box<Opened>, Unopened>, now_us: u64) {
+        self.opening = None;
+        // Perhaps ordered while it was opened.
+        let end = self.jobs.get(id).and_then(|job| match job.take_up {
+            TakeUp::Print(_) => None,
+            TakeUp::End(command) => Some(command),
+        });
+        match result {
+            Ok(mut opened) => {
+                tracing::info!(job = id, "job begins");
+                // Of the device that is there now, not of the job: an interrupted one can go on once it is corrected.
+                opened.machine.time_scale = self.setting.machine.time_scale;
+                let mut running =
+                    Running::new(id, *opened, std::mem::take(&mut self.idle).light, self.background.clone(), now_us);
+                if let Some(command) = end {
+                    running.command(command, now_us);
+                }
+                if self.shutting_down {
+                    running.engine.handle(Event::Shutdown, now_us);
+                }
+                self.message = None;
+                self.running = Some(running);
+                // A new session tells the device's state afresh and numbers requests from 1 for the job's driver.
+                self.link.reconnect();
+            }
+            Err(Unopened { text, state }) => {
+                self.notice(format!("job {id} cannot be printed: {text}"));
+                if let Some(job) = self.jobs.get_mut(id) {
+                    job.end(state, Some(text.clone()));
+                }
+                self.jobs_ended += 1;
+                self.publish_job(id);
+                let mut replies = self.take_unwritten(id);
+                if let (Some(Command::Abort), JobState::Interrupted) = (end, state) {
+                    let reply = replies.pop().unwrap_or_else(|| tokio::sync::oneshot::channel().0);
+                    self.change(id, Change::Close, reply);
+                }
+                for reply in replies {
+                    let failed = || CommandError::new(409, format!("job {id} could not be taken up: {text}"));
+                    // Whoever asked may have gone.
+                    let _ = reply.send(if state.is_final() { self.view(id, None) } else { Err(failed()) });
+                }
+            }
+        }
+    }
+
+    /// The running job is over: its memory and the spool's old jobs are given up in the background.
+    pub(super) fn finish(&mut self) {
+        self.tell_progress();
+        let Some(running) = self.running.take() else { return };
+        self.forget_progress();
+        let id = running.job;
+        let mut again = None;
+        if let Some(job) = self.jobs.get_mut(id) {
+            job.past.update(&running.engine);
+            // An order to end that the device was not there for.
+            again = job.past.ordered.filter(|_| job.view.state == JobState::Interrupted && !self.device.connected);
+        }
+        if running.engine.journal_failed() && self.jobs.get(id).is_some_and(|job| job.view.state.is_final()) {
+            self.answer_unwritten(id);
+        }
+        self.jobs_ended += 1;
+        // Of before the job's last moves.
+        self.device_state = None;
+        if let Some(job) = self.jobs.get(id) {
+            job.log_end();
+        }
+        if let Some(order) = again {
+            self.jobs.end_later(id, order);
+        }
+        self.idle = Idle::after(running.engine.light().clone());
+        self.link.reconnect();
+        self.releasing = true;
+        let (spool, over, background) = (Arc::clone(&self.spool), self.jobs.over(), self.background.clone());
+        tokio::spawn(async move {
+            running.release().await;
+            let tidy = move || spool.lock().unwrap_or_else(PoisonError::into_inner).tidy(&over);
+            let forgotten = match tokio::task::spawn_blocking(tidy).await {
+                Ok(tidied) => tidied.map_err(|error| error.to_string()),
+                Err(panic) => Err(panic.to_string()),
+            };
+            let _ = background.send(Background::Released { forgotten }).await;
+        });
+        self.publish();
+    }
+
+    /// What was told of the job that runs no more.
+    pub(super) fn forget_progress(&mut self) {
+        self.message = None;
+        self.last_progress = None;
+    }
+}
