@@ -1,4 +1,4 @@
-//! A file that appears whole or not at all: written without a name where the file system can, then renamed.
+//! A file that appears whole or not at all: written without a name if the file system allows that, then linked and renamed.
 
 use std::fs::{File, OpenOptions};
 use std::io;
@@ -19,9 +19,9 @@ pub(crate) struct Output {
 
 #[derive(Debug)]
 enum Target {
-    /// Has no name, so the kernel frees it whatever ends this process.
+    /// Has no name: the kernel frees it even if this process is killed.
     Unnamed(File),
-    /// Has a name of its own, removed when dropped: for file systems without `O_TMPFILE`.
+    /// Has a passing name, which is removed on drop: for file systems without `O_TMPFILE`.
     Named(NamedTempFile),
 }
 
@@ -29,7 +29,7 @@ impl Output {
     /// Begins a file that will replace `path`.
     ///
     /// # Errors
-    /// Where `path` names a directory or something else than a file, or its directory cannot be written to.
+    /// `path` is not a regular file's, or its directory cannot be written to.
     pub(crate) fn create(path: &Path) -> io::Result<Self> {
         if std::fs::metadata(path).is_ok_and(|metadata| !metadata.is_file()) {
             return Err(io::Error::other("it exists and is not a file; name a file to write"));
@@ -49,7 +49,7 @@ impl Output {
                 let mut builder = tempfile::Builder::new();
                 let named = builder.prefix(".layerd-").suffix(".tmp").tempfile_in(&directory);
                 Target::Named(named.map_err(|error| {
-                    // Its text names the passing file, which means nothing to anybody.
+                    // The error's own text names the passing file, which the user does not know.
                     let text = format!("the directory {} cannot be written to ({})", directory.display(), error.kind());
                     io::Error::new(error.kind(), text)
                 })?)
@@ -69,8 +69,7 @@ impl Output {
     /// Syncs the file, gives it its name and syncs the directory.
     ///
     /// # Errors
-    /// Nothing stays behind then, and a file that had the name before is as it was; unless only the directory could not be synced
-    /// at the very end.
+    /// The file is removed, and an earlier file of this name is unchanged; unless only the final sync of the directory failed.
     pub(crate) fn persist(self) -> io::Result<()> {
         self.file().sync_all()?;
         let directory = File::open(&self.directory)?;
@@ -81,7 +80,7 @@ impl Output {
     /// Gives the file its name, without waiting for the disk.
     ///
     /// # Errors
-    /// Nothing stays behind then, and a file that had the name before is as it was.
+    /// The file is removed, and an earlier file of this name is unchanged.
     pub(crate) fn publish(self) -> io::Result<()> {
         match self.target {
             Target::Unnamed(file) => link(&file, &self.directory, &self.path),
@@ -102,13 +101,13 @@ pub(crate) fn directory_of(path: &Path) -> &Path {
     }
 }
 
-/// Names an unnamed file. `linkat` cannot replace a file, so it takes a passing name first.
+/// Names an unnamed file. `linkat` cannot replace a file, so the file gets a passing name first and is then renamed.
 fn link(file: &File, directory: &Path, path: &Path) -> io::Result<()> {
     let descriptor = format!("/proc/self/fd/{}", file.as_raw_fd());
     let passing = directory.join(format!(".layerd-{}-{}.tmp", std::process::id(), file.as_raw_fd()));
     let link = || rustix::fs::linkat(CWD, &descriptor, CWD, &passing, AtFlags::SYMLINK_FOLLOW);
     if link() == Err(rustix::io::Errno::EXIST) {
-        // Left by a process of this number that was killed between the two calls.
+        // Left by a process with the same id that was killed between the two calls.
         std::fs::remove_file(&passing)?;
         link()?;
     }

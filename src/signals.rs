@@ -1,16 +1,16 @@
-//! Signals of a process that drives, or is, a machine: some end it in order, no other ends it in the middle of something.
+//! Signals of a process that drives or simulates a machine: some make it end in an orderly way; the others do not kill it.
 
 use std::io;
 use std::task::Poll;
 
 use tokio::signal::unix::{Signal, SignalKind, signal};
 
-/// Signals that ask for an end. `HUP`: the terminal or the connection over which the process was started is gone.
+/// Signals that request an orderly end. `SIGHUP`: the terminal or connection from which the process was started is gone.
 const ENDING: [(&str, i32); 4] =
     [("SIGHUP", libc::SIGHUP), ("SIGINT", libc::SIGINT), ("SIGQUIT", libc::SIGQUIT), ("SIGTERM", libc::SIGTERM)];
 
-/// Signals that would end the process unless it takes them, and that ask for nothing it knows. `SIGPIPE` is ignored by Rust
-/// itself: a write to a closed pipe is an error instead. So is one beyond the file size limit, once `SIGXFSZ` is taken.
+/// Signals that would kill the process unless it handles them, and that mean nothing to it. Rust itself ignores `SIGPIPE`: writing
+/// to a closed pipe is an error instead. With a handler for `SIGXFSZ`, so is writing beyond the file size limit.
 const HARMLESS: [i32; 9] = [
     libc::SIGUSR1,
     libc::SIGUSR2,
@@ -23,18 +23,18 @@ const HARMLESS: [i32; 9] = [
     libc::SIGXFSZ,
 ];
 
-/// The signals that end this process in order.
+/// The signals that request an orderly end.
 #[derive(Debug)]
 pub(crate) struct Signals {
     ending: Vec<(&'static str, Signal)>,
 }
 
 impl Signals {
-    /// Takes all of them over, until the process ends: a second signal during an orderly end does no harm either. Call it
-    /// inside a runtime, before anything else. A `SIGHUP` that nohup(1) has put off stays off.
+    /// Installs handlers for all of them until the process ends, so that a second signal during an orderly end does no harm. Call
+    /// it inside a runtime, before anything else. A `SIGHUP` that nohup(1) has disabled stays ignored.
     ///
     /// # Errors
-    /// The system allows no handlers.
+    /// The system refuses a handler.
     pub(crate) fn take_over() -> io::Result<Self> {
         for number in HARMLESS {
             // The handler stays when the stream is dropped.
@@ -46,7 +46,7 @@ impl Signals {
         Ok(Self { ending: ending.collect::<io::Result<_>>()? })
     }
 
-    /// Waits for a signal that ends the process; its name. Cancel safe.
+    /// Waits for a signal that requests an end; returns its name. Cancel-safe.
     pub(crate) async fn end(&mut self) -> &'static str {
         std::future::poll_fn(|context| {
             let mut came = self.ending.iter_mut().filter_map(|(name, signal)| match signal.poll_recv(context) {

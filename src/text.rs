@@ -1,18 +1,18 @@
-//! Text from outside, before a person reads it: names of files and jobs, what a device says of itself.
+//! Makes text from outside safe to show: names of files and jobs, and texts of a device.
 //!
-//! A terminal obeys control characters, and bidirectional controls and other invisible characters make a text look like
-//! another. All of them are shown as escapes.
+//! A terminal obeys control characters, and bidirectional controls and other invisible characters can make a text look like
+//! another. All of them are escaped.
 
 use std::borrow::Cow;
 use std::io::Write;
 
-/// Longest name as shown, characters: it fits a line of a terminal together with a job's number, state and layers.
+/// Longest name that is shown, characters: it fits a terminal's line together with a job's number, state and layers.
 const MAX_NAME_CHARS: usize = 48;
-/// Of a shortened name this many characters of its end are shown: numbers and extensions stand there.
+/// Characters shown of the end of a shortened name, where numbers and extensions are.
 const END_SHOWN: usize = 16;
 
-/// Whether a terminal obeys the character or does not show it: controls (Unicode `Cc`), format characters (`Cf`), and the
-/// separators of lines and paragraphs (`Zl`, `Zp`).
+/// Whether a terminal obeys or hides the character: controls (Unicode `Cc`), format characters (`Cf`), and line and paragraph
+/// separators (`Zl`, `Zp`).
 pub(crate) fn is_hidden(character: char) -> bool {
     character.is_control()
         || matches!(
@@ -39,17 +39,17 @@ pub(crate) fn is_hidden(character: char) -> bool {
         )
 }
 
-/// The text with its hidden characters written as in Rust (`\u{202e}`); line breaks stay.
+/// Escapes hidden characters as Rust does (`\u{202e}`); line breaks stay.
 pub(crate) fn plain(text: &str) -> String {
     escaped(text, |character| character != '\n' && is_hidden(character))
 }
 
-/// The same for what must stay one line: line breaks are escaped as well.
+/// Like [`plain`], but escapes line breaks too, so that the text stays on one line.
 pub(crate) fn plain_line(text: &str) -> String {
     escaped(text, is_hidden)
 }
 
-/// The name of a job, part or recipe as a list shows it: one line, and shortened in its middle where it is too long.
+/// The name of a job, part or recipe as lists show it: on one line, and shortened in its middle if it is too long.
 pub(crate) fn short_name(name: &str) -> String {
     let name = plain_line(name);
     let length = name.chars().count();
@@ -73,7 +73,7 @@ fn escaped(text: &str, is_escaped: impl Fn(char) -> bool) -> String {
     plain
 }
 
-/// Bytes for people, in the largest unit of which there is at least one: `17 bytes`, `1.4 KiB`, `18.9 MiB`, `3.0 GiB`.
+/// A size in the largest unit that fits: `17 bytes`, `1.4 KiB`, `18.9 MiB`, `3.0 GiB`.
 pub(crate) fn size_text(bytes: u64) -> String {
     let unit = match bytes {
         0..1024 => return count_text(bytes, "byte"),
@@ -84,19 +84,18 @@ pub(crate) fn size_text(bytes: u64) -> String {
     format!("{:.1} {}", bytes as f64 / f64::from(1 << unit.1), unit.0)
 }
 
-/// A number with its noun, whose plural has an s: `1 layer`, `2 layers`.
+/// A count and its noun, with a plural in -s: `1 layer`, `2 layers`.
 pub(crate) fn count_text(count: u64, noun: &str) -> String {
     format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
 }
 
-/// A path or other word as a shell reads it: in quotes where it holds spaces and the like, so that a suggested command can be
-/// copied.
+/// Quotes a word for a shell if needed, so that a suggested command can be copied.
 pub(crate) fn shell_word(word: &str) -> Cow<'_, str> {
     // Only a NUL cannot be quoted, and no path has one.
     shlex::try_quote(word).unwrap_or(Cow::Borrowed(word))
 }
 
-/// One line on stderr, with control and hidden characters escaped. Nobody may be left to read it: that is no reason to panic.
+/// Writes one line to stderr, with hidden characters escaped. Errors are ignored, where `eprintln!` would panic.
 pub(crate) fn eprint(text: &str) {
     let _ = writeln!(std::io::stderr(), "{}", plain(text));
 }

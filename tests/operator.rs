@@ -302,7 +302,7 @@ fn jobs_that_cannot_be_removed_do_not_keep_others_and_a_plate_is_only_taken_to_b
     let output = bench.layerctl(&["start", "part.layerd"]);
     let told = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(
-        told.contains("job 2 begins at once: the plate is taken to be empty (the last job, 1, was aborted)"),
+        told.contains("job 2 begins at once: the plate is assumed to be empty (the last job, 1, was aborted)"),
         "{told}"
     );
     bench.ok(&["abort"]);

@@ -237,9 +237,9 @@ fn a_stop_without_a_journal_leaves_no_part_in_the_vat() {
     bench.start_daemon();
     assert_eq!(bench.job(id)["state"], "interrupted", "{}", bench.job(id));
     let text = refusal(&bench, &["stop", &id.to_string()]);
-    assert!(text.contains("nobody knows whether its plate was lifted") && text.contains("layerctl abort"), "{text}");
+    assert!(text.contains("it is unknown whether its plate was lifted") && text.contains("layerctl abort"), "{text}");
     let answer = bench.json(&["abort", &id.to_string()]);
-    assert!(answer["state"] == "aborted" && reason(&answer).contains("nobody knows"), "{answer}");
+    assert!(answer["state"] == "aborted" && reason(&answer).contains("it is unknown"), "{answer}");
     assert!(answer["warning"].as_str().is_some_and(|text| text.contains("could not be written")), "{answer}");
 }
 

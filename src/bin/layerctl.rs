@@ -1,4 +1,4 @@
-//! The operator's command; everything is in [`layerd::cli`].
+//! The operator's command. Its code is in [`layerd::cli`].
 
 fn main() -> std::process::ExitCode {
     layerd::cli::run()

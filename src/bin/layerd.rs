@@ -22,7 +22,7 @@ struct Arguments {
     /// The daemon's configuration file.
     #[arg(long, value_name = "FILE", default_value = "/etc/layerd/layerd.toml")]
     config: PathBuf,
-    /// Only try what a start needs: the configuration, the places of socket and spool, the port, the memory budget.
+    /// Only check what a start needs: configuration, socket, spool, port, memory budget.
     #[arg(long)]
     check: bool,
 }

@@ -1,5 +1,5 @@
-//! `layerctl check`: would this print run well? Volume and memory from header and index alone, at once; from layers computed
-//! here whether the bottom holds to the plate, and times: some seconds, or what the slowest of them takes.
+//! `layerctl check`: whether a print would run well. Size and memory come from header and index alone, at once. Times, and whether
+//! the bottom holds to the plate, come from layers computed here, which takes some seconds.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -42,16 +42,16 @@ pub struct CheckArgs {
     pub json: bool,
 }
 
-/// Layers computed as a sample, spread over the height.
+/// Number of sample layers, spread over the height.
 const SAMPLES: u32 = 12;
 
-/// A coprime of [`SAMPLES`]: samples are taken in steps of it, so that those of any beginning are spread over the height.
+/// Step between samples, coprime to [`SAMPLES`]: even the first few samples are spread over the height.
 const SAMPLE_STEP: u32 = 5;
 
-/// No further sample is begun after this long: to begin a sweep of a hundred million struts reads a million of them.
+/// No sample is begun after this time: each begins a sweep, which reads a million struts of a hundred million.
 const SAMPLING_TIME: Duration = Duration::from_secs(2);
 
-/// Bits on the line a byte: 8N1.
+/// Bits on the line for each byte: 8N1.
 const LINE_BITS: f64 = 10.0;
 
 /// What `check` found; `--json` prints it.
@@ -59,20 +59,20 @@ const LINE_BITS: f64 = 10.0;
 struct Findings {
     fits: bool,
     problems: Vec<String>,
-    /// Of a part that fits the build volume.
+    /// `None` if the part does not fit the build volume.
     #[serde(flatten)]
     size: Option<Size>,
-    /// Of a part that fits the memory, too; `fits` is false all the same where its bottom would not hold to the plate.
+    /// `None` if the part does not fit the build volume or the memory.
     #[serde(flatten)]
     times: Option<Times>,
 }
 
-/// From header and index.
+/// Figures from header and index.
 #[derive(Debug, Serialize)]
 struct Size {
     layer_count: u32,
     peak_active_struts: u64,
-    /// As many as there are cores and the budget has memory for.
+    /// Threads that the cores and the memory budget allow.
     threads: usize,
     memory_needed_bytes: u64,
     memory_budget_bytes: u64,
@@ -81,7 +81,7 @@ struct Size {
     print_time_s: u64,
 }
 
-/// From layers computed here.
+/// Figures from layers computed here.
 #[derive(Debug, Serialize)]
 struct Times {
     /// Layers the times were measured on.
@@ -94,7 +94,7 @@ struct Times {
     line_ms_max: f64,
     /// Layers at the bottom in which nothing is lit; such a part is not printed.
     dark_bottom_layers: u32,
-    /// Ranges of layers, first to last, round samples where computing or the line takes longer than the device.
+    /// Ranges of layers, first to last, around samples where computing or the line takes longer than the device.
     late_layers: Vec<[u32; 2]>,
 }
 
@@ -107,17 +107,17 @@ struct Sample {
     bytes: usize,
 }
 
-/// Carries the command out.
+/// Runs the command.
 ///
 /// # Errors
-/// Where the print does not fit, or cannot be judged.
+/// The print does not fit, or cannot be judged.
 pub fn run(args: CheckArgs) -> anyhow::Result<()> {
     let CheckArgs { file: path, machine, recipe, budget, json } = args;
     let setting = Setting::load(&path, &machine, &recipe)?;
     let mut told = Ok(());
     let findings = judge(setting, &path, budget, &mut |size| {
         if !json {
-            // Before the sampling, which takes its time.
+            // Printed before the sampling, which takes seconds.
             told = super::print(&size_lines(size));
         }
     })?;
@@ -134,7 +134,7 @@ pub fn run(args: CheckArgs) -> anyhow::Result<()> {
     }
 }
 
-/// `tell_size` is called as soon as the size is known.
+/// Judges the print; calls `tell_size` as soon as the size is known.
 fn judge(
     setting: Setting,
     path: &std::path::Path,
@@ -197,8 +197,8 @@ fn times(samples: &[Sample], dark_bottom_layers: u32, late_layers: Vec<[u32; 2]>
     }
 }
 
-/// Computes and encodes layers spread evenly over the part, each from a sweep of its own. Beginning a sweep reads the chunks
-/// within reach; the time counted is that of a second layer, as a print would go on.
+/// Computes and encodes layers spread evenly over the part, each in a sweep of its own. The time of the sweep's second layer counts:
+/// the first one includes reading the chunks, which a print does once.
 fn measure(
     file: &std::path::Path,
     plan: &SlicePlan,
@@ -321,7 +321,7 @@ fn verdict_text(findings: &Findings) -> String {
         lines.push(format!("line            {:.1} ms a layer, at most {:.1}", times.line_ms_mean, times.line_ms_max));
     }
     if findings.fits {
-        // What makes a print impossible is told as the error that it is.
+        // Otherwise the problem is reported as the command's error.
         lines.extend(findings.problems.iter().map(|problem| format!("note            {problem}")));
     }
     lines.push(format!(

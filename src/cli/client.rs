@@ -2,47 +2,28 @@
 
 mod connection;
 mod events;
+mod submit;
 
 use std::path::{Path, PathBuf};
-use std::pin::Pin;
-use std::time::Duration;
 
 use http_body_util::{Either, Full};
 use hyper::body::Bytes;
-use hyper::{Method, Request, header};
+use hyper::{Method, Request};
 use serde::de::DeserializeOwned;
-use tokio::io::AsyncReadExt;
-use tokio::time::{Instant, timeout};
 
-use self::connection::{Answer, RequestBody, accepted, exchange, post, read, request};
+use self::connection::{RequestBody, accepted, exchange, post, read, request};
 pub use self::events::Events;
+pub use self::submit::NewJob;
 pub use super::client_error::ClientError;
-use super::patience::{Listener, TELL_AFTER, Wait};
+use super::patience::{Listener, Wait};
 use crate::config::DEFAULT_SOCKET;
-use crate::daemon::api::{
-    JobList, JobView, NAME_HEADER, RECIPE_HEADER, RECIPE_NAME_HEADER, RaiseView, RemovedView, ResumeBody, Status,
-};
-use crate::daemon::{ChannelBody, percent_encode, socket};
+use crate::daemon::api::{JobList, JobView, RaiseView, RemovedView, ResumeBody, Status};
+use crate::daemon::{percent_encode, socket};
 
-/// The daemon reads a submitted part once from its disk: ten gigabytes from a slow one take some minutes.
-const MAX_CHECK_TIME: Duration = Duration::from_secs(900);
-/// A crowd on the socket for aborts may push one out before the daemon has read it.
+/// How often an abort is tried: on a crowded socket the daemon may close a connection before it has read the request.
 const ABORT_TRIES: usize = 3;
-/// Bytes read from the build file at a time.
-const PART_BYTES: usize = 64 << 10;
 
-/// A new job, as an operator gives it.
-#[derive(Clone, Debug)]
-pub struct NewJob {
-    /// The build file.
-    pub part: PathBuf,
-    /// For people.
-    pub name: String,
-    /// The recipe's name and TOML text; `None` for the daemon's default.
-    pub recipe: Option<(String, String)>,
-}
-
-/// The daemon, as seen from here.
+/// A client of the daemon. Each request opens a connection of its own.
 #[derive(Clone, Debug)]
 pub struct Client {
     socket: PathBuf,
@@ -50,20 +31,19 @@ pub struct Client {
 }
 
 impl Client {
-    /// The daemon at the socket of `--socket`, else of `$LAYERD_SOCKET`, else at [`DEFAULT_SOCKET`]. What a long wait is for is
-    /// said on stderr.
+    /// A client for the socket of `--socket`, else of `$LAYERD_SOCKET`, else [`DEFAULT_SOCKET`]. Long waits are reported on stderr.
     pub fn from_environment() -> Self {
         let of_environment = || std::env::var_os("LAYERD_SOCKET").filter(|path| !path.is_empty()).map(PathBuf::from);
         let socket = super::NAMED_SOCKET.get().cloned().or_else(of_environment);
         Self::new(socket.unwrap_or_else(|| DEFAULT_SOCKET.into())).telling(super::eprint)
     }
 
-    /// The daemon at `socket`. Waits are silent.
+    /// A client for the daemon at `socket`. Waits are not reported.
     pub fn new(socket: impl Into<PathBuf>) -> Self {
         Self { socket: socket.into(), listener: Listener::new(|_| {}) }
     }
 
-    /// The same daemon; `hear` is told what is being waited for where that takes longer than two seconds.
+    /// Calls `hear` with what the client waits for, if that takes longer than two seconds.
     #[must_use]
     pub fn telling(self, hear: impl Fn(&str) + Send + Sync + 'static) -> Self {
         Self { listener: Listener::new(hear), ..self }
@@ -74,7 +54,7 @@ impl Client {
         &self.socket
     }
 
-    /// Everything at a glance.
+    /// The daemon's status.
     ///
     /// # Errors
     /// [`ClientError`], as for every other call.
@@ -93,7 +73,7 @@ impl Client {
     /// One job.
     ///
     /// # Errors
-    /// [`ClientError`]; status 404 where there is none.
+    /// [`ClientError`]; status 404 if there is none.
     pub async fn job(&self, id: &str) -> Result<JobView, ClientError> {
         self.get(&format!("/v1/jobs/{}", percent_encode(id))).await
     }
@@ -106,7 +86,8 @@ impl Client {
         self.get_within(Wait::Query, path).await
     }
 
-    /// The same for an order that depends on the answer: as patient as the order, and an error says that it was not given.
+    /// Reads `path` for an order that depends on the answer. Waits as long as for an order; an error says that the order was not
+    /// given.
     ///
     /// # Errors
     /// [`ClientError`].
@@ -122,22 +103,22 @@ impl Client {
     /// Gives a job an order: `pause`, `stop` or `abort`.
     ///
     /// # Errors
-    /// [`ClientError`]; status 409 where the job's state does not allow it.
+    /// [`ClientError`]; status 409 if the job's state does not allow it.
     pub async fn order(&self, id: &str, order: &str) -> Result<JobView, ClientError> {
         let path = format!("/v1/jobs/{}/{order}", percent_encode(id));
         if order == "abort" { self.post_abort(&path).await } else { self.post(Wait::Order, &path, Bytes::new()).await }
     }
 
-    /// Lets a paused or interrupted job go on.
+    /// Resumes a paused or interrupted job, or confirms for a queued one that the plate is empty.
     ///
     /// # Errors
-    /// [`ClientError`]; status 409 where a layer is in doubt and `body` does not resolve it.
+    /// [`ClientError`]; status 409 if a layer is in doubt and `body` does not say what happened to it.
     pub async fn resume(&self, id: &str, body: ResumeBody) -> Result<JobView, ClientError> {
         let bytes = serde_json::to_vec(&body).map_err(ClientError::broken)?;
         self.post(Wait::Order, &format!("/v1/jobs/{}/resume", percent_encode(id)), bytes.into()).await
     }
 
-    /// Light off now, whichever job is active.
+    /// Aborts the job that holds the machine; the light goes off even if there is none.
     ///
     /// # Errors
     /// [`ClientError`].
@@ -145,8 +126,8 @@ impl Client {
         self.post_abort("/v1/abort").await
     }
 
-    /// By the socket that is for aborts alone; by the common one where that is not there or too crowded. A second abort does
-    /// no harm.
+    /// Sends an abort to the socket for aborts; to the main socket if that one cannot be used. An abort that arrives twice does no
+    /// harm.
     async fn post_abort(&self, path: &str) -> Result<JobView, ClientError> {
         let aborts = Self { socket: socket::abort_path(&self.socket), ..self.clone() };
         let conversation = async {
@@ -169,15 +150,15 @@ impl Client {
     /// Lifts the plate clear of the resin while no job runs.
     ///
     /// # Errors
-    /// [`ClientError`]; status 409 where a job has the machine, or the plate cannot be moved.
+    /// [`ClientError`]; status 409 if a job has the machine or the plate cannot be moved.
     pub async fn raise(&self) -> Result<RaiseView, ClientError> {
         self.post(Wait::Order, "/v1/raise", Bytes::new()).await
     }
 
-    /// Deletes a finished job.
+    /// Deletes a job that is over.
     ///
     /// # Errors
-    /// [`ClientError`]; status 409 where the job is not over.
+    /// [`ClientError`]; status 409 if the job is not over.
     pub async fn remove(&self, id: &str) -> Result<RemovedView, ClientError> {
         let request = request(Method::DELETE, &format!("/v1/jobs/{}", percent_encode(id)));
         let request = request.body(Either::Left(Full::default())).map_err(ClientError::broken)?;
@@ -192,95 +173,12 @@ impl Client {
         self.listener.patiently(wait, &self.socket, self.ask_once(request)).await
     }
 
-    /// Without a limit in time.
+    /// Sends a request and reads the answer, without a time limit.
     async fn ask_once<T: DeserializeOwned>(&self, request: Request<RequestBody>) -> Result<T, ClientError> {
         read(exchange(&self.socket, request).await?).await
     }
 
-    /// Sends a build file as a new job; `progress` hears bytes sent and bytes in all.
-    ///
-    /// # Errors
-    /// [`ClientError`].
-    pub async fn submit(&self, job: &NewJob, mut progress: impl FnMut(u64, u64)) -> Result<JobView, ClientError> {
-        let unreadable = |source| ClientError::Part { path: job.part.clone(), source };
-        let mut file = tokio::fs::File::open(&job.part).await.map_err(unreadable)?;
-        let metadata = file.metadata().await.map_err(unreadable)?;
-        if !metadata.is_file() {
-            return Err(unreadable(std::io::Error::other("not a file")));
-        }
-        let total = metadata.len();
-        let mut request = request(Method::POST, "/v1/jobs")
-            .header(NAME_HEADER, percent_encode(&job.name))
-            .header(header::CONTENT_LENGTH, total);
-        if let Some((name, text)) = &job.recipe {
-            request =
-                request.header(RECIPE_NAME_HEADER, percent_encode(name)).header(RECIPE_HEADER, percent_encode(text));
-        }
-        let (parts, body) = ChannelBody::new();
-        let request = request.body(Either::Right(body)).map_err(ClientError::broken)?;
-        let upload = async {
-            let mut sent = 0;
-            while sent < total {
-                // Never more than was announced, should the file grow meanwhile.
-                let mut part = Vec::with_capacity(PART_BYTES);
-                let most = (total - sent).min(PART_BYTES as u64);
-                let count = (&mut file).take(most).read_buf(&mut part).await.map_err(unreadable)?;
-                if count == 0 {
-                    return Err(unreadable(std::io::Error::other("the file became shorter while it was sent")));
-                }
-                let taken = async { Ok(parts.send(part.into()).await.is_ok()) };
-                if !self.listener.patiently(Wait::Upload, &self.socket, taken).await? {
-                    break; // The daemon has answered early; its answer says why.
-                }
-                sent += count as u64;
-                progress(sent, total);
-            }
-            drop(parts);
-            Ok(())
-        };
-        let exchange = exchange(&self.socket, request);
-        tokio::pin!(upload, exchange);
-        tokio::select! {
-            // The daemon may refuse before everything is sent.
-            answer = &mut exchange => return self.answer(answer?).await,
-            uploaded = &mut upload => uploaded?,
-        }
-        self.answer(self.checked(exchange).await?).await
-    }
-
-    /// Waits for the end of the daemon's checks of a part that was sent. That it is alive shows in its status.
-    async fn checked(
-        &self,
-        mut exchange: Pin<&mut impl Future<Output = Result<Answer, ClientError>>>,
-    ) -> Result<Answer, ClientError> {
-        let (until, limit_min) = (Instant::now() + MAX_CHECK_TIME, MAX_CHECK_TIME.as_secs() / 60);
-        let mut told = false;
-        while Instant::now() < until {
-            if let Ok(answer) = timeout(TELL_AFTER, &mut exchange).await {
-                return answer;
-            }
-            tokio::select! {
-                answer = &mut exchange => return answer,
-                status = self.status() => match status {
-                    // Too busy for a question is alive.
-                    Ok(_) | Err(ClientError::Refused { .. }) => {}
-                    Err(error) => return Err(error),
-                },
-            }
-            if !std::mem::replace(&mut told, true) {
-                self.listener.tell(&format!("layerd has the part and checks it; waiting up to {limit_min} min"));
-            }
-        }
-        Err(ClientError::Broken(format!(
-            "the part was not checked within {limit_min} min; `layerctl jobs` tells later whether the job was taken"
-        )))
-    }
-
-    async fn answer(&self, answer: Answer) -> Result<JobView, ClientError> {
-        self.listener.patiently(Wait::Upload, &self.socket, read(answer)).await
-    }
-
-    /// News from now on; the first is [`Event::Status`](crate::daemon::api::Event::Status).
+    /// Events from now on; the first is [`Event::Status`](crate::daemon::api::Event::Status).
     ///
     /// # Errors
     /// [`ClientError`].

@@ -1,14 +1,14 @@
-//! Errors of a conversation with the daemon, and what each text tells the operator to do.
+//! Why a request to the daemon failed. Each text says what to do.
 
 use std::path::{Path, PathBuf};
 
 use crate::config::DEFAULT_SOCKET;
 use crate::daemon::socket::MAX_PATH_BYTES;
 
-/// Why the daemon could not be asked.
+/// Why a request to the daemon failed.
 #[derive(Debug, thiserror::Error)]
 pub enum ClientError {
-    /// Nobody listens.
+    /// No process listens on the socket.
     #[error(
         "no layerd answers at {}: {}, or name the socket of another one (--socket PATH or LAYERD_SOCKET=PATH)",
         socket.display(), start_text(socket)
@@ -19,7 +19,7 @@ pub enum ClientError {
         /// What the system said.
         source: std::io::Error,
     },
-    /// The socket may not be opened.
+    /// This user may not open the socket.
     #[error("the control socket {} may not be opened: join its group (usermod -aG layerd USER) or use sudo", socket.display())]
     NotAllowed {
         /// The socket.
@@ -27,7 +27,7 @@ pub enum ClientError {
         /// What the system said.
         source: std::io::Error,
     },
-    /// The socket's path cannot be used.
+    /// The socket's path is too long.
     #[error(
         "the path of the control socket, {}, has {} bytes, but the system allows {MAX_PATH_BYTES}: set `socket` in \
          layerd.toml to a shorter path, and --socket or LAYERD_SOCKET to the same",
@@ -37,7 +37,7 @@ pub enum ClientError {
         /// The socket.
         socket: PathBuf,
     },
-    /// Somebody listens and does not answer.
+    /// A process listens on the socket, but did not answer in time.
     #[error(
         "layerd at {} did not answer within {waited_s} s: it is stopped or hangs.{consequence} {}; after a new start a print \
          under way can be resumed",
@@ -46,12 +46,12 @@ pub enum ClientError {
     Silent {
         /// The socket.
         socket: PathBuf,
-        /// How long it was waited for.
+        /// Time limit that has passed, seconds.
         waited_s: u64,
-        /// What this means for what was asked, with a space in front; may be empty.
+        /// What this means for the request; begins with a space, or is empty.
         consequence: &'static str,
     },
-    /// The daemon says no; the text is its own.
+    /// The daemon refused; the text is its own.
     #[error("{message}")]
     Refused {
         /// HTTP status.
@@ -59,7 +59,7 @@ pub enum ClientError {
         /// What is wrong and what to do.
         message: String,
     },
-    /// The conversation broke off.
+    /// The connection broke, or the answer is not understood.
     #[error("the daemon broke off: {0}")]
     Broken(String),
     /// The build file cannot be read.
@@ -72,7 +72,7 @@ pub enum ClientError {
     },
 }
 
-/// How the daemon of a socket is started: the service has the usual one.
+/// How to start the daemon of this socket. The default socket belongs to the service.
 pub(super) fn start_text(socket: &Path) -> &'static str {
     if socket == Path::new(DEFAULT_SOCKET) {
         "start it (systemctl start layerd)"
@@ -81,7 +81,7 @@ pub(super) fn start_text(socket: &Path) -> &'static str {
     }
 }
 
-/// Where a daemon that hangs may tell why, and how it is started anew.
+/// Where to look for the reason when a daemon hangs, and how to restart it.
 fn restart_text(socket: &Path) -> &'static str {
     if socket == Path::new(DEFAULT_SOCKET) {
         "Its log may tell why (journalctl -u layerd). Start it anew with `systemctl restart layerd`"

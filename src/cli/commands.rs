@@ -16,7 +16,7 @@ use crate::text::short_name;
 const ACCEPTED: &str = "The command returns when the order is accepted, before it is carried out: `layerctl status` shows how far \
      it is. The command waits up to 30 s for a daemon that does not answer, and says so after 2 s.";
 
-/// How long a device may be away after an order before that is told: one that took an abort begins a new session at once.
+/// How long a device may be disconnected after an order before that is reported: after an abort it begins a new session at once.
 const MAX_ABSENCE: Duration = Duration::from_secs(1);
 /// How often the daemon is asked whether the device is back.
 const ABSENCE_INTERVAL: Duration = Duration::from_millis(100);
@@ -60,7 +60,7 @@ pub(super) struct JobArgs {
     json: bool,
 }
 
-/// Which job, and what is known of a layer in doubt.
+/// Which job, and what happened to a layer in doubt.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -109,10 +109,10 @@ pub(super) fn order(args: JobArgs, order: &str) -> anyhow::Result<()> {
     })
 }
 
-/// Why an abort was not taken; where nobody took it, with what to do by hand.
+/// Why an abort was not accepted. If it did not reach the daemon, the text says what to do by hand.
 pub(super) fn not_aborted(error: ClientError) -> anyhow::Error {
     match error {
-        // The daemon knows of no such job, or of none to abort.
+        // There is no such job, or none to abort.
         ClientError::Refused { status: 404 | 409, .. } => error.into(),
         _ => anyhow!("{error}. {BY_HAND}"),
     }
@@ -137,7 +137,8 @@ pub(super) fn resume(args: ResumeArgs) -> anyhow::Result<()> {
     })
 }
 
-/// The job that is paused or pausing, else the only interrupted one. To confirm that the plate is empty takes the job's id.
+/// The job that is paused or pausing, else the only interrupted one. Never a queued one: the operator must name the job for which
+/// they confirm that the plate is empty.
 fn resumable(jobs: &[JobView]) -> anyhow::Result<&JobView> {
     if let Some(paused) = jobs.iter().find(|job| matches!(job.state, JobState::Paused | JobState::Pausing)) {
         return Ok(paused);
@@ -172,8 +173,8 @@ async fn tell(client: &Client, order: &str, job: &JobView, json: bool) -> anyhow
     job.warning.as_ref().map_or(Ok(()), |warning| print(&format!("warning: {warning}")))
 }
 
-/// Why an order that was accepted may not be carried out yet: the device does not answer, or nobody knows whether it does.
-/// `None` where it answers, or the job needs it no more.
+/// Why an order that was accepted may not be carried out yet: the device does not answer, or that is unknown. `None` if the device
+/// answers or the job no longer needs it.
 pub(super) async fn absence(client: &Client, job: &JobView) -> Option<String> {
     let needs_device = |state: JobState| state.is_active() || state == JobState::Queued;
     let until = Instant::now() + MAX_ABSENCE;
@@ -194,10 +195,10 @@ pub(super) async fn absence(client: &Client, job: &JobView) -> Option<String> {
     None
 }
 
-/// What became of an order that was accepted: `pause`, `resume`, `stop` or `abort`; `absence` is the device's.
+/// The text for an accepted order, which is `pause`, `resume`, `stop` or `abort`; `absence` is that of [`absence`].
 pub(super) fn answer(order: &str, job: &JobView, absence: Option<&str>) -> String {
     let JobView { id, state, name, .. } = job;
-    // An order that ends a job without its number says which one it ended.
+    // The order may have been given without the job's number, so the answer names the job.
     let named = format!("job {id} ({})", short_name(name));
     if let Some(absence) = absence {
         return match order {

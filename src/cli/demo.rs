@@ -1,4 +1,4 @@
-//! `layerctl demo`: generates a lattice and prints it on a simulated device, every part a process of its own as in real life.
+//! `layerctl demo`: generates a lattice and prints it on a simulated device. Daemon and device are processes of their own.
 
 mod processes;
 
@@ -17,11 +17,11 @@ use crate::daemon::api::{JobView, LinkState, Status};
 use crate::job::JobState;
 use crate::text::{count_text, size_text};
 
-/// Both processes are up within a second on a slow machine; this is for one that is busy with something else.
+/// How long a process may take to start: a second on a slow machine, more on a busy one.
 const MAX_START_TIME: Duration = Duration::from_secs(30);
-/// First line of the configuration: tells a directory of an earlier demo from one that must not be touched.
+/// First line of the configuration. It marks the directory of an earlier demo; others must not be touched.
 const MARK: &str = "# written by `layerctl demo`; the next demo replaces this directory's contents\n";
-/// What a demo leaves in its directory, and the next one removes.
+/// What a demo leaves in its directory and the next one removes.
 const CONTENTS: [&str; 8] =
     ["layerd.toml", "machine.toml", "recipe.toml", "demo.layerd", "layerd.log", "device.log", "exposed", "sliced"];
 
@@ -56,7 +56,7 @@ pub(super) fn run(args: &DemoArgs) -> anyhow::Result<()> {
         bail!("the simulated SLM machine comes with a later version; `layerctl demo dlp` works");
     }
     let directory = prepare(&args.output)?;
-    // Socket and port have short paths whatever DIR is called: a socket's path ends at 107 bytes.
+    // Socket and port get short paths, as DIR may be long and a socket's path may have only 107 bytes.
     let short =
         tempfile::Builder::new().prefix("layerd-demo-").tempdir().context("cannot make a directory for sockets")?;
     write_config(&directory, short.path())?;
@@ -82,7 +82,7 @@ pub(super) fn run(args: &DemoArgs) -> anyhow::Result<()> {
     compare(&directory, &part, job.layers_total)
 }
 
-/// The directory, absolute, made or emptied of an earlier demo.
+/// Makes the directory, or empties it of an earlier demo; returns its absolute path.
 fn prepare(output: &Path) -> anyhow::Result<PathBuf> {
     std::fs::create_dir_all(output).with_context(|| format!("cannot make {}", output.display()))?;
     let directory = output.canonicalize().with_context(|| format!("cannot find {}", output.display()))?;
@@ -104,7 +104,7 @@ fn prepare(output: &Path) -> anyhow::Result<PathBuf> {
     Ok(directory)
 }
 
-/// Machine and recipe are the shipped ones, so that the demo shows what `config/` holds.
+/// Writes the configuration. Machine and recipe are those of `config/`.
 fn write_config(directory: &Path, short: &Path) -> anyhow::Result<()> {
     let machine = include_str!("../../config/machines/sim-dlp.toml");
     let port = toml_text(&short.join("port"));
@@ -123,7 +123,7 @@ fn write_config(directory: &Path, short: &Path) -> anyhow::Result<()> {
     std::fs::create_dir_all(directory.join("spool")).context("cannot make the demo's spool")
 }
 
-/// A path as a TOML string; JSON's escapes are TOML's.
+/// A path as a TOML string. JSON's escapes are valid in TOML.
 fn toml_text(path: &Path) -> String {
     serde_json::Value::from(path.to_string_lossy()).to_string()
 }
@@ -180,7 +180,7 @@ async fn wait_until(what: &str, children: &mut Children, met: impl AsyncFn() -> 
     Ok(())
 }
 
-/// Ctrl-C, or the polite end of a terminal or a service.
+/// Waits for SIGINT, SIGTERM or SIGHUP.
 async fn interrupted() {
     use tokio::signal::unix::{SignalKind, signal};
     let streams = [SignalKind::interrupt(), SignalKind::terminate(), SignalKind::hangup()].map(signal);

@@ -19,7 +19,7 @@ pub struct GenerateArgs {
     /// node, radii varying by a factor of three.
     #[arg(value_enum, value_name = "KIND")]
     kind: KindArg,
-    /// Exactly how many struts; where whole cells have more, some are left out here and there.
+    /// Exact number of struts. If whole cells have more, some are left out across the part.
     #[arg(long, value_name = "N")]
     struts: u64,
     /// Edges of the box that the nodes fill, millimetres.
@@ -28,13 +28,13 @@ pub struct GenerateArgs {
     /// Edges of the box along x and y, millimetres; its height follows from --active.
     #[arg(long, value_name = "X,Y", value_parser = numbers::<2>, requires = "active", conflicts_with = "box_mm", allow_hyphen_values = true)]
     footprint: Option<[f64; 2]>,
-    /// Struts within reach of the plane where most are: the box gets the height that leaves this many, within 5 %.
+    /// Highest number of struts within reach of one plane. The box gets the height that leads to this number, within 5 %.
     #[arg(long, value_name = "A", requires = "footprint")]
     active: Option<u64>,
     /// Strut radius, millimetres; of `random` the mean [default: a tenth of a cell's least edge].
     #[arg(long, value_name = "R")]
     radius: Option<f64>,
-    /// Seed of all that is left to chance.
+    /// Seed of the random choices.
     #[arg(long, value_name = "S", default_value_t = 0)]
     seed: u64,
     /// The build file to write.
@@ -49,7 +49,7 @@ enum KindArg {
     Random,
 }
 
-/// Generates, showing progress on a terminal, and prints what was made.
+/// Generates with a progress bar, then prints a summary.
 ///
 /// # Errors
 /// Names the option that is out of range, or what the file system refused.

@@ -37,7 +37,7 @@ pub fn run(args: InfoArgs) -> anyhow::Result<()> {
     if json { super::print_json(&summary) } else { super::print(&summary.to_string()) }
 }
 
-/// What a build file says of itself. Field names are those of `info --json`.
+/// Summary of a build file. Field names are those of `info --json`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Summary {
     /// The file's name.
@@ -148,7 +148,7 @@ impl Summary {
                 Placement::Centred => None,
                 Placement::At { x_mm, y_mm } => Some([x_mm, y_mm]),
             },
-            // On one line, whatever the file says.
+            // A name with line breaks must stay on one line.
             source: header.source_name.replace(char::is_control, " "),
             source_sha256: header.source_digest.iter().map(|byte| format!("{byte:02x}")).collect(),
         })

@@ -30,12 +30,12 @@ pub(super) fn run(args: &JobsArgs) -> anyhow::Result<()> {
     }
     let (jobs, link) = block_on(async { Ok((client.jobs().await?, client.status().await?.link.state)) })?;
     if jobs.is_empty() {
-        return print("no jobs remembered; `layerctl start FILE` makes one");
+        return print("no jobs remembered; `layerctl start FILE` submits one");
     }
     print(&format!("{:<10} {:<12} {:>13} {:>14}  {}", "ID", "STATE", "LAYERS DONE", "SUBMITTED", "NAME"))?;
     for job in &jobs {
         let layers = format!("{}/{}", job.layers_done, job.layers_total);
-        // 0 where the journal, which alone knows, cannot be read.
+        // 0 if the journal cannot be read.
         let age = match job.submitted_ms {
             0 => "unknown".into(),
             since_ms => format!("{} ago", age_text(since_ms)),
@@ -48,7 +48,7 @@ pub(super) fn run(args: &JobsArgs) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// What is told of a job below its row: where it is under way also how far it is.
+/// Lines below a job's row: its progress if it is active, and its notes.
 fn lines(job: &JobView, link: LinkState) -> Vec<String> {
     let mut job = job.clone();
     without_eta(&mut job, link);
@@ -56,7 +56,7 @@ fn lines(job: &JobView, link: LinkState) -> Vec<String> {
     progress.into_iter().chain(notes(&job)).collect()
 }
 
-/// What an operator must know of a job beyond its numbers.
+/// What an operator must know of a job besides its numbers: its reason, and a layer in doubt.
 pub(super) fn notes(job: &JobView) -> Vec<String> {
     let mut notes: Vec<String> = job.reason.iter().cloned().collect();
     if let (Some(layer), JobState::Interrupted) = (job.in_doubt, job.state) {

@@ -1,8 +1,8 @@
-//! `layerctl`: what an operator types. Exit codes: 0 done, 1 failed, 2 wrong usage; `start --wait`: 3 aborted or stopped,
+//! `layerctl`, the operator's command. Exit codes: 0 done, 1 failed, 2 wrong usage; `start --wait`: 3 aborted or stopped,
 //! 4 interrupted and resumable; 130 `start` was ended by Ctrl-C.
 //!
-//! Layers have one numbering, for files, protocol and people: "layer 812" is the one of `layer_000812.png`, the first is layer 0.
-//! Progress is a count, "812 of 3000 layers done": layers 0 to 811, so that layer 812 is next.
+//! Layers are numbered from 0 in files, protocol and texts: "layer 812" is that of `layer_000812.png`. Progress is a count:
+//! "812 of 3000 layers done" means that layers 0 to 811 are done and layer 812 is next.
 
 pub mod check;
 pub mod client;
@@ -58,8 +58,8 @@ From a part to a print:
   layerctl watch
 
 Of these, start and watch speak to the daemon, as status, jobs, device, pause, resume, stop, abort, raise and remove do. A daemon \
-run by hand has a socket of its own: name it with --socket PATH, or once for all with export LAYERD_SOCKET=PATH. Where the daemon \
-does not answer, a command says so after 2 s. It gives a question up after 5 s, an order after 30 s, an abort after 60 s.
+run by hand has a socket of its own: name it with --socket PATH, or once for all with export LAYERD_SOCKET=PATH. If the daemon \
+does not answer, a command says so after 2 s. It gives up a query after 5 s, an order after 30 s, an abort after 60 s.
 
 \"Layer 812\" is always the layer of the file layer_000812.png: the first is layer 0. \"812 of 3000 layers done\" is a count: \
 layers 0 to 811 are done, and layer 812 is next.
@@ -116,15 +116,14 @@ enum Command {
     Demo(demo::DemoArgs),
 }
 
-/// The socket of `--socket`. Every command to copy that is told from then on names it, too.
+/// The socket of `--socket`. Commands that texts suggest then name it, too.
 static NAMED_SOCKET: OnceLock<PathBuf> = OnceLock::new();
 
 /// Commands that speak to the daemon.
 const TO_DAEMON: [&str; 11] =
     ["start", "status", "watch", "jobs", "device", "pause", "resume", "stop", "abort", "raise", "remove"];
 
-/// The text with `--socket` in the commands that it suggests, where this one was given it: without it they would speak to another
-/// daemon.
+/// Adds `--socket` to the commands that the text suggests, if it was given: otherwise they would speak to another daemon.
 fn with_socket(text: &str) -> Cow<'_, str> {
     match NAMED_SOCKET.get() {
         Some(socket) if text.contains("layerctl ") => Cow::Owned(naming(text, &socket.to_string_lossy())),
@@ -139,7 +138,7 @@ fn naming(text: &str, socket: &str) -> String {
     })
 }
 
-/// One line on stderr, plain.
+/// Writes one line to stderr, with hidden characters escaped.
 pub fn eprint(text: &str) {
     crate::text::eprint(&with_socket(text));
 }
@@ -151,7 +150,7 @@ enum Ending {
     Failed,
     Aborted,
     Interrupted,
-    /// By Ctrl-C, before what was waited for had come.
+    /// Ended by Ctrl-C.
     Signal,
 }
 
@@ -162,7 +161,7 @@ impl From<Ending> for ExitCode {
             Ending::Failed => Self::from(1),
             Ending::Aborted => Self::from(3),
             Ending::Interrupted => Self::from(4),
-            // As shells count: 128 and the signal's number.
+            // As in shells: 128 plus the signal's number.
             Ending::Signal => Self::from(130),
         }
     }
@@ -179,15 +178,14 @@ pub fn run() -> ExitCode {
         Ok(ending) => ending.into(),
         Err(error) => {
             report(&error);
-            // An option's value is wrong usage, whoever finds it.
+            // A wrong value of an option is wrong usage, even if it is found later than clap's checks.
             let is_usage = matches!(error.downcast_ref(), Some(PackError::Option(_)));
             ExitCode::from(if is_usage { 2 } else { 1 })
         }
     }
 }
 
-/// The command line. `-5` is a value wherever one may stand: what is wrong with it is said by whatever takes it, not by a tip on
-/// the use of `--`.
+/// The command line. Every option takes `-5` as a value, so that its own check reports it; clap would suggest the use of `--`.
 fn command() -> clap::Command {
     let values = |argument: clap::Arg| match argument.get_action().takes_values() {
         true => argument.allow_negative_numbers(true),
@@ -224,7 +222,7 @@ fn done((): ()) -> Ending {
     Ending::Done
 }
 
-/// `error: …` and each cause that its text does not already contain.
+/// Writes `error: …` to stderr, and each cause that the text does not already contain.
 pub fn report(error: &anyhow::Error) {
     let mut told = error.to_string();
     eprint(&format!("error: {told}"));
@@ -236,16 +234,16 @@ pub fn report(error: &anyhow::Error) {
     }
 }
 
-/// Runs a conversation with the daemon on this thread.
+/// Runs requests to the daemon on this thread.
 fn block_on<T>(conversation: impl Future<Output = anyhow::Result<T>>) -> anyhow::Result<T> {
     tokio::runtime::Builder::new_current_thread().enable_all().build()?.block_on(conversation)
 }
 
-/// One JSON object on stdout, nothing else.
+/// Writes one JSON object to stdout.
 fn print_json(value: &impl serde::Serialize) -> anyhow::Result<()> {
     let mut line = String::new();
     for character in serde_json::to_string(value)?.chars() {
-        // JSON lets these stand as they are; a terminal would obey or hide them.
+        // JSON allows these unescaped, but a terminal would obey or hide them.
         if is_hidden(character) {
             let mut units = [0; 2];
             character.encode_utf16(&mut units).iter().for_each(|unit| line.push_str(&format!("\\u{unit:04x}")));
@@ -256,18 +254,18 @@ fn print_json(value: &impl serde::Serialize) -> anyhow::Result<()> {
     write_line(&line)
 }
 
-/// A text on stdout, [`plain`].
+/// Writes a text to stdout, with hidden characters escaped.
 fn print(text: &str) -> anyhow::Result<()> {
     write_line(&plain(&with_socket(text)))
 }
 
-/// A closed pipe is an error, not a panic.
+/// Writes to stdout. A closed pipe is an error, not a panic as with `println!`.
 fn write_line(text: &str) -> anyhow::Result<()> {
     use std::io::Write;
     writeln!(std::io::stdout().lock(), "{text}").map_err(|error| anyhow::anyhow!("cannot write to stdout: {error}"))
 }
 
-/// Help that ends with where names of machines and recipes are looked for.
+/// Adds to a help text where names of machines and recipes are looked up.
 fn with_names(help: &str) -> String {
     format!(
         "{help}\n\nA machine or recipe is a path or a name: of a file in machines/ or recipes/ below $LAYERD_CONFIG_DIR, \
@@ -275,19 +273,19 @@ fn with_names(help: &str) -> String {
     )
 }
 
-/// The machine of a path or a name.
+/// Loads a machine by path or name.
 fn find_machine(machine: &str) -> anyhow::Result<Machine> {
     let ConfigText { path, text } = find(Folder::Machines, machine)?;
     Ok(Machine::parse(&path, &text)?)
 }
 
-/// A bar on stderr, of an indicatif template; invisible where that is no terminal.
+/// A progress bar on stderr, of an indicatif template; invisible if stderr is no terminal.
 fn progress_bar(template: &str) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr_with_hz(5));
     bar.with_style(ProgressStyle::with_template(template).expect("our own templates are well-formed"))
 }
 
-/// `812 of 3000 layers done (27 %)`: layers 0 to 811. 100 % is all of them.
+/// `812 of 3000 layers done (27 %)`. The percentage is rounded down.
 fn layers_text(job: &JobView) -> String {
     let JobView { layers_done, layers_total, .. } = job;
     let percent = (u64::from(*layers_done) * 100).checked_div(u64::from(*layers_total));
@@ -295,8 +293,8 @@ fn layers_text(job: &JobView) -> String {
     format!("{layers_done} of {} done{share}", count_text(u64::from(*layers_total), "layer"))
 }
 
-/// How far a job is, the same for every command: layers and time up to now, and where it is known the time to go and the time of
-/// the end, as `1 min 35 s to go, until about 2026-01-31 08:05 UTC`.
+/// Progress of a job, the same for every command: layers and time so far; and if known, the remaining time and the time of the end,
+/// as `1 min 35 s to go, until about 2026-01-31 08:05 UTC`.
 fn progress_lines(job: &JobView, now: SystemTime) -> Vec<String> {
     let now_ms = now.duration_since(SystemTime::UNIX_EPOCH).map_or(0, |now| now.as_millis() as u64);
     let took = job.started_ms.map_or_else(String::new, |started_ms| {
@@ -311,18 +309,18 @@ fn progress_lines(job: &JobView, now: SystemTime) -> Vec<String> {
     lines
 }
 
-/// Without a device nothing goes on, and nobody knows how long the print still takes.
+/// Removes the remaining time if no device is connected: the print does not go on.
 fn without_eta(job: &mut JobView, link: LinkState) {
     job.eta_s = job.eta_s.filter(|_| link == LinkState::Connected);
 }
 
-/// How long ago a time in Unix milliseconds was.
+/// The time since `since_ms`, Unix milliseconds.
 fn age_text(since_ms: u64) -> String {
     let since = SystemTime::UNIX_EPOCH + Duration::from_millis(since_ms);
     duration_text(SystemTime::now().duration_since(since).map_or(0, |age| age.as_secs()))
 }
 
-/// A time in Unix milliseconds, the same for every place and language: `2026-01-31 08:05 UTC`.
+/// A time in Unix milliseconds as `2026-01-31 08:05 UTC`, whatever the locale.
 fn time_text(unix_ms: u64) -> String {
     let seconds = i64::try_from(unix_ms / 1000).unwrap_or(i64::MAX);
     OffsetDateTime::from_unix_timestamp(seconds).map_or_else(

@@ -11,10 +11,10 @@ use crate::buildfile::{self, BlendChoice, BuildFile, PackError, PackOptions, Pac
 use crate::config::byte_size;
 use crate::text::size_text;
 
-/// Least memory of the sort; below it merging takes too many passes.
+/// Least memory for the sort, bytes; with less, merging takes too many passes.
 const MIN_MEMORY_BYTES: u64 = 1 << 20;
 
-/// Most threads that parse and sort: one thread reads the source and takes its digest, and feeds no more.
+/// Most threads that parse and sort: the one thread that reads and digests the source cannot feed more.
 const MAX_THREADS: NonZero<usize> = NonZero::<usize>::MIN.saturating_add(7);
 
 /// Pack 3MF lattices and edge text into a build file.
@@ -26,7 +26,7 @@ Examples:
   layerctl pack lattice.3mf --scale 1.002,1.002,1.01 -o lattice.layerd    makes up for shrinkage
   layerctl pack huge.txt --memory 64MiB -o huge.layerd                    sorts the rest on the disk
 
-Edge text: a first line `COUNT RADIUS [CONVOLUTION_RADIUS [0]]`, whose third number is told but not used (see --support), then \
+Edge text: a first line `COUNT RADIUS [CONVOLUTION_RADIUS [0]]`, whose third number is reported but not used (see --support), then \
 one strut a line, `x1 y1 z1 x2 y2 z2 [radius]`, millimetres. Lines that begin with `#` or `//` are comments.")]
 pub struct PackArgs {
     /// Sources, joined into one part: 3MF (.3mf) or edge text (.txt).
@@ -35,7 +35,7 @@ pub struct PackArgs {
     /// The build file to write.
     #[arg(short, long, value_name = "OUT.layerd")]
     output: PathBuf,
-    /// Leave out what is not a lattice, print lattices whole that are to be clipped, and say so.
+    /// Leave out everything that is not a lattice, pack clipped lattices without clipping, and report each case.
     #[arg(long)]
     lattice_only: bool,
     /// How struts are joined: a smooth convolution surface, or the exact union of beams [default: union for 3MF, as that format
@@ -45,17 +45,18 @@ pub struct PackArgs {
     /// Kernel support R; means --blend convolution [default: 1.5 times the largest radius].
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     support: Option<f64>,
-    /// Turn about x, then y, then z, degrees.
+    /// Rotate about x, then y, then z, degrees.
     #[arg(long, value_name = "X,Y,Z", value_parser = numbers::<3>, default_value = "0,0,0", allow_hyphen_values = true)]
     rotate: [f64; 3],
-    /// Scale lengths and radii by one factor, or lengths by one along each of the printer's axes, after turning: 1.002,1.002,1.01
-    /// makes up for shrinkage. Radii then get the mean factor; what that leaves more than 25 µm off is refused.
+    /// Scale lengths and radii by one factor, or lengths by one factor for each of the printer's axes, after the rotation: for
+    /// example 1.002,1.002,1.01 against shrinkage. Radii then get the mean factor; a part where that is off by more than 25 µm is
+    /// refused.
     #[arg(long, value_name = "F|X,Y,Z", value_parser = factors, default_value = "1", allow_hyphen_values = true)]
     scale: Factors,
     /// Middle of the part on the plate, millimetres from its corner [default: the plate's middle].
     #[arg(long, value_name = "X,Y", value_parser = numbers::<2>, allow_hyphen_values = true)]
     at: Option<[f64; 2]>,
-    /// Length of one quantum, micrometres, 0.001 to 1000: coordinates and radii are rounded to whole ones.
+    /// Length of one quantum, micrometres, 0.001 to 1000. Coordinates and radii are rounded to multiples of it.
     #[arg(long, value_name = "UM", default_value_t = 1.0)]
     quantum: f64,
     /// Memory for the out-of-core sort.
@@ -69,7 +70,7 @@ enum BlendArg {
     Union,
 }
 
-/// Packs, showing progress on a terminal, and prints what was packed and everything that was not taken as it stood.
+/// Packs with a progress bar, then prints a summary and every deviation from the source.
 ///
 /// # Errors
 /// Names the file, the place in it, what was found and the remedy.
@@ -104,7 +105,7 @@ pub fn run(args: PackArgs) -> anyhow::Result<()> {
     super::print(&super::info::Summary::of(BuildFile::open(&output)?)?.to_string())
 }
 
-/// What [`super::progress_bar`] shows while a build file is made.
+/// Template of the progress bar while a build file is made.
 pub(super) const BAR: &str = "{msg:>8} [{wide_bar}] {percent:>3}% {eta}";
 
 /// Progress of all phases on one bar.
@@ -132,12 +133,12 @@ impl Display<'_> {
         }
     }
 
-    /// Moves the bar; each phase has its own, so that rate and remaining time are those of the phase.
+    /// Moves the bar. It begins anew with each phase, so that rate and remaining time are those of the phase.
     fn step(&mut self, phase: &'static str, rate: &str, done: u64, total: u64) {
         if self.phase != phase {
             self.phase = phase;
             let struts = |state: &ProgressState, out: &mut dyn fmt::Write| {
-                // A bar that cannot be drawn is no error.
+                // An error here only leaves the rate out.
                 let _ = write!(out, "{:.2} M struts/s", state.per_sec() / 1e6);
             };
             let template = format!("{{msg:>8}} [{{wide_bar}}] {{percent:>3}}% {rate} {{eta}}");
@@ -152,7 +153,7 @@ impl Display<'_> {
     }
 }
 
-/// `N` finite numbers with commas between them.
+/// Parses `N` finite numbers with commas between them.
 pub(super) fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
     let found: Vec<f64> = text
         .split(',')
@@ -163,7 +164,7 @@ pub(super) fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
     found.try_into().map_err(|_| format!("{count} numbers; {N} are needed, with commas between them"))
 }
 
-/// `--scale`: along x, y and z.
+/// Value of `--scale`: the factors along x, y and z.
 #[derive(Clone, Copy, Debug)]
 struct Factors([f64; 3]);
 

@@ -1,4 +1,4 @@
-//! How long `layerctl` waits for the daemon's answer, and what it says meanwhile.
+//! How long `layerctl` waits for the daemon's answer, and what it tells the operator meanwhile.
 
 use std::fmt;
 use std::path::Path;
@@ -9,10 +9,10 @@ use tokio::time::timeout;
 
 use super::client_error::ClientError;
 
-/// A daemon that runs answers within milliseconds. After this long the operator is told what is being waited for.
+/// After this time the operator is told what the command waits for. A daemon that runs answers within milliseconds.
 pub(super) const TELL_AFTER: Duration = Duration::from_secs(2);
 
-/// What to do about light and movement where the daemon cannot be told to end them.
+/// What to do about light and movement if the daemon cannot be told to end them.
 pub(super) const BY_HAND: &str =
     "If there is light or the plate moves, switch the printer off at the mains or pull its plug";
 
@@ -21,18 +21,18 @@ pub(super) const BY_HAND: &str =
 pub(super) enum Wait {
     /// An answer from memory.
     Query,
-    /// An answer from memory that an order needs first. As patient as the order.
+    /// An answer from memory that an order needs first. As long as for the order.
     LookUp,
-    /// An order: it is worth more patience, as it is carried out as soon as the daemon goes on.
+    /// An order. Longer than a query, as the daemon carries it out as soon as it goes on.
     Order,
-    /// An abort. The longest: until it is answered nobody knows that the machine is dark.
+    /// An abort. The longest: until it is answered, it is unknown whether the machine is dark.
     Abort,
     /// Room for the next bytes of a build file. A busy disk may take seconds.
     Upload,
 }
 
 impl Wait {
-    /// How long in all. Longer than [`TELL_AFTER`].
+    /// The time limit; longer than [`TELL_AFTER`].
     fn limit(self) -> Duration {
         Duration::from_secs(match self {
             Self::Query => 5,
@@ -41,7 +41,7 @@ impl Wait {
         })
     }
 
-    /// What is said after [`TELL_AFTER`].
+    /// The text after [`TELL_AFTER`].
     fn told(self, socket: &Path) -> String {
         let (socket, told_s, more_s) = (socket.display(), TELL_AFTER.as_secs(), (self.limit() - TELL_AFTER).as_secs());
         let what = match self {
@@ -51,7 +51,7 @@ impl Wait {
             }
             Self::Order => format!("waiting up to {more_s} s more for it to take the order"),
             Self::Upload => format!("waiting up to {more_s} s more for it to take the build file"),
-            // What to do comes first and the socket not at all: there may be no room for more.
+            // What to do comes first, and the socket is left out: there may be little room.
             Self::Abort => {
                 return format!(
                     "{BY_HAND}. Do not wait for this command: layerd has not answered for {told_s} s; waiting up to {more_s} \
@@ -62,7 +62,7 @@ impl Wait {
         format!("layerd at {socket} has not answered for {told_s} s: {what}")
     }
 
-    /// What is said at the end, besides that there was no answer.
+    /// What a missing answer means for the request.
     fn consequence(self) -> &'static str {
         match self {
             Self::Query => "",
@@ -75,25 +75,25 @@ impl Wait {
     }
 }
 
-/// Hears what is to be said while a wait lasts.
+/// Takes the texts for the operator while a request waits.
 #[derive(Clone)]
 pub(super) struct Listener(Arc<dyn Fn(&str) + Send + Sync>);
 
 impl Listener {
-    /// Calls `hear` with each sentence.
+    /// Calls `hear` with each text.
     pub(super) fn new(hear: impl Fn(&str) + Send + Sync + 'static) -> Self {
         Self(Arc::new(hear))
     }
 
-    /// Says a sentence.
+    /// Passes on one text.
     pub(super) fn tell(&self, text: &str) {
         (self.0)(text);
     }
 
-    /// Waits for `work`, says so after [`TELL_AFTER`], and gives up at the limit of `wait`.
+    /// Waits for `work`, reports the wait after [`TELL_AFTER`], and gives up at the limit of `wait`.
     ///
     /// # Errors
-    /// [`ClientError::Silent`], and those of `work`.
+    /// [`ClientError::Silent`], or an error of `work`.
     pub(super) async fn patiently<T>(
         &self,
         wait: Wait,

@@ -32,7 +32,7 @@ pub(super) fn run(args: RemoveArgs) -> anyhow::Result<Ending> {
         for id in args.jobs {
             let removed = match client.remove(&id).await {
                 Ok(removed) => removed,
-                // The daemon speaks of this job alone; where it does not answer the others fare no better.
+                // Only this job is refused. Any other error would meet the remaining jobs too.
                 Err(error @ ClientError::Refused { .. }) => {
                     report(&error.into());
                     ending = Ending::Failed;

@@ -15,20 +15,20 @@ use crate::text::{count_text, size_text};
 
 /// Simulate a printer on a pseudo-terminal, until Ctrl-C, SIGTERM, SIGQUIT or SIGHUP.
 ///
-/// It speaks the protocol of a real machine, times and refuses exposures as one does, and writes pictures of what it exposed.
+/// It speaks the protocol of a real machine, times and refuses exposures like one, and writes pictures of what it exposed.
 #[derive(Debug, Args)]
 #[command(after_help = after_help())]
 pub struct SimulateArgs {
     /// Kind of machine.
     #[arg(value_enum)]
     device: Kind,
-    /// Symlink to the host's end of the pseudo-terminal; made, and removed at the end. One simulated device at a time.
+    /// Symlink to make for the host's end of the pseudo-terminal. It is removed at the end. Only one simulated device may use it.
     #[arg(long, value_name = "PATH")]
     link: PathBuf,
     /// Directory for `acts.jsonl` and a PNG of each exposed layer.
     #[arg(short = 'o', long = "output", value_name = "DIR")]
     output: Option<PathBuf>,
-    /// Rate at which bytes pass, both ways, 300 to 100000000; without it as fast as they come.
+    /// Baud rate in both directions, 300 to 100000000; without it the rate is not limited.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(300..=100_000_000))]
     baud: Option<u32>,
     /// Fault to inject (see below); may be given several times.
@@ -37,11 +37,11 @@ pub struct SimulateArgs {
     /// Seed of faults and identities.
     #[arg(long, value_name = "S", default_value_t = 1)]
     seed: u64,
-    /// How many times faster than real the device's clock runs, 0.001 to 100000: exposures, moves, `t_ms` in the log. To print on
-    /// one that is faster, set `time_scale` in the daemon's machine file to the same.
+    /// How many times faster than real time the device's clock runs, 0.001 to 100000: exposures, moves, `t_ms` in the log. For any
+    /// value but 1, set `time_scale` in the daemon's machine file to the same.
     #[arg(long, value_name = "X", default_value_t = 1.0, value_parser = time_scale)]
     time_scale: f64,
-    /// Machine, a name or a path, whose picture and travel the device has; without it 960 × 540 pixels of 40 µm, 60 mm travel.
+    /// Machine, a name or a path, that sets pixels and travel; without it 960 × 540 pixels of 40 µm, 60 mm travel.
     #[arg(long, value_name = "NAME|PATH")]
     machine: Option<String>,
     /// Receive window it declares, 1024 to 1048576 bytes.
@@ -75,7 +75,7 @@ fn after_help() -> String {
 /// Runs the device until SIGINT, SIGTERM, SIGQUIT or SIGHUP.
 ///
 /// # Errors
-/// A machine file that cannot be used, a `PATH` or `DIR` that cannot be written, or a kind of device that is not there yet.
+/// A machine file that cannot be used, a `PATH` or `DIR` that cannot be written, or a kind of device that is not simulated yet.
 pub fn run(args: SimulateArgs) -> anyhow::Result<()> {
     if matches!(args.device, Kind::Slm) {
         bail!("there is no simulated slm yet; `layerctl simulate dlp` simulates a resin printer");
@@ -105,7 +105,7 @@ pub fn run(args: SimulateArgs) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// One line to stdout. Whoever reads it may be gone, which is no reason to end a print.
+/// Writes one line to stdout. Errors are ignored: the simulated print goes on when nobody reads it.
 fn say(line: &str) {
     let mut stdout = std::io::stdout().lock();
     let _ = writeln!(stdout, "{line}").and_then(|()| stdout.flush());
@@ -113,7 +113,7 @@ fn say(line: &str) {
 
 fn capabilities(args: &SimulateArgs, machine: Option<&Machine>) -> Capabilities {
     let (size_px, pixel_um, travel_um) = machine.map_or(([960, 540], [40.0, 40.0], 60_000.0), |machine| {
-        // A plate must rise above the finished part to be lifted off it.
+        // The plate must rise high enough to lift the finished part out.
         let travel_um = machine.build_height_um.max(machine.clear_height_um) + 20_000.0;
         ([machine.width_px, machine.height_px], machine.pixel_um, travel_um)
     });

@@ -1,4 +1,4 @@
-//! `layerctl slice`: the very layers a print would send, as PNG, with a manifest to check them against the mathematics.
+//! `layerctl slice`: writes the layers that a print would send, as PNG, with a manifest of where each lies.
 
 use std::io::Write;
 use std::ops::Range;
@@ -26,9 +26,9 @@ Examples:
   layerctl slice lattice.layerd --machine lcd-4k-35um --recipe fine -o layers
   layerctl slice lattice.layerd -m sim-dlp --layers 100..110 --antialias -o some    layers 100 to 109
 
-manifest.json says where each picture lies in the build file's coordinates: `origin_mm` is the centre of the first pixel, `z_mm` of a \
-layer its middle, from the part's lowest point on. `source_digest` is that of the file that was packed. Grey is the share of a \
-pixel that is inside, nearly."))]
+manifest.json says where each picture lies in the build file's coordinates: `origin_mm` is the centre of the first pixel. `z_mm` is \
+the middle of a layer, above the part's lowest point. `source_digest` is that of the file that was packed. A grey value is about the \
+share of the pixel that is inside the part."))]
 pub struct SliceArgs {
     /// Build file (.layerd)
     pub file: PathBuf,
@@ -63,7 +63,7 @@ fn parse_layer_height(text: &str) -> Result<f64, String> {
     })
 }
 
-/// Layers from a first to before an end, or to the last.
+/// A range of layers; without an end, to the last layer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LayerRange {
     first: u32,
@@ -82,7 +82,7 @@ fn parse_layers(text: &str) -> Result<LayerRange, String> {
     Ok(LayerRange { first, end })
 }
 
-/// What a part is sliced for: shared with `check`.
+/// Part, machine and recipe; shared with `check`.
 pub(super) struct Setting {
     pub(super) file: BuildFile,
     pub(super) machine: Machine,
@@ -98,17 +98,17 @@ impl Setting {
     }
 }
 
-/// A slicer without a printer to keep within bounds for: it may have what its own estimate says.
+/// A slicer outside a print; its memory budget is its own estimate.
 pub(super) fn offline_slicer(file: BuildFile, plan: SlicePlan, threads: usize, first: u32) -> anyhow::Result<Slicer> {
     let bodies = BodySource::of(&Arc::new(file));
     let budget = MemoryBudget::new(Slicer::memory_bytes(&bodies, &plan, threads));
     Ok(Slicer::new(bodies, plan, threads, first, &budget)?)
 }
 
-/// Carries the command out.
+/// Runs the command.
 ///
 /// # Errors
-/// Whatever keeps it from being done; pictures already written stay, no half-written one is left.
+/// A file or value that cannot be used. Pictures already written stay; none is left incomplete.
 pub fn run(args: SliceArgs) -> anyhow::Result<()> {
     let SliceArgs { file, machine, recipe, layer_height, layers, antialias, threads, output } = args;
     let Setting { file, machine, recipe } = Setting::load(&file, &machine, &recipe)?;
@@ -121,7 +121,7 @@ pub fn run(args: SliceArgs) -> anyhow::Result<()> {
     ensure!(!output.is_file(), "{} is a file; -o wants a directory for the pictures", output.display());
     std::fs::create_dir_all(&output).with_context(|| format!("cannot make the directory {}", output.display()))?;
     let manifest_path = output.join("manifest.json");
-    // An earlier one would describe other pictures, if this ends on the way.
+    // If this run fails, an earlier manifest would describe the wrong pictures.
     match std::fs::remove_file(&manifest_path) {
         Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
             return Err(error).with_context(|| cannot_write(&manifest_path));
@@ -224,7 +224,7 @@ impl Manifest {
         }
     }
 
-    /// Pictures of layers in a directory that the manifest does not name.
+    /// Number of layer pictures in the directory that the manifest does not name.
     fn other_pictures(&self, directory: &Path) -> anyhow::Result<usize> {
         let is_picture = |name: &str| name.starts_with("layer_") && name.ends_with(".png");
         let mut found = 0;

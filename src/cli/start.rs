@@ -17,9 +17,9 @@ use crate::daemon::api::{Event, JobView, LinkState, LinkView, Status};
 use crate::job::JobState;
 use crate::text::count_text;
 
-/// How long a daemon that went away is waited for: systemd starts it again within seconds.
+/// How long to wait for a daemon that went away: systemd starts it again within seconds.
 const RECONNECT: Duration = Duration::from_secs(10);
-/// How often progress is told where no bar can be drawn.
+/// How often progress is written as a line where no bar can be drawn.
 const LINE_INTERVAL: Duration = Duration::from_secs(60);
 pub(super) const BAR: &str = "{msg:10} [{wide_bar}] {pos} of {len} {prefix}";
 
@@ -52,7 +52,7 @@ pub(super) struct StartArgs {
 pub(super) fn run(args: StartArgs) -> anyhow::Result<Ending> {
     let recipe = args.recipe.as_deref().map(read_recipe).transpose()?;
     let name = args.file.file_name().context("the build file has no name")?.to_string_lossy().into_owned();
-    // What is no build file, or was cut short, is told before gigabytes of it are sent.
+    // Finds a wrong or truncated file before gigabytes of it are sent.
     BuildFile::open(&args.file)?;
     let new = NewJob { part: args.file, name, recipe };
     let bar = progress_bar(BAR);
@@ -101,14 +101,14 @@ pub(super) fn run(args: StartArgs) -> anyhow::Result<Ending> {
     })
 }
 
-/// Sends the part; gives the job, and its events where it is to be waited for.
+/// Sends the part; returns the job, and its events if `wait`.
 async fn submit(
     client: &Client,
     new: &NewJob,
     wait: bool,
     bar: &ProgressBar,
 ) -> anyhow::Result<(JobView, Option<Events>)> {
-    // Listening before submitting: no event of the job is missed.
+    // Subscribes before submitting, so that no event of the job is missed.
     let events = if wait { Some(client.events().await?) } else { None };
     bar.set_message("sending");
     let progress = |sent, total| {
@@ -120,7 +120,7 @@ async fn submit(
     Ok((job, events))
 }
 
-/// What keeps a new job from beginning, on stderr: stdout holds the job's id alone.
+/// Says on stderr what a new job waits for: stdout holds only the job's id.
 async fn tell_waits(client: &Client, job: &JobView) {
     if let Some(reason) = &job.reason {
         super::eprint(&format!("job {} {reason}", job.id));
@@ -128,18 +128,18 @@ async fn tell_waits(client: &Client, job: &JobView) {
     tell_device(client, job).await;
 }
 
-/// What is said of a plate that nobody confirmed to be empty, where the job waits for nothing.
+/// Reminder that the plate is assumed to be empty, if the job needs no confirmation and the last one was aborted or stopped.
 fn plate_text(job: &JobView, status: &Status) -> Option<String> {
     let last = status.last.as_ref().filter(|last| last.id != job.id)?;
     let is_suspect = matches!(last.state, JobState::Aborted | JobState::Stopped) && job.reason.is_none();
     let when = if status.link.state == LinkState::Connected { "at once" } else { "once a device answers" };
     is_suspect.then(|| {
         let (id, last_id, state) = (&job.id, &last.id, last.state);
-        format!("job {id} begins {when}: the plate is taken to be empty (the last job, {last_id}, was {state})")
+        format!("job {id} begins {when}: the plate is assumed to be empty (the last job, {last_id}, was {state})")
     })
 }
 
-/// Says so where the plate is only taken to be empty, and where no device answers. One that does not fit is a reason to refuse
+/// Says if the plate is only assumed to be empty, and if no device answers. If the device did not fit, the daemon would have refused
 /// the job.
 async fn tell_device(client: &Client, job: &JobView) {
     let status = client.status().await;
@@ -155,7 +155,7 @@ async fn tell_device(client: &Client, job: &JobView) {
                 job.id
             ));
         }
-        // The job is the daemon's already, and its id was printed.
+        // Not an error of the command: the daemon has the job, and its id was printed.
         Err(error) => {
             super::eprint(&format!("job {} was taken, but whether a device is there is not known: {error}", job.id));
         }
@@ -166,15 +166,14 @@ fn tell(job: &JobView, json: bool) -> anyhow::Result<()> {
     if json { print_json(job) } else { print(&job.id) }
 }
 
-/// Name and text of a recipe, checked here already: a typing error is told before anything is sent.
+/// Name and text of a recipe, checked here so that an error is reported before anything is sent.
 fn read_recipe(recipe: &str) -> anyhow::Result<(String, String)> {
     let ConfigText { path, text } = find(Folder::Recipes, recipe)?;
     let checked = Recipe::parse(&path, &text)?;
     Ok((checked.name, text))
 }
 
-/// Follows a job until nothing happens to it any more; tells how it ended on stderr. Where `bar` cannot be seen, a line now and
-/// then takes its place.
+/// Follows a job to its end, and reports that on stderr. If `bar` is hidden, writes lines of progress instead.
 pub(super) async fn wait(
     client: &Client,
     mut job: JobView,
@@ -198,7 +197,7 @@ pub(super) async fn wait(
             super::eprint(&line(&job));
             waits_for.inspect(|reason| told.clone_from(reason));
         } else if let Some(reason) = waits_for.filter(|reason| **reason != told) {
-            // News of a moment without a reason comes between two with the same.
+            // The reason may vanish for a moment and come back; it is told only once.
             bar.suspend(|| super::eprint(&format!("job {} {reason}", job.id)));
             told.clone_from(reason);
         }
@@ -233,14 +232,14 @@ pub(super) async fn wait(
     }
 }
 
-/// When a line of progress is due.
+/// Decides when a line of progress is due.
 #[derive(Debug, Default)]
 struct Lines {
     last: Option<(JobState, Instant)>,
 }
 
 impl Lines {
-    /// Whether one is due now: the job's state changed, or the last one is [`LINE_INTERVAL`] old.
+    /// Whether a line is due now: the job's state changed, or the last line is [`LINE_INTERVAL`] old.
     fn is_due(&mut self, job: &JobView, now: Instant) -> bool {
         let is_due = self.last.is_none_or(|(state, at)| state != job.state || now >= at + LINE_INTERVAL);
         if is_due {
@@ -255,7 +254,7 @@ fn line(job: &JobView) -> String {
     format!("job {} {}: {}{reason}", job.id, job.state, progress_lines(job, SystemTime::now()).join(", "))
 }
 
-/// Waits for a daemon that went away; `None` if it does not come back.
+/// Subscribes again to a daemon that went away; `None` if it does not come back.
 async fn reconnect(client: &Client) -> anyhow::Result<Option<Events>> {
     let began = Instant::now();
     while began.elapsed() < RECONNECT {

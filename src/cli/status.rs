@@ -36,7 +36,7 @@ pub(super) fn run(args: &StatusArgs) -> anyhow::Result<()> {
         .try_for_each(|line| print(line))
 }
 
-/// Machine, line and device, as an operator reads them; shared with `watch` as the other parts are.
+/// Lines on machine, line and device; shared with `watch`, like [`work`] and [`figures`].
 pub(super) fn machine(status: &Status) -> Vec<String> {
     let link = &status.link;
     let mut lines = vec![format!("machine  {} (layerd {})", status.machine, status.version)];
@@ -48,7 +48,7 @@ pub(super) fn machine(status: &Status) -> Vec<String> {
     lines
 }
 
-/// The jobs, as they are at `now`: the one that holds the machine, those behind it, and the one that ended last.
+/// Lines on the jobs at the time `now`: the one that holds the machine, the queue, and the one that ended last.
 pub(super) fn work(status: &Status, now: SystemTime) -> Vec<String> {
     let mut lines = match &status.active {
         Some(job) => {
@@ -66,7 +66,7 @@ pub(super) fn work(status: &Status, now: SystemTime) -> Vec<String> {
     lines
 }
 
-/// Memory and line in figures.
+/// Lines with figures on memory and line.
 pub(super) fn figures(status: &Status) -> Vec<String> {
     let budget = status.budget;
     let mut lines = vec![format!(
@@ -114,7 +114,7 @@ fn job_lines(job: &JobView, now: SystemTime) -> Vec<String> {
     lines
 }
 
-/// The job that ended last: how and when.
+/// Lines on the job that ended last.
 fn last_lines(job: &JobView, now: SystemTime) -> Vec<String> {
     let when = job.ended_ms.map_or_else(
         || "at an unknown time".into(),

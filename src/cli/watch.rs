@@ -18,13 +18,13 @@ use super::client::Client;
 use super::client_error::{ClientError, start_text};
 use super::{block_on, print_json};
 
-/// What is not read within this time is asked for anew.
+/// A reading that takes longer is given up and asked for again.
 const ANSWER_LIMIT: Duration = Duration::from_secs(1);
 /// How often the daemon is asked; people read no faster.
 const ASK_INTERVAL: Duration = Duration::from_millis(500);
-/// How often keys are looked for.
+/// How often keys are read.
 const KEY_INTERVAL: Duration = Duration::from_millis(50);
-/// Readings and answers that may wait for the screen; it takes them 20 times a second.
+/// Readings and answers that may wait for the screen, which takes them 20 times a second.
 const WAITING_NEWS: usize = 16;
 /// Follow the print in the terminal; keys pause, resume, stop and abort it.
 #[derive(Debug, Args)]
@@ -53,7 +53,7 @@ pub(super) fn run(args: &WatchArgs) -> anyhow::Result<()> {
         bail!("watch needs a terminal; without one use `layerctl status` or `layerctl watch --json`");
     }
     block_on(async {
-        // Asked once before the screen is taken: an error stays readable.
+        // The first reading comes before the screen is taken over, so that an error stays readable.
         let view = View::new(read(&client).await?);
         let mut terminal = ratatui::try_init()?;
         let ended = follow(&client, &mut terminal, view).await;
@@ -75,12 +75,12 @@ async fn read(client: &Client) -> Result<Reading, ClientError> {
     Ok(Reading { status, device, at: Instant::now() })
 }
 
-/// Asks the daemon again and again; ends with the screen.
+/// Reads the daemon's state in a loop, until the screen ends.
 async fn ask(client: Client, news: mpsc::Sender<News>) {
     loop {
         let heard = match timeout(ANSWER_LIMIT, read(&client)).await {
             Ok(Ok(reading)) => News::Reading(Box::new(reading)),
-            // Without the socket's path, for which there may be no room.
+            // Without the socket's path: there may be no room for it.
             Ok(Err(ClientError::NoDaemon { socket, .. })) => {
                 News::Silence(format!("no layerd answers: {}", start_text(&socket)))
             }
@@ -97,9 +97,9 @@ async fn ask(client: Client, news: mpsc::Sender<News>) {
 async fn follow(client: &Client, terminal: &mut ratatui::DefaultTerminal, mut view: View) -> anyhow::Result<()> {
     let (sender, mut news) = mpsc::channel(WAITING_NEWS);
     let notes = sender.clone();
-    // Nothing may be written over the screen; a full queue has something newer to say.
+    // Texts go to the screen as notes, never to stderr. If the queue is full, a newer text is on its way.
     let client = client.clone().telling(move |text| drop(notes.try_send(News::Note(text.into(), None))));
-    // Questions and orders run beside the screen: a daemon that does not answer must not keep the keys from working.
+    // Readings and orders are tasks of their own, so that the keys work even if the daemon does not answer.
     tokio::spawn(ask(client.clone().telling(|_| {}), sender.clone()));
     loop {
         while let Ok(heard) = news.try_recv() {
@@ -120,7 +120,7 @@ async fn follow(client: &Client, terminal: &mut ratatui::DefaultTerminal, mut vi
                 view.note(format!("{} ordered", order.order));
                 let (client, sender) = (client.clone(), sender.clone());
                 tokio::spawn(async move {
-                    // Without a receiver the screen has ended.
+                    // Sending fails only when the screen has ended.
                     let (text, job) = order.give(&client).await;
                     let _ = sender.send(News::Note(text, job)).await;
                 });

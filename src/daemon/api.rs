@@ -30,10 +30,10 @@ pub struct Status {
     /// Why the connected device cannot print on this machine with the default recipe, and what to do.
     #[serde(default)]
     pub misfit: Option<String>,
-    /// The device does not put its light off: what to do. Stays until the device reports dark.
+    /// What to do about a device that does not switch its light off. Stays until the device reports dark.
     #[serde(default)]
     pub stays_lit: Option<String>,
-    /// The job that holds the machine: it prints, or is interrupted and its part is on the plate.
+    /// The job that holds the machine: it prints, or it is interrupted with its part on the plate.
     pub active: Option<JobView>,
     /// Jobs behind it, the next one first.
     pub queue: Vec<JobView>,
@@ -56,25 +56,25 @@ pub struct JobList {
 /// One job.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct JobView {
-    /// Names the job in every other call.
+    /// The job's id, used in every other request.
     pub id: String,
-    /// For people: the build file's name.
+    /// The build file's name, for people.
     pub name: String,
-    /// Where it is in its life.
+    /// The job's state.
     pub state: JobState,
-    /// For people: the recipe's name.
+    /// The recipe's name, for people.
     pub recipe: String,
     /// Layers exposed and confirmed.
     pub layers_done: u32,
     /// Layers of the whole part; 0 until the job was checked.
     pub layers_total: u32,
-    /// The layer under way or next, from 0, as in its file's name.
+    /// The layer under way or next, counted from 0.
     pub layer: Option<u32>,
     /// Expected time to the end, seconds.
     pub eta_s: Option<u64>,
-    /// Layers the device had to wait for, dark.
+    /// Layers that came late, so that the device waited, dark.
     pub late_layers: u32,
-    /// How long it waited for them in all, milliseconds.
+    /// Total of these waits, milliseconds.
     pub late_ms_total: u64,
     /// When it was accepted, Unix milliseconds.
     pub submitted_ms: u64,
@@ -82,16 +82,16 @@ pub struct JobView {
     pub started_ms: Option<u64>,
     /// When it ended, Unix milliseconds.
     pub ended_ms: Option<u64>,
-    /// Why it is in this state, where that is not the operator's wish: what happened and what to do.
+    /// Why it is in this state and what to do; absent if the operator wanted the state.
     pub reason: Option<String>,
-    /// The layer of which nobody knows whether it was exposed; `resume` then needs `in_doubt`.
+    /// The layer of which it is unknown whether it was exposed; `resume` then needs `in_doubt`.
     pub in_doubt: Option<u32>,
-    /// In the answer to an order: what went wrong although it is carried out.
+    /// In the answer to an order: what went wrong, although the order is carried out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub warning: Option<String>,
 }
 
-/// Answer of `POST /v1/raise`: the plate is on its way, or there already where both are equal.
+/// Answer of `POST /v1/raise`: the plate moves, or is already clear if both heights are equal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RaiseView {
     /// Where the plate was, micrometres above the bottom of the vat.
@@ -105,7 +105,7 @@ pub struct RaiseView {
 pub struct RemovedView {
     /// The job that was removed.
     pub id: String,
-    /// Room that this made on the spool's disk, bytes.
+    /// Space that became free on the spool's disk, bytes.
     pub freed_bytes: u64,
 }
 
@@ -116,7 +116,7 @@ pub struct LinkView {
     pub state: LinkState,
     /// The port.
     pub path: String,
-    /// The device's own name, once it said so.
+    /// The device's own name; absent until it has connected.
     pub device: Option<String>,
     /// Why it is not connected.
     pub reason: Option<String>,
@@ -130,7 +130,7 @@ pub enum LinkState {
     Connecting,
     /// Hello and welcome were exchanged.
     Connected,
-    /// It answered before and does no more; the daemon keeps trying.
+    /// The device answered before but no longer does; the daemon keeps trying.
     Lost,
 }
 
@@ -147,11 +147,11 @@ impl std::fmt::Display for LinkState {
 /// The memory budget of the print path.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct BudgetView {
-    /// The ceiling.
+    /// The limit.
     pub limit_bytes: u64,
     /// Charged now.
     pub used_bytes: u64,
-    /// The most ever charged at once.
+    /// The highest charge so far.
     pub peak_bytes: u64,
 }
 
@@ -185,28 +185,28 @@ pub struct LineView {
 /// Answer of `GET /v1/device`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct DeviceView {
-    /// Whether the device answers now; if not, the rest is what it said last.
+    /// Whether the device answers now; if not, the rest is its last known state.
     pub connected: bool,
     /// Why it cannot print on this machine with the default recipe, and what to do.
     #[serde(default)]
     pub misfit: Option<String>,
-    /// It does not put its light off: what to do. Stays until it reports dark.
+    /// What to do if the device does not switch its light off. Stays until it reports dark.
     #[serde(default)]
     pub stays_lit: Option<String>,
-    /// What it is and can do; absent where it never answered.
+    /// Its capabilities; absent if it never answered.
     pub info: Option<DeviceInfo>,
-    /// What it was doing when it last said so.
+    /// Its latest reported state.
     pub state: Option<DeviceStateView>,
 }
 
-/// What the device said it is and can do.
+/// The capabilities that the device reported.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DeviceInfo {
     /// Model and firmware.
     pub name: String,
     /// `dlp` or `slm`.
     pub kind: String,
-    /// Pixels a row.
+    /// Pixels in a row.
     pub width_px: u32,
     /// Rows.
     pub height_px: u32,
@@ -214,11 +214,11 @@ pub struct DeviceInfo {
     pub pixel_um: [f64; 2],
     /// Layers it can hold.
     pub layer_slots: u8,
-    /// Unacknowledged bytes it takes.
+    /// Unacknowledged bytes it accepts.
     pub window_bytes: u32,
     /// Largest frame, bytes.
     pub largest_frame_bytes: u16,
-    /// What it decodes.
+    /// Layer encodings it decodes.
     pub encodings: Vec<String>,
     /// Longest exposure it allows, milliseconds.
     pub max_exposure_ms: u32,
@@ -226,10 +226,10 @@ pub struct DeviceInfo {
     pub max_position_um: i32,
 }
 
-/// What the device is doing.
+/// State of the device.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct DeviceStateView {
-    /// Whether there is light.
+    /// Whether its light is on.
     pub light_on: bool,
     /// Plate height above the bottom of the vat, micrometres; absent before homing.
     pub position_um: Option<i32>,
@@ -239,7 +239,7 @@ pub struct DeviceStateView {
     pub last_exposed: Option<ExposureView>,
     /// The last exposure that ended early.
     pub cut_short: Option<CutShortView>,
-    /// What keeps it from working.
+    /// Its fault, if it has one.
     pub fault: Option<String>,
 }
 
@@ -262,11 +262,11 @@ pub struct CutShortView {
     pub light_ms: u32,
 }
 
-/// What `GET /v1/events` tells, one JSON object in each `data:` line; `event:` repeats the tag.
+/// An event of `GET /v1/events`: one JSON object in each `data:` line; `event:` repeats the tag.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "event", rename_all = "lowercase")]
 pub enum Event {
-    /// The first event of every stream: where things stand.
+    /// The first event of every stream: the present status.
     Status(Box<Status>),
     /// A job is new or changed.
     Job(Box<JobView>),
@@ -274,14 +274,14 @@ pub enum Event {
     Layer(LayerExposed),
     /// The line was lost or is back.
     Link(LinkView),
-    /// Something the operator should read.
+    /// A text for the operator.
     Notice {
         /// One sentence.
         text: String,
     },
-    /// The reader was too slow and missed events: read `/v1/status` and `/v1/jobs` again.
+    /// The reader was too slow and missed events: it should read `/v1/status` and `/v1/jobs` again.
     Lagged {
-        /// How many are missing.
+        /// How many events it missed.
         missed: u64,
     },
 }
@@ -307,10 +307,10 @@ pub struct LayerExposed {
     pub job: String,
     /// The layer, from 0.
     pub layer: u32,
-    /// How long there was light, as the device reported it, milliseconds; `None` where it named the layer as exposed after a
+    /// Time with light as the device reported it, milliseconds; `None` if the device reported the layer as exposed only after a
     /// reconnection, without a time.
     pub exposure_ms: Option<u32>,
-    /// How long the machine stood still for the layer, dark, milliseconds; 0 up to 250 ms.
+    /// How long the machine waited for the layer, dark, milliseconds; waits up to 250 ms count as 0.
     pub late_ms: u64,
 }
 
@@ -318,11 +318,11 @@ pub struct LayerExposed {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ResumeBody {
-    /// What the operator says of the layer in doubt.
+    /// What happened to the layer in doubt.
     pub in_doubt: Option<InDoubt>,
 }
 
-/// What the operator says of a layer of which nobody knows whether it was exposed.
+/// What happened to the layer in doubt, as the operator found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum InDoubt {

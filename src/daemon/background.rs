@@ -1,4 +1,4 @@
-//! What ends in the background, for the printer's loop: disk, computation, everything that may take its time.
+//! Results of work in the background, for the printer's loop: disk, computation, whatever may block.
 
 use tokio::sync::oneshot;
 
@@ -10,10 +10,10 @@ use super::settle::Settled;
 /// Where an order's answer goes.
 pub(super) type Reply = oneshot::Sender<Result<Answer, CommandError>>;
 
-/// Something that ended in the background.
+/// Result of work in the background.
 #[derive(Debug)]
 pub(super) enum Background {
-    /// A record is on disk, or not.
+    /// A record was written to a journal, or not.
     Journalled {
         /// The job.
         job: u32,
@@ -36,7 +36,7 @@ pub(super) enum Background {
         /// Who asked.
         reply: Reply,
     },
-    /// A waiting job's journal allows a change and says so, or not.
+    /// A change was checked against a waiting job's journal and written there, or refused.
     Changed {
         /// The job.
         job: u32,
@@ -54,9 +54,9 @@ pub(super) enum Background {
         /// Who asked.
         reply: Reply,
     },
-    /// The spool notes whether a plate was raised, or why it cannot.
+    /// The spool's note of a raised plate was written, or why not.
     RaisedNoted(Result<(), String>),
-    /// The job that ended has given its memory back, and the spool is tidy again.
+    /// The job that ended has given its memory back, and the oldest jobs were deleted from the spool.
     Released {
         /// Jobs whose records were deleted, or why that failed.
         forgotten: Result<Vec<u32>, String>,

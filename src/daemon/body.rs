@@ -1,4 +1,4 @@
-//! A body whose parts come through a channel: events to a subscriber, a build file to the daemon.
+//! An HTTP body whose parts come through a channel: events for a subscriber, a build file for the daemon.
 
 use std::convert::Infallible;
 use std::pin::Pin;
@@ -7,14 +7,14 @@ use std::task::{Context, Poll};
 use hyper::body::{Body, Bytes, Frame};
 use tokio::sync::mpsc;
 
-/// Ends when every sender is dropped.
+/// A body that ends when every sender is dropped.
 #[derive(Debug)]
 pub(crate) struct ChannelBody {
     parts: mpsc::Receiver<Bytes>,
 }
 
 impl ChannelBody {
-    /// The body and where its parts go. Two parts wait at most: the reader's pace is the writer's.
+    /// The sender of the parts and the body. At most two parts wait, so that the sender goes at the reader's pace.
     pub(crate) fn new() -> (mpsc::Sender<Bytes>, Self) {
         let (sender, parts) = mpsc::channel(2);
         (sender, Self { parts })

@@ -1,5 +1,5 @@
-//! `layerd --check`: tries what a start needs, changes nothing, and tells everything it finds. A start looks at the same things
-//! first, and says the same of them.
+//! `layerd --check`: checks what a start needs, changes nothing, and reports everything it finds. A start makes the same checks
+//! first, with the same texts.
 
 use std::io::{ErrorKind, Write};
 use std::os::unix::fs::FileTypeExt;
@@ -16,21 +16,21 @@ use crate::layer::Depth;
 use crate::link::transport::{OpenError, denied};
 use crate::text::{shell_word, size_text};
 
-/// What the program takes besides its memory budget; `ARCHITECTURE.md` says of what.
+/// Memory of the program besides its memory budget; `ARCHITECTURE.md` lists what it is for.
 const BESIDE_BUDGET_BYTES: u64 = 24 << 20;
 
 /// What a check found.
 #[derive(Debug, Default)]
 pub struct Findings {
-    /// What keeps the daemon from starting. Each says what and where it is, and what to do.
+    /// What keeps the daemon from starting. Each names the fault, its place, and what to do.
     pub errors: Vec<String>,
-    /// What does not, but keeps it from printing now.
+    /// What lets it start but keeps it from printing now.
     pub warnings: Vec<String>,
-    /// Machine and recipe, where both could be read.
+    /// Names of machine and recipe, if both could be read.
     pub summary: Option<String>,
 }
 
-/// Tries what a start with the configuration file `place` needs.
+/// Checks what a start with the configuration file `place` needs.
 pub fn check(place: &Path) -> Findings {
     let mut findings = Findings::default();
     let config = match Setting::config(place) {
@@ -53,10 +53,10 @@ pub fn check(place: &Path) -> Findings {
     findings
 }
 
-/// What a start looks at before it begins, once the configuration is read.
+/// The checks of a start, once the configuration is read.
 pub(super) fn before_start(setting: &Setting, place: &Path) -> Findings {
     let mut findings = Findings::default();
-    // The directories that systemd makes are there by now, or missing.
+    // Unlike in `check`, systemd has made its directories by now.
     findings.errors.extend(socket::check(&setting.config.socket).err().map(|error| named("socket", place, &error)));
     match spool(&setting.config.spool) {
         Ok(()) => findings.room(&setting.config.spool, place),
@@ -75,7 +75,7 @@ impl Findings {
     fn socket(&mut self, path: &Path, place: &Path) {
         match socket::check(path) {
             Ok(()) => {}
-            // Whoever checks before the first start, or by another name than the service's, is not to be sent astray.
+            // Only a warning: before the service's first start this directory does not exist yet.
             Err(error @ BindError::NoDirectory(_)) if path == Path::new(DEFAULT_SOCKET) => {
                 self.warnings.push(format!("{} (the service makes it when it starts)", named("socket", place, &error)));
             }
@@ -122,14 +122,14 @@ impl Findings {
         if let Some(error) = port(machine) {
             let text = format!("`link.path` in {place}: {error}");
             match error {
-                // No wait makes a port of it.
+                // Waiting does not help.
                 OpenError::NotATerminal(_) => self.errors.push(text),
                 _ => self.warnings.push(format!("{text}; the daemon starts and waits for it")),
             }
         }
         if machine.time_scale != 1.0 {
             self.warnings.push(format!(
-                "`time_scale` in {place} is {}: the host takes exposures and moves that are so much too short for right. Only a \
+                "`time_scale` in {place} is {}: the host accepts exposures and moves that are shorter by this factor. Only a \
                  simulated device needs that; remove the line for a real one",
                 machine.time_scale
             ));
@@ -173,7 +173,7 @@ impl SpoolFault {
     }
 }
 
-/// Whether files can be made in a spool and its directories. The lock of a daemon that runs is left alone.
+/// Checks that files can be made in a spool and its directories. Does not take the lock.
 fn spool(root: &Path) -> Result<(), SpoolFault> {
     if !root.exists() {
         return can_be_made(root);
@@ -198,7 +198,7 @@ fn spool(root: &Path) -> Result<(), SpoolFault> {
             .and_then(|mut file| file.write_all(b"layerd"))
         {
             Ok(()) => {}
-            // One that was used before needs no room to be opened.
+            // A spool that was used before needs no room to be opened.
             Err(error) if is_full(&error) && root.join("lock").exists() => {}
             Err(error) if is_full(&error) => {
                 let text = format!("no file can be written in {} ({error}): make room", directory.display());
@@ -242,7 +242,7 @@ fn can_be_made(root: &Path) -> Result<(), SpoolFault> {
     )))
 }
 
-/// What keeps the port from being opened, without opening it: that alone resets many boards.
+/// What would keep the port from being opened. Does not open it: that resets many boards.
 fn port(machine: &Machine) -> Option<OpenError> {
     let path = &machine.link.path;
     match std::fs::metadata(path) {
@@ -255,13 +255,13 @@ fn port(machine: &Machine) -> Option<OpenError> {
     }
 }
 
-/// The least memory this process is allowed, and by what, as far as that can be read.
+/// The lowest limit on this process's memory, bytes, and what sets it, as far as that can be read.
 fn memory_limit() -> Option<(u64, &'static str)> {
     let group = std::fs::read_to_string("/proc/self/cgroup").unwrap_or_default();
     let group = group.lines().find_map(|line| line.strip_prefix("0::/")).unwrap_or_default();
     let of_group = std::fs::read_to_string(Path::new("/sys/fs/cgroup").join(group).join("memory.max"));
     let of_group = of_group.ok().and_then(|text| Some((text.trim().parse().ok()?, "its MemoryMax allows")));
-    // Not there for every service; the limit of its group is.
+    // /proc/meminfo may be missing in a sandboxed service.
     let system = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
     let of_system = system.lines().find_map(|line| {
         let kibibytes: u64 = line.strip_prefix("MemTotal:")?.trim().strip_suffix(" kB")?.parse().ok()?;

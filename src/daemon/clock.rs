@@ -1,8 +1,8 @@
-//! The daemon's two clocks: one that never goes back, for everything that is decided, and the wall's, for people.
+//! The daemon's two clocks: a monotonic one for decisions, and the wall clock for people.
 
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-/// Microseconds since the daemon's start; never goes back.
+/// Microseconds since the daemon's start; monotonic.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Clock {
     start: Instant,
@@ -19,13 +19,13 @@ impl Clock {
         u64::try_from(self.start.elapsed().as_micros()).unwrap_or(u64::MAX)
     }
 
-    /// That time as tokio counts it.
+    /// The time as tokio's instant.
     pub(super) fn at(self, time_us: u64) -> tokio::time::Instant {
         tokio::time::Instant::from_std(self.start + Duration::from_micros(time_us))
     }
 }
 
-/// Milliseconds since 1970 on the wall clock; 0 where the clock stands before that.
+/// Unix time in milliseconds; 0 if the wall clock is before 1970.
 pub(super) fn unix_ms() -> u64 {
     let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     u64::try_from(since.as_millis()).unwrap_or(u64::MAX)

@@ -1,9 +1,8 @@
-//! Connections: how many there may be, who is let go, and what is said to those for whom there is no place.
+//! Connections: how many there may be, which one is closed for a new one, and which requests each may make.
 //!
-//! A connection is taken from the socket's queue at once, always: nobody waits behind others there. The first
-//! [`MAX_CONNECTIONS`] may ask for everything; all others may only abort, and hear at once that there is no place for anything
-//! else. Of these others, the crowd, there are [`MAX_CROWD`]: a new one takes the place of one that has not asked yet,
-//! so that no number of silent ones keeps an abort out.
+//! A connection is accepted at once, so that none waits in the socket's queue. The first [`MAX_CONNECTIONS`] may make every
+//! request. All others, the crowd, may only abort; any other request is refused with 503. The crowd has [`MAX_CROWD`] members:
+//! a new one replaces one that has sent no request yet, so that silent connections cannot keep an abort out.
 
 use std::collections::HashMap;
 use std::convert::Infallible;
@@ -25,25 +24,25 @@ use tokio::time::{Instant, timeout};
 
 use super::caller::Caller;
 
-/// Connections at once that may ask for everything. Operators, a web bridge and scripts need a handful.
+/// Connections at once that may make every request. Operators, a web bridge and scripts need a handful.
 pub(super) const MAX_CONNECTIONS: usize = 64;
-/// Connections at once that may only abort. Each lasts as long as its request takes to arrive, which is no time for an honest
-/// one: a place less than a millisecond old is taken only from somebody who opens 64 in that time.
+/// Connections at once that may only abort. An honest client sends its request within a millisecond. To lose its place before
+/// that, 64 others must connect in the same millisecond.
 pub(super) const MAX_CROWD: usize = 64;
-/// A client that does not finish a request's head is let go: all of them are programs on this host.
+/// A connection is closed if the head of its request takes longer. All clients are programs on this host.
 pub(super) const HEAD_TIMEOUT: Duration = Duration::from_secs(1);
-/// Requests under way get this long to end once the printer has ended.
+/// Requests under way may take this much longer once the printer has ended.
 const LAST_WORDS: Duration = Duration::from_secs(1);
-/// Without file descriptors no connection is taken for so long: some may end meanwhile.
+/// Pause after an accept that failed, as without file descriptors. Connections may end meanwhile.
 const PAUSE: Duration = Duration::from_millis(20);
-/// How often the log hears that connections cannot be taken.
+/// How often the log says that connections cannot be accepted.
 const COMPLAINT_INTERVAL: Duration = Duration::from_secs(1);
 
 /// One socket and what it answers.
 pub(super) struct Door {
     /// The socket.
     pub listener: UnixListener,
-    /// Answers the first [`MAX_CONNECTIONS`]; without it everybody is of the crowd.
+    /// Answers the first [`MAX_CONNECTIONS`]; with `None` every connection belongs to the crowd.
     pub everything: Option<Router>,
     /// Answers the crowd.
     pub aborts: Router,
@@ -87,7 +86,7 @@ impl Door {
                 }
                 _ => crowd.admit(stream, caller, &talk),
             }
-            // Those that are here go on before the next one is taken, and what was let go of is closed.
+            // Lets the others run before the next one is accepted, and closes the one that was replaced.
             tokio::task::yield_now().await;
         }
         drop(listener);
@@ -99,7 +98,7 @@ impl Door {
     }
 }
 
-/// Waits for the end of the daemon.
+/// Waits until the daemon ends.
 pub(super) async fn ending(shutdown: &mut watch::Receiver<bool>) {
     // An error means that the sender is gone, which is an end as well.
     let _ = shutdown.wait_for(|ends| *ends).await;
@@ -113,7 +112,7 @@ struct Talk {
 }
 
 impl Talk {
-    /// One request and its answer. `asked` becomes true with the request.
+    /// Serves one request. `asked` becomes true when it arrives; `_place` is held until the end.
     async fn converse(
         mut self,
         stream: UnixStream,
@@ -133,7 +132,7 @@ impl Talk {
         let connection = hyper::server::conn::http1::Builder::new()
             .timer(TokioTimer::new())
             .header_read_timeout(HEAD_TIMEOUT)
-            // One request a connection: a client that asks on without reading must not hold a place that another needs.
+            // One request a connection: a client that keeps sending without reading must not hold a place that another needs.
             .keep_alive(false)
             .max_buf_size(self.max_head_bytes)
             .serve_connection(TokioIo::new(stream), service);
@@ -155,7 +154,7 @@ impl Talk {
 struct Crowd {
     service: TowerToHyperService<Router>,
     tasks: JoinSet<()>,
-    /// The oldest first.
+    /// Oldest first.
     members: Vec<Member>,
 }
 
@@ -190,7 +189,7 @@ impl Crowd {
         self.members.push(Member { task: self.tasks.spawn(conversation), pid: caller.pid, asked });
     }
 
-    /// Lets one go: of those that have asked nothing yet, if there are any, the oldest of the process that has most.
+    /// Closes one: the oldest of the process with the most members, preferring those that have sent no request.
     fn make_room(&mut self) {
         let mut counts = HashMap::new();
         for member in &self.members {

@@ -1,25 +1,24 @@
-//! File descriptors: there are enough for everything at once, or the daemon does not start.
+//! File descriptors: the daemon does not start unless it has enough for everything at once.
 
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
 use super::server;
 
-/// What the daemon holds besides connections, at most at once: its lock, port, listeners and runtimes (30), the files of two
-/// uploads, the part that is printed and the one that is checked, journals that are read or written by orders that wait (16),
-/// and as many again in reserve: without one of these a print ends.
+/// Descriptors besides connections: lock, port, listeners and runtimes (30), two uploads, the part that is printed, the part that
+/// is checked, and journals for waiting orders (16); and more than as many again in reserve, as a print ends without them.
 const OWN: u64 = 128;
 
-/// Descriptors that must be there.
+/// Descriptors that the daemon needs.
 pub(super) const NEEDED: u64 = OWN + server::MAX_DESCRIPTORS;
 
 /// Raises the limit as far as this process may.
 ///
 /// # Errors
-/// It may not have as many as it needs; the text says what to do.
+/// The limit is too low; the text says what to do.
 pub(super) fn reserve() -> Result<(), String> {
     let Rlimit { current, maximum } = getrlimit(Resource::Nofile);
     if current.is_some_and(|current| current < maximum.unwrap_or(NEEDED).max(NEEDED)) {
-        // Where that is forbidden, the limit that stands may be enough.
+        // If that is forbidden, the present limit may still be enough.
         let _ = setrlimit(Resource::Nofile, Rlimit { current: maximum, maximum });
     }
     match getrlimit(Resource::Nofile).current {
@@ -28,7 +27,7 @@ pub(super) fn reserve() -> Result<(), String> {
     }
 }
 
-/// The same as a question, without changing anything.
+/// Checks the same without changing anything.
 ///
 /// # Errors
 /// As [`reserve`].

@@ -1,15 +1,15 @@
-//! A layer that an interrupted job commanded and that nobody confirmed: the device is asked as soon as it answers, so that the
-//! operator hears of a doubt before the job goes on.
+//! The layer that an interrupted job commanded and the device did not confirm. Its fate is judged as soon as the device
+//! connects, so that the operator learns of a doubt before the job is resumed.
 
 use super::printer::Printer;
 use crate::job::{Fate, Unconfirmed, fate};
 use crate::link::message::{DeviceState, ExposureId};
 
 impl Printer {
-    /// The device told its state while no job runs.
+    /// Judges the unconfirmed layer by the device's state, while no job runs.
     pub(super) fn look_at_doubt(&mut self, state: &DeviceState) {
         if state.light_on || state.exposing.is_some() {
-            // It is not over; a later state tells how it ended.
+            // An exposure is under way; a later state shows how it ended.
             return;
         }
         let Some((id, exposure, commanded)) = self.open_exposure() else { return };
@@ -23,7 +23,7 @@ impl Printer {
         }
     }
 
-    /// The exposure whose end nobody confirmed, and its job.
+    /// The interrupted job and its exposure whose end is not confirmed.
     pub(super) fn open_exposure(&self) -> Option<(u32, ExposureId, Unconfirmed)> {
         let id = self.jobs.interrupted()?;
         let job = self.jobs.get(id)?;

@@ -1,37 +1,37 @@
-//! What a device reports of its faults, passed on no faster than a person can follow: a device that reports without end must
-//! fill neither log nor events. The newest report is never lost, only late by a second.
+//! Limits the rate of a device's fault reports, so that a device that reports without end fills neither log nor events. The newest
+//! report is never lost, only delayed by up to a second.
 
 use crate::link::message::Fault;
 
-/// Changes passed on at once: a fault that comes, goes and comes again is news.
+/// Changes that are passed on without delay.
 const BURST: u64 = 4;
-/// After a burst, one change in this time.
+/// After a burst, one change is passed on in this time.
 const REFILL_US: u64 = 1_000_000;
-/// Fewer reports too many are not worth a word.
+/// Fewer suppressed reports than this are not mentioned.
 const WORTH_TELLING: u64 = 10;
-/// Reports too many are told once in this time.
+/// The number of suppressed reports is told once in this time.
 const TELL_US: u64 = 60_000_000;
 
-/// Of one device, over all its sessions.
+/// Fault reports of the device, over all its sessions.
 #[derive(Debug, Default)]
 pub(super) struct FaultNews {
-    /// Passed on last in this session.
+    /// The report passed on last in this session.
     told: Option<Option<Fault>>,
-    /// The newest report, not passed on yet.
+    /// The newest report, if it was held back.
     held: Option<Option<Fault>>,
     used_until_us: u64,
-    /// Reports not passed on since that was told.
+    /// Reports suppressed since their number was last told.
     dropped: u64,
     tell_at_us: u64,
 }
 
 impl FaultNews {
-    /// A new session: its welcome tells of a fault that is present.
+    /// Begins a new session, whose welcome reports a present fault.
     pub(super) fn connected(&mut self) {
         (self.told, self.held) = (None, None);
     }
 
-    /// Takes a report (`None`: the device works again); gives back what is to be passed on now.
+    /// Takes a report (`None`: the device works again); returns the report to pass on now, if any.
     pub(super) fn reported(&mut self, fault: Option<Fault>, now_us: u64) -> Option<Option<Fault>> {
         if self.held.as_ref().or(self.told.as_ref()) == Some(&fault) {
             self.dropped += 1;
@@ -41,7 +41,7 @@ impl FaultNews {
         self.due(now_us)
     }
 
-    /// What was held back and is to be passed on now. To be asked a few times a second.
+    /// A report that was held back and is to be passed on now. Call it a few times a second.
     pub(super) fn due(&mut self, now_us: u64) -> Option<Option<Fault>> {
         if self.used_until_us >= now_us + BURST * REFILL_US {
             return None;
@@ -57,7 +57,7 @@ impl FaultNews {
         Some(fault)
     }
 
-    /// How many reports were not passed on, once in a while and only where there were many.
+    /// Number of suppressed reports, at most once a minute and only if there were many.
     pub(super) fn too_many(&mut self, now_us: u64) -> Option<u64> {
         if self.dropped < WORTH_TELLING || now_us < self.tell_at_us {
             return None;

@@ -1,4 +1,4 @@
-//! Whether the connected device can print a job by its recipe: told before the part is sent, and again when it has come.
+//! Whether the connected device can print a job by its recipe: checked before the part is sent, and again when it has arrived.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -13,17 +13,17 @@ use crate::link::message::Capabilities;
 #[derive(Clone, Debug)]
 pub struct Fit {
     setting: Arc<Setting>,
-    /// `None` without a device: then it is checked when the job begins.
+    /// `None` without a device; the check then happens when the job begins.
     device: Option<Capabilities>,
 }
 
 impl Fit {
-    /// Checks against the machine, and against the device where one is connected.
+    /// A check against this machine, and against the device if one is connected.
     pub(super) fn new(setting: Arc<Setting>, device: Option<Capabilities>) -> Self {
         Self { setting, device }
     }
 
-    /// Checks a recipe, the default one where no text is given; returns it.
+    /// Checks a recipe, or the default one if `text` is `None`; returns it.
     ///
     /// # Errors
     /// 422 for a recipe that is wrong or that the device cannot print, 409 for a device that is another machine.
@@ -33,7 +33,7 @@ impl Fit {
             .map_err(|error| CommandError::new(422, error.to_string()))?;
         if let Some(device) = &self.device {
             check_fit(&self.setting.machine, &recipe, device).map_err(|misfit| {
-                // Another device will do, or another recipe.
+                // 409 calls for another device, 422 for another recipe.
                 let status = if matches!(misfit, Misfit::Machine(_)) { 409 } else { 422 };
                 CommandError::new(status, misfit.to_string())
             })?;

@@ -1,4 +1,4 @@
-//! Between the server and the printer: orders one way, a snapshot and events the other. Every queue is bounded.
+//! What server and printer share: orders go to the printer, a snapshot and events come back. Every queue is bounded.
 
 use serde::Serialize;
 use tokio::sync::{broadcast, mpsc, oneshot, watch};
@@ -10,18 +10,18 @@ use super::upload;
 use crate::job::JobState;
 use crate::text::short_name;
 
-/// Orders that wait for the printer. People and scripts send a few a second at most; more means that nobody answers.
+/// Orders that wait for the printer. People and scripts send a few a second; a full queue means that the printer hangs.
 const WAITING_ORDERS: usize = 16;
-/// Aborts have a queue of their own, so that no other order can stand before one. One that finds it full waits, as many as
-/// there are connections: the printer takes aborts first and each takes it microseconds.
+/// Aborts that wait for the printer, in a queue of their own: no other order delays one. When it is full, further aborts wait for
+/// room, at most one for each connection. The printer takes aborts first and needs microseconds for each.
 const WAITING_ABORTS: usize = 4;
-/// Jobs that wait for the machine. Each holds a part in the spool; more than two months of daily prints come from a script
-/// that runs wild, and make lists that nobody reads.
+/// Jobs that wait for the machine. Each holds a part in the spool. This is two months of daily prints; more would come from a
+/// script that runs wild.
 pub const MAX_QUEUED_JOBS: usize = 64;
-/// Events a slow subscriber may be behind before it is told to read everything again.
+/// Events that are kept for a slow subscriber. One that falls further behind gets [`Event::Lagged`].
 const EVENTS_KEPT: usize = 256;
 
-/// What the printer tells of itself; [`Status`], job list and device view are parts of it.
+/// State of the printer as the API shows it. [`Status`], job list and device view are made from it.
 #[derive(Clone, Debug)]
 pub struct Snapshot {
     /// Name of the machine.
@@ -34,11 +34,12 @@ pub struct Snapshot {
     pub budget: BudgetView,
     /// What the line carried.
     pub line: LineView,
-    /// Jobs that have ended since the daemon started. Whoever looked at the plate before one more did has not seen its part.
+    /// Jobs that have ended since the daemon started. If this changed after an operator looked at the plate, another part may
+    /// hang on it.
     pub jobs_ended: u64,
-    /// What new jobs are checked against; `None` before the printer has looked.
+    /// What new jobs are checked against; `None` until the printer's first update.
     pub fit: Option<Fit>,
-    /// Every job that is remembered, in the order of their acceptance. The printer bounds their number.
+    /// All known jobs, the oldest first. The printer bounds their number.
     pub jobs: Vec<JobView>,
 }
 
@@ -60,16 +61,16 @@ impl Snapshot {
         }
     }
 
-    /// The job that holds the machine: the one that prints, or an interrupted one whose part is on the plate.
+    /// The job that holds the machine: the one that prints, else the interrupted one whose part is on the plate.
     pub fn active(&self) -> Option<&JobView> {
         let prints = self.jobs.iter().find(|job| job.state.is_active());
         prints.or_else(|| self.jobs.iter().find(|job| job.state == JobState::Interrupted))
     }
 
-    /// Whether the queue has room for one more job besides `coming` others that are on their way.
+    /// Checks that the queue has room for one more job besides `coming` others that are being uploaded.
     ///
     /// # Errors
-    /// 503 where it has none.
+    /// 503 if it has none.
     pub fn check_queue(&self, coming: usize) -> Result<(), CommandError> {
         let queued = self.jobs.iter().filter(|job| job.state == JobState::Queued).count();
         if queued + coming < MAX_QUEUED_JOBS {
@@ -82,13 +83,13 @@ impl Snapshot {
         Err(CommandError::new(503, text))
     }
 
-    /// The job that ended last; of those whose end nobody knows the newest, where there is no other.
+    /// The job that ended last. If the end of no job is known, the newest one that is over.
     fn last(&self) -> Option<&JobView> {
-        // Of equals the last one is taken.
+        // `max_by_key` returns the last of equals.
         self.jobs.iter().filter(|job| job.state.is_final()).max_by_key(|job| job.ended_ms)
     }
 
-    /// The job of that id.
+    /// The job with this id.
     pub fn job(&self, id: &str) -> Option<&JobView> {
         self.jobs.iter().find(|job| job.id == id)
     }
@@ -101,7 +102,7 @@ pub enum Command {
     Submit(Submission),
     /// Lift clear after the layer under way, and wait.
     Pause(String),
-    /// Go on, or print an interrupted job further.
+    /// Resume a paused or interrupted job, or confirm that the plate is empty for a queued one.
     Resume {
         /// The job.
         id: String,
@@ -118,15 +119,15 @@ pub enum Command {
     Raise,
 }
 
-/// What an order is answered with; as JSON what is in it.
+/// Answer to an order. Its JSON form is that of the content.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum Answer {
     /// The job as it is once the order is accepted.
     Job(Box<JobView>),
-    /// Where the plate goes.
+    /// The move of the plate.
     Raise(RaiseView),
-    /// What is gone.
+    /// The job that was removed.
     Removed(RemovedView),
 }
 
@@ -136,7 +137,7 @@ impl From<JobView> for Answer {
     }
 }
 
-/// As the log says it.
+/// The order as the log shows it.
 impl std::fmt::Display for Command {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
@@ -161,7 +162,7 @@ impl std::fmt::Display for Command {
 /// A new job.
 #[derive(Debug)]
 pub struct Submission {
-    /// The build file, whole and flushed, in the spool's `incoming`; removed when dropped, so whoever takes the job renames it
+    /// The build file, complete and flushed, in the spool's `incoming`. It is deleted when dropped; accepting the job renames it
     /// (`TempPath::persist`).
     pub part: tempfile::TempPath,
     /// For people.
@@ -196,7 +197,7 @@ impl CommandError {
 pub struct Order {
     /// What to do.
     pub command: Command,
-    /// Takes the answer. Nobody may be listening any more.
+    /// Takes the answer. The receiver may be gone.
     pub reply: oneshot::Sender<Result<Answer, CommandError>>,
 }
 
@@ -214,9 +215,9 @@ pub struct Handle {
 pub struct Desk {
     /// Orders, aborts first.
     pub orders: Orders,
-    /// Where the printer writes what it tells of itself (`send_modify`).
+    /// The state that the printer publishes (`send_modify`).
     pub snapshot: watch::Sender<Snapshot>,
-    /// News for subscribers; sending fails where there are none, which is no error.
+    /// Events for subscribers. Sending fails when there are none, which is no error.
     pub events: broadcast::Sender<Event>,
 }
 
@@ -253,7 +254,7 @@ impl Handle {
     /// Gives an order and waits for its answer. The log says who gave it.
     ///
     /// # Errors
-    /// What the printer says, or 503 where it takes no orders.
+    /// The printer's refusal, or 503 if it takes no orders.
     pub async fn order(&self, command: Command, caller: Caller) -> Result<Answer, CommandError> {
         let what = command.to_string();
         tracing::info!("order by {caller}: {what}");
@@ -290,12 +291,12 @@ impl Handle {
         answer.await.unwrap_or_else(|_| Err(ending()))
     }
 
-    /// What the printer told last.
+    /// The printer's latest state.
     pub fn snapshot(&self) -> watch::Ref<'_, Snapshot> {
         self.snapshot.borrow()
     }
 
-    /// News from now on.
+    /// Events from now on.
     pub fn subscribe(&self) -> broadcast::Receiver<Event> {
         self.events.subscribe()
     }

@@ -1,4 +1,4 @@
-//! The device while no job runs: it is asked how it is, and light that nobody commanded is put off.
+//! The device while no job runs: its state is queried, and light that was not commanded is switched off.
 
 use super::printer::Printer;
 use super::raise::Raise;
@@ -8,18 +8,18 @@ use crate::link::message::{DeviceState, Urgent};
 /// What is known of the device while no job runs.
 #[derive(Default)]
 pub(super) struct Idle {
-    /// Asks the device how it is; `None` without a session, or while a job runs.
+    /// Queries the device's state; `None` without a session, or while a job runs.
     pub driver: Option<DlpDriver>,
-    /// Its light; the running job's engine watches it otherwise.
+    /// Watches its light. While a job runs, the job's engine does.
     pub light: LightWatch,
     /// When the exposure under way must have ended.
     light_due_us: Option<u64>,
-    /// The plate on its way up.
+    /// The move of `layerctl raise`, while it is under way.
     pub raise: Option<Raise>,
 }
 
 impl Idle {
-    /// Goes on watching the light after a job; there is no session yet.
+    /// The state after a job: the watch on the light goes on; there is no session yet.
     pub(super) fn after(light: LightWatch) -> Self {
         Self { light, ..Self::default() }
     }
@@ -33,7 +33,7 @@ impl Idle {
 }
 
 impl Printer {
-    /// The device told its state while no job runs.
+    /// Handles a state of the device while no job runs.
     pub(super) fn idle_state(&mut self, state: &DeviceState, now_us: u64) {
         self.look_at_doubt(state);
         self.watch_light(state, now_us);
@@ -46,7 +46,7 @@ impl Printer {
         }
         self.idle.light_due_us = None;
         match self.idle.light.observe(state, now_us) {
-            // What is known of a layer whose end is open is kept for the job's engine.
+            // The watch still knows an exposure whose end is unconfirmed; the job's engine needs that.
             Light::Dark if self.open_exposure().is_some_and(|(_, id, _)| self.idle.light.has_shone(id)) => {}
             Light::Dark => self.idle.light.ended(),
             Light::Commanded { until_us } => self.idle.light_due_us = Some(until_us + 1),
@@ -54,13 +54,13 @@ impl Printer {
         }
     }
 
-    /// What is known of the device's light, whoever watches it.
+    /// The watch on the device's light, of the running job or of [`Idle`].
     fn light(&self) -> &LightWatch {
         self.running.as_ref().map_or(&self.idle.light, |running| running.engine.light())
     }
 
-    /// Notes whether the device stays lit although it was told to be dark. The operator is told once; what they see of the device
-    /// says so as long as it lasts.
+    /// Notes whether the device stays lit although it was told to go dark. The operator gets one notice; status and device views
+    /// say so as long as it lasts.
     pub(super) fn look_at_light(&mut self) {
         let stays_lit = self.light().stays_lit();
         match (stays_lit, self.device.stays_lit.is_some()) {
@@ -76,7 +76,7 @@ impl Printer {
         }
     }
 
-    /// Why no job may begin to print: the device shows light that it must not have.
+    /// The device shows light that was not commanded: why no job may begin to print. `None` if it does not.
     pub(super) fn unwanted_light(&self) -> Option<&'static str> {
         let light = self.light();
         match (light.stays_lit(), light.is_unwanted()) {
@@ -94,7 +94,7 @@ impl Printer {
         self.send_urgent(Urgent::LightOff);
     }
 
-    /// The end of an exposure may be overdue while no job runs.
+    /// Handles a deadline while no job runs: an exposure or the raising of the plate is overdue.
     pub(super) fn idle_timeout(&mut self, now_us: u64) {
         if self.idle.light_due_us.take_if(|due_us| *due_us <= now_us).is_some()
             && let Some(text) = self.idle.light.overdue()
@@ -104,7 +104,7 @@ impl Printer {
         self.raise_timeout(now_us);
     }
 
-    /// The device said something while no job runs.
+    /// Handles an event of the driver while no job runs.
     pub(super) fn idle_event(&mut self, event: DriverEvent, now_us: u64) {
         match event {
             DriverEvent::StateKnown { state, .. } => self.idle_state(&state, now_us),

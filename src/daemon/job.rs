@@ -17,36 +17,36 @@ pub(super) struct Job {
     pub directory: JobDirectory,
     /// Names its exposures; 0 where the journal could not be read.
     pub key: u64,
-    /// Exposure of the layer that was commanded and not confirmed when the daemon started, milliseconds.
+    /// Exposure time of the layer that was commanded and not confirmed when the daemon started, milliseconds.
     pub unconfirmed_ms: Option<u32>,
     /// What operators see.
     pub view: JobView,
     /// Its light and plate so far.
     pub past: Past,
-    /// What for, when its turn comes.
+    /// What it gets the machine for.
     pub take_up: TakeUp,
-    /// Whether the operator must say first that the plate is empty, whatever device and spool show.
+    /// Whether the operator must confirm first that the plate is empty, whatever device and spool show.
     pub awaits_plate: bool,
-    /// Whether it is taken up only once a device answers: nobody who could wait for it asked just now.
+    /// Whether it gets the machine only once a device answers: to carry out an order to end from before a crash or a lost device.
     pub awaits_device: bool,
-    /// What the operator was told of the plate and has not answered.
+    /// Signs of a part that the operator was told of and has not confirmed.
     pub told: Vec<Sign>,
-    /// What the operator knows of the plate.
+    /// Signs that the operator has confirmed.
     pub cleared: Vec<Sign>,
-    /// What the device says of the unconfirmed layer, where that leaves it in doubt, and the job's reason before.
+    /// Why the unconfirmed layer is in doubt, and the view's reason before that was added.
     pub doubt: Option<(String, Option<String>)>,
-    /// Whether an order is being checked or written in its journal; until then nothing else is done with it.
+    /// Whether an order is being checked against its journal or written there. Until that is done, other orders are refused.
     pub ordered: bool,
-    /// Aborts that came meanwhile; they are carried out next.
+    /// Aborts that came meanwhile; they are next.
     pub aborts: Vec<Reply>,
 }
 
-/// What a job is given the machine for.
+/// What a job gets the machine for.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum TakeUp {
-    /// To print, with what the operator said of a layer in doubt.
+    /// To print; holds the operator's choice for a layer in doubt.
     Print(ResumeChoice),
-    /// To end, dark and with the plate clear: a stop, or an abort.
+    /// To end with the light off and the plate clear: by a stop or an abort.
     End(Command),
 }
 
@@ -60,7 +60,7 @@ impl From<EndOrder> for Command {
 }
 
 impl TakeUp {
-    /// What the job is until its engine says so itself: on its way to the end, or `otherwise`.
+    /// The job's state until its engine reports one: stopping or aborting, else `otherwise`.
     pub(super) fn state_before(self, otherwise: JobState) -> JobState {
         match self {
             Self::Print(_) => otherwise,
@@ -109,7 +109,7 @@ impl Job {
             }
             Err(error) => {
                 tracing::error!(job = directory.id, "{error}");
-                // What is there and cannot be read now may be read later; until then its part may be on the plate.
+                // The journal may become readable again; until then its part may be on the plate.
                 view.state = if error.may_be_mended() { JobState::Interrupted } else { JobState::Failed };
                 view.reason = Some(format!("{error}. If its part is on the plate, take it off"));
                 (0, Past::unknown())
@@ -123,18 +123,18 @@ impl Job {
         Self { unconfirmed_ms, ..Self::new(directory, key, view, past, awaits_plate) }
     }
 
-    /// What must be known of it once its record is gone.
+    /// What must stay known of it when its record is deleted.
     pub(super) fn forgotten(&self) -> Forgotten {
         Forgotten { id: self.directory.id, key: self.key, plate: self.past.plate_after() }
     }
 
-    /// Whether it ever had the machine, so that plate and light may be its own.
+    /// Whether it may ever have had the machine, so that plate and light may be its own.
     pub(super) fn has_begun(&self) -> bool {
-        // Without a key its journal could not be read, and nobody knows.
+        // Key 0: its journal could not be read, so it may have.
         self.view.started_ms.is_some() || self.key == 0
     }
 
-    /// Takes over what the engine says. Returns whether anything changed.
+    /// Copies the engine's progress into the view. Returns whether anything changed.
     pub(super) fn update(&mut self, progress: &Progress) -> bool {
         let before = self.view.clone();
         let view = &mut self.view;
@@ -142,13 +142,13 @@ impl Job {
         view.layers_done = progress.layers_done;
         view.layers_total = progress.layers_total;
         view.layer = progress.state.is_active().then_some(progress.layer);
-        // Whole seconds: a view does not change with every millisecond.
+        // Whole seconds, so that the view does not change every millisecond.
         view.eta_s = progress.eta_ms.map(|eta_ms| eta_ms.div_ceil(1000));
         view.late_layers = progress.late_layers;
         view.late_ms_total = progress.late_ms_total;
         view.in_doubt = progress.in_doubt;
         view.reason = Some(progress.reason.clone()).filter(|reason| !reason.is_empty());
-        // While it is checked nothing is commanded yet.
+        // While it is checked, nothing is commanded.
         if view.started_ms.is_none() && progress.state.is_active() && progress.state != JobState::Checking {
             view.started_ms = Some(unix_ms());
         }
@@ -161,7 +161,7 @@ impl Job {
         *view != before
     }
 
-    /// Takes over what the device makes of the layer commanded: whether it is in doubt, and why. Returns whether that is news.
+    /// Sets why the commanded layer is in doubt, or that it is not. Returns whether that changed.
     pub(super) fn set_doubt(&mut self, layer: u32, why: Option<String>) -> bool {
         if self.doubt.as_ref().map(|(why, _)| why) == why.as_ref() {
             return false;
@@ -179,7 +179,7 @@ impl Job {
         true
     }
 
-    /// The job ended without an engine.
+    /// Notes that the job ended without an engine.
     pub(super) fn end(&mut self, state: JobState, reason: Option<String>) {
         self.view.state = state;
         self.view.reason = reason;

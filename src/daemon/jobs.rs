@@ -1,4 +1,4 @@
-//! The jobs the daemon knows: what operators see of each, and who is next.
+//! The jobs the daemon knows, and the queue.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -8,14 +8,14 @@ use super::plate;
 use crate::job::{Command, EndOrder, Forgotten, JobDirectory, JobState, MAX_FORGOTTEN, PlateAfter, Trace, Unconfirmed};
 use crate::link::message::ExposureId;
 
-/// What is known of a layer that a device speaks of.
+/// What the daemon's records say of a layer that the device shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Account {
-    /// Here is a record of it, or the operator knows of it.
+    /// A journal has a record of it, or the operator has confirmed it.
     Known,
-    /// This job's journal knows nothing of it.
+    /// The key is this job's, but its journal has no record of it.
     NotOf(u32),
-    /// No job here has that key.
+    /// No job in this spool has that key.
     Foreign,
 }
 
@@ -24,13 +24,13 @@ pub(super) enum Account {
 pub(super) struct Jobs {
     jobs: BTreeMap<u32, Job>,
     queue: VecDeque<u32>,
-    /// Jobs whose records are gone.
+    /// What is still known of jobs whose records were deleted.
     forgotten: BTreeMap<u32, Forgotten>,
 }
 
 impl Jobs {
-    /// Reads the journals of a spool's jobs. Jobs that were queued still are; they wait for an empty plate where
-    /// `awaits_plate`. What was ordered to end before a crash is done so once a device answers.
+    /// Reads the journals of a spool's jobs. Queued jobs stay queued; if `awaits_plate`, each needs a confirmation that the plate
+    /// is empty. A job with an order to end from before a crash ends as soon as a device answers.
     pub(super) fn load(directories: Vec<JobDirectory>, forgotten: Vec<Forgotten>, awaits_plate: bool) -> Self {
         let forgotten = forgotten.into_iter().map(|job| (job.id, job)).collect();
         let mut jobs = Self { forgotten, ..Self::default() };
@@ -47,7 +47,7 @@ impl Jobs {
         jobs
     }
 
-    /// Takes a new job in, at the end of the queue.
+    /// Adds a new job at the end of the queue.
     pub(super) fn accept(&mut self, job: Job) {
         self.queue.push_back(job.directory.id);
         self.jobs.insert(job.directory.id, job);
@@ -65,12 +65,12 @@ impl Jobs {
 
     /// The job whose exposures bear this key.
     pub(super) fn by_key(&self, key: u64) -> Option<&Job> {
-        // 0 is the key of none: a job has it whose journal cannot be read.
+        // A job whose journal cannot be read has the key 0.
         self.jobs.values().find(|job| job.key == key && key != 0)
     }
 
-    /// How long an exposure was commanded to last that may be under way since before the daemon started, milliseconds; `None`
-    /// where it was not commanded to the device since its start `boot_id`.
+    /// Commanded duration of an exposure that may have been under way when the daemon started, milliseconds. `None` unless the
+    /// exposure was commanded to this device since its start `boot_id`.
     pub(super) fn commanded_ms(&self, id: ExposureId, boot_id: u32) -> Option<u32> {
         let job = self.by_key(id.job)?;
         let commanded = Some(Unconfirmed { layer: id.layer, boot_id });
@@ -82,7 +82,7 @@ impl Jobs {
         self.jobs.values().map(|job| job.view.clone()).collect()
     }
 
-    /// The jobs to which nothing can happen any more, and what must be known of each once its record is gone.
+    /// The jobs that are over, and what must stay known of each when its record is deleted.
     pub(super) fn over(&self) -> Vec<Forgotten> {
         self.jobs.values().filter(|job| job.view.state.is_final()).map(Job::forgotten).collect()
     }
@@ -92,7 +92,7 @@ impl Jobs {
         self.jobs.iter().find(|(_, job)| job.view.state == JobState::Interrupted).map(|(id, _)| *id)
     }
 
-    /// The newest job that tells anything about the plate: what it tells.
+    /// The newest job that says anything about the plate.
     fn last_plate(&self) -> Option<(Forgotten, Option<&Job>)> {
         let jobs = self.jobs.values().map(|job| (job.forgotten(), Some(job)));
         let all = jobs.chain(self.forgotten.values().map(|job| (*job, None)));
@@ -100,21 +100,22 @@ impl Jobs {
         all.filter(|(job, _)| job.plate != PlateAfter::Unsaid).max_by_key(|(job, _)| job.id)
     }
 
-    /// Number and key of the job whose part may lie in the vat, as far as the spool tells. An interrupted one does not count:
-    /// it keeps the machine.
+    /// Number and key of the last job, if no record says that its plate was lifted. An interrupted job does not count: it keeps the
+    /// machine.
     pub(super) fn left(&self) -> Option<(u32, u64)> {
         let (last, job) = self.last_plate()?;
         let is_over = job.is_none_or(|job| job.view.state.is_final());
         (last.plate == PlateAfter::Left && is_over).then_some((last.id, last.key))
     }
 
-    /// The start of the device whose plate only a job that had no light yet has moved since it was bare.
+    /// The boot of the device on whose plate nothing can hang: it was confirmed to be empty for the last job, and that job has had
+    /// no light.
     pub(super) fn bare_on(&self) -> Option<u32> {
         let (_, job) = self.last_plate()?;
         job.filter(|job| !job.past.touched)?.past.plate_clear_on
     }
 
-    /// What is known here of what a device shows, for a job about to begin.
+    /// What the records say of an exposure that the device shows, for the job `beginning`.
     pub(super) fn account(&self, trace: Trace, beginning: u32) -> Account {
         let (Trace::Lit { job: key, .. } | Trace::Held { job: key, .. }) = trace;
         let is_told = self.jobs.values().any(|job| job.past.traces.contains(&trace));
@@ -123,21 +124,21 @@ impl Jobs {
         }
         match self.by_key(key) {
             None => Account::Foreign,
-            // What contradicts its own journal is for its engine to find.
+            // A contradiction with its own journal is found by its engine.
             Some(job) if job.directory.id == beginning || matches!(trace, Trace::Held { .. }) => Account::Known,
             Some(job) if job.past.touched && job.view.state.is_final() => Account::Known,
             Some(job) => Account::NotOf(job.directory.id),
         }
     }
 
-    /// A job that is to be given the machine only to end.
+    /// A job in the queue that is to get the machine only to end.
     pub(super) fn ending(&self) -> Option<u32> {
         self.queue.iter().copied().find(|id| {
             self.jobs.get(id).is_some_and(|job| matches!(job.view.state, JobState::Aborting | JobState::Stopping))
         })
     }
 
-    /// Puts an interrupted job in front of the queue: its part hangs on the plate.
+    /// Puts a job at the front of the queue, as its part hangs on the plate or it had the machine already.
     pub(super) fn take_up(&mut self, id: u32, take_up: TakeUp) {
         if let Some(job) = self.jobs.get_mut(&id) {
             job.take_up = take_up;
@@ -150,7 +151,7 @@ impl Jobs {
         }
     }
 
-    /// Gives an interrupted job the machine to end, as soon as a device answers.
+    /// Queues an interrupted job to end as soon as a device answers.
     pub(super) fn end_later(&mut self, id: u32, order: EndOrder) {
         self.take_up(id, TakeUp::End(order.into()));
         if let Some(job) = self.jobs.get_mut(&id) {
@@ -163,14 +164,13 @@ impl Jobs {
         self.queue.retain(|queued| *queued != id);
     }
 
-    /// The first job in the queue, where nothing but the machine itself may keep it.
+    /// The first job in the queue; `None` if an order for it is being written, or an interrupted job keeps the machine.
     pub(super) fn next(&self) -> Option<&Job> {
         let job = self.jobs.get(self.queue.front()?)?;
         (!job.ordered && self.interrupted().is_none()).then_some(job)
     }
 
-    /// Takes a job whose turn has come out of the queue. From now on its part is on the plate: what was said of the plate
-    /// before holds for no other job where `awaits_plate`.
+    /// Pops the next job. Earlier plate confirmations do not count for the others; if `awaits_plate`, each needs a new one.
     pub(super) fn take(&mut self, id: u32, awaits_plate: bool) {
         self.unqueue(id);
         for other in &self.queue {
@@ -181,7 +181,7 @@ impl Jobs {
         }
     }
 
-    /// What a queued job waits for besides a word that the plate is empty; `holder` has the machine.
+    /// Which job a queued job waits for; `holder` has the machine. `None` if it is next.
     pub(super) fn ahead_of(&self, id: u32, holder: Option<u32>) -> Option<String> {
         let first = self.queue.front().filter(|first| **first != id);
         match (holder, self.interrupted(), first) {
@@ -195,7 +195,8 @@ impl Jobs {
         }
     }
 
-    /// Writes into every queued job's view what it waits for; returns those where that changed. `light` is why none may print.
+    /// Writes into every queued job's view what it waits for; returns the jobs where that changed. `light` says why the device's
+    /// light keeps jobs from printing.
     pub(super) fn explain(&mut self, holder: Option<u32>, light: Option<&str>) -> Vec<u32> {
         let mut changed = Vec::new();
         for id in self.queue.clone() {
@@ -224,7 +225,7 @@ impl Jobs {
         changed
     }
 
-    /// Forgets jobs whose records the spool has deleted, but for what must still be known.
+    /// Forgets jobs whose records the spool has deleted, except for their keys and plates.
     pub(super) fn forget(&mut self, ids: &[u32]) {
         for job in ids.iter().filter_map(|id| self.jobs.remove(id)) {
             self.forgotten.insert(job.directory.id, job.forgotten());

@@ -1,4 +1,4 @@
-//! The layers of the running job, computed ahead; restarted where the engine wants to go on from another layer.
+//! The layers of the running job, computed ahead; restarted when the engine wants to go on from another layer.
 
 use std::sync::Arc;
 
@@ -8,20 +8,20 @@ use super::part::{EncodedLayer, Part};
 use crate::device::encoding::Choice;
 use crate::stream::{Ahead, Finished, MemoryBudget};
 
-/// A sweep, or none, or one being started.
+/// The sweep that computes layers.
 #[derive(Debug, Default)]
 pub(super) enum Layers {
     /// Nothing is computed.
     #[default]
     Idle,
-    /// The file is being opened, after the sweep before has given its memory back.
+    /// The sweep before gives its memory back; then the file is opened.
     Starting(JoinHandle<Result<Ahead<EncodedLayer>, String>>),
-    /// Layers come.
+    /// Layers are being computed.
     Running(Ahead<EncodedLayer>),
 }
 
 impl Layers {
-    /// Ends what runs and starts at layer `from`.
+    /// Ends the present sweep and starts one at layer `from`.
     pub(super) fn restart(&mut self, part: &Arc<Part>, from: u32, encoding: Choice, budget: &MemoryBudget) {
         let before = std::mem::take(self);
         let (part, budget) = (Arc::clone(part), budget.clone());
@@ -32,7 +32,7 @@ impl Layers {
         }));
     }
 
-    /// The next layer; waits for ever where nothing is computed. Cancel safe.
+    /// The next layer; waits for ever if nothing is computed. Cancel-safe.
     ///
     /// # Errors
     /// A text for the operator.
@@ -53,7 +53,7 @@ impl Layers {
         }
     }
 
-    /// Ends what runs; returns once its memory is given back.
+    /// Ends the present sweep; returns once its memory is given back.
     pub(super) async fn stop(self) {
         match self {
             Self::Idle => {}

@@ -8,7 +8,7 @@ use crate::link::driver::{LinkEvent, LinkHandle, link};
 use crate::link::message::{HostMessage, Urgent};
 use crate::link::session::{Hindrance, HostEvent, Statistics};
 
-/// The line: what comes from it, and room for what goes out.
+/// Events from the line, and messages to it.
 pub(super) struct Line {
     handle: LinkHandle,
     events: mpsc::Receiver<LinkEvent>,
@@ -19,13 +19,13 @@ pub(super) struct Line {
 }
 
 impl Line {
-    /// Starts the task that opens the port and keeps a session with the device, for ever.
+    /// Starts the task that opens the port and keeps a session with the device until [`Line::close`].
     pub(super) fn start(config: LinkSettings) -> Self {
         let (handle, events, driver) = link(config);
         Self { handle, events, task: tokio::spawn(driver.run()), session_id: None, piece_bytes: 0, urgents: 0 }
     }
 
-    /// What happens next on the line. Cancel safe.
+    /// The next event of the line. Cancel-safe.
     pub(super) async fn next_event(&mut self) -> Option<LinkEvent> {
         let event = self.events.recv().await;
         match &event {
@@ -39,13 +39,14 @@ impl Line {
         event
     }
 
-    /// Somebody who waits until [`Line::send`] can take a message.
+    /// Waits until [`Line::send`] has room for a message. The future does not borrow `self`.
     pub(super) fn room(&self) -> impl Future<Output = ()> + use<> {
         let handle = self.handle.clone();
         async move { handle.room().await }
     }
 
-    /// Sends a message in the present session; dropped where there is none or no room was waited for.
+    /// Sends a message in the present session. Without a session the message is dropped; without room (see [`Line::room`]) too,
+    /// with an error in the log.
     pub(super) fn send(&self, message: HostMessage) {
         if let Some(session_id) = self.session_id
             && self.handle.try_send(session_id, message).is_err()
@@ -54,7 +55,7 @@ impl Line {
         }
     }
 
-    /// Sends ahead of everything else; its number, which the answer bears.
+    /// Sends an urgent frame ahead of everything else. Returns its number, which the device's answer repeats.
     pub(super) fn urgent(&mut self, urgent: Urgent) -> u32 {
         // The line numbers urgent frames in the order in which it gets them.
         if self.handle.urgent(urgent).is_ok() {
@@ -69,13 +70,13 @@ impl Line {
         self.handle.renew();
     }
 
-    /// Ends the session because nothing good can come of it; the next begins after a pause.
+    /// Ends a session that cannot go on; the next begins after a pause.
     pub(super) fn give_up(&mut self) {
         self.session_id = None;
         self.handle.give_up();
     }
 
-    /// Layer data is best sent in pieces of this size.
+    /// Best size of a piece of layer data, bytes.
     pub(super) fn piece_bytes(&self) -> usize {
         self.piece_bytes
     }
@@ -99,7 +100,7 @@ impl Line {
     pub(super) async fn close(self) {
         drop(self.handle);
         drop(self.events);
-        // It ends by itself; a panic in it was reported when it happened.
+        // Without handle and receiver it ends by itself. A panic in it was reported when it happened.
         let _ = self.task.await;
     }
 }

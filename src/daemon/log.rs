@@ -1,7 +1,7 @@
-//! The daemon's log: lines to stderr, through a thread of its own.
+//! The daemon's log: lines to stderr, written by a thread of its own.
 //!
-//! Whatever writes to the log must go on at once: a terminal that stands still, a full pipe or a closed one holds up this
-//! thread and nothing else. Lines that repeat are counted ([`limit`]), so that no device can fill a disk with them.
+//! Logging never blocks: a terminal that is stopped, or a full or closed pipe, holds up only this thread. Lines that repeat are
+//! counted ([`limit`]), so that no device can fill a disk with them.
 
 mod limit;
 
@@ -20,14 +20,14 @@ use tracing_subscriber::{EnvFilter, Layer, field::MakeExt};
 use self::limit::Limiter;
 use crate::text::plain_line;
 
-/// Lines that wait for stderr: some hundred kilobytes. What more comes is counted and lost.
+/// Lines that wait for stderr: some hundred kilobytes. Further lines are dropped and counted.
 const WAITING_LINES: usize = 1024;
-/// How often windows of repeated lines are looked through.
+/// How often the thread looks for windows of repeated lines that have ended.
 const LOOK: Duration = Duration::from_secs(1);
-/// How long the end of the daemon waits for a stderr that takes nothing.
+/// How long the daemon waits at its end for a stderr that takes nothing.
 const LAST_LINES: Duration = Duration::from_secs(1);
 
-/// The log of this process, until it is dropped: then the lines that wait are written.
+/// The log of this process. Dropping it writes the lines that wait.
 #[derive(Debug)]
 pub(super) struct Log {
     queue: SyncSender<Entry>,
@@ -36,14 +36,14 @@ pub(super) struct Log {
 #[derive(Debug)]
 enum Entry {
     Line(Vec<u8>),
-    /// Write what was counted, and say when that is done.
+    /// Write the counts of repeated lines, then report that it is done.
     Close(SyncSender<()>),
 }
 
-/// Sends the log to stderr; `RUST_LOG` says how much. Under systemd, whose journal knows the time, without times.
+/// Sends the log to stderr; `RUST_LOG` sets the level. Under systemd, lines have no time: the journal adds it.
 ///
 /// # Errors
-/// The system starts no thread.
+/// The system cannot start a thread.
 pub(super) fn to_stderr() -> io::Result<Log> {
     let (queue, entries) = sync_channel(WAITING_LINES);
     let lost = Arc::new(AtomicU64::new(0));
@@ -51,7 +51,7 @@ pub(super) fn to_stderr() -> io::Result<Log> {
     let writer = Writer { limiter: limiter.clone(), lost: Arc::clone(&lost) };
     std::thread::Builder::new().name("log".into()).spawn(move || writer.run(&entries))?;
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("info"));
-    // One event, one line, whatever a device or a file wrote into it.
+    // Each event is one line: text of devices and files is escaped.
     let fields = debug_fn(|writer, field, value| match field.name() {
         "message" => write!(writer, "{}", plain_line(&format!("{value:?}"))),
         name => write!(writer, "{name}={}", plain_line(&format!("{value:?}"))),
@@ -60,14 +60,14 @@ pub(super) fn to_stderr() -> io::Result<Log> {
         .fmt_fields(fields.delimited(" "))
         .with_writer(Queue { queue: queue.clone(), lost })
         .with_target(false)
-        // They would go to stderr, and panic where it is closed.
+        // These go to stderr directly, and panic if it is closed.
         .log_internal_errors(false);
     let lines = if std::env::var_os("JOURNAL_STREAM").is_some() {
         lines.without_time().with_ansi(false).boxed()
     } else {
         lines.with_ansi(io::stderr().is_terminal()).boxed()
     };
-    // A second log in one process would be a mistake in a test; the first one stays.
+    // A second log in one process happens only by mistake in a test; the first one stays.
     let _ = tracing_subscriber::registry().with(lines).with(limiter).with(filter).try_init();
     Ok(Log { queue })
 }
@@ -88,7 +88,7 @@ impl Drop for Log {
     }
 }
 
-/// Where formatted lines go: into the queue, at once.
+/// Puts formatted lines into the queue without waiting.
 #[derive(Clone)]
 struct Queue {
     queue: SyncSender<Entry>,
@@ -104,7 +104,7 @@ impl<'a> MakeWriter<'a> for Queue {
 }
 
 impl Write for Queue {
-    /// Takes a whole line, as the subscriber writes it.
+    /// Takes one whole line: the subscriber writes each at once.
     fn write(&mut self, line: &[u8]) -> io::Result<usize> {
         if self.queue.try_send(Entry::Line(line.to_vec())).is_err() {
             self.lost.fetch_add(1, Ordering::Relaxed);
@@ -146,7 +146,7 @@ impl Writer {
         }
     }
 
-    /// A stderr that nobody reads any more is no reason to end.
+    /// Errors are ignored: the daemon goes on when nobody reads its stderr.
     fn write(&self, line: &[u8]) {
         let mut stderr = io::stderr().lock();
         let lost = self.lost.swap(0, Ordering::Relaxed);

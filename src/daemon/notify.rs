@@ -1,4 +1,4 @@
-//! What systemd is told (`Type=notify`): ready, a line of status, alive, stopping. Without systemd nothing happens.
+//! Notifies systemd (`Type=notify`): ready, status line, watchdog, stopping. Without systemd nothing happens.
 
 use std::time::Duration;
 
@@ -19,18 +19,18 @@ pub(super) fn stopping() {
     tell(&[NotifyState::Stopping]);
 }
 
-/// The printer's main loop is alive. Call it from that loop, not from a timer of its own: what hangs must be noticed.
+/// The printer's loop is alive. Call it from that loop, not from a separate timer: the watchdog must notice a loop that hangs.
 pub(super) fn alive() {
     tell(&[NotifyState::Watchdog]);
 }
 
-/// How often [`alive`] is to be called: half of what systemd allows (sd_watchdog_enabled(3)). `None` without a watchdog.
+/// How often to call [`alive`]: half of systemd's limit (sd_watchdog_enabled(3)). `None` without a watchdog.
 pub(super) fn alive_interval() -> Option<Duration> {
     sd_notify::watchdog_enabled().map(|allowed| allowed / 2)
 }
 
 fn tell(states: &[NotifyState<'_>]) {
     if let Err(error) = sd_notify::notify(states) {
-        tracing::warn!(%error, "systemd could not be told");
+        tracing::warn!(%error, "systemd could not be notified");
     }
 }

@@ -1,4 +1,4 @@
-//! A job read from the spool, now that its turn has come.
+//! A job that is read from the spool when its turn comes.
 
 use std::sync::Arc;
 
@@ -11,17 +11,17 @@ use crate::job::{JobDirectory, JobState, Journal, Record, StartPoint};
 /// A job read from the spool, ready to run.
 #[derive(Debug)]
 pub(super) struct Opened {
-    /// Open to be written on.
+    /// Open for appending.
     pub journal: Journal,
     /// Names its exposures.
     pub key: u64,
-    /// Where the engine takes it up.
+    /// Where the engine begins.
     pub start: StartPoint,
     /// As it was when the job was accepted.
     pub recipe: Recipe,
     /// As it was when the job was accepted.
     pub machine: Machine,
-    /// Placed on that machine.
+    /// The part, placed on that machine.
     pub part: Arc<Part>,
 }
 
@@ -30,7 +30,7 @@ pub(super) struct Opened {
 pub(super) struct Unopened {
     /// Why.
     pub text: String,
-    /// What becomes of it: interrupted where its part may be on the plate, else failed.
+    /// Its state from now on: interrupted if its part may be on the plate, else failed.
     pub state: JobState,
 }
 
@@ -39,7 +39,7 @@ impl Opened {
     /// whether it ever had the machine. Blocks.
     ///
     /// # Errors
-    /// What is missing or does not fit; where the journal can be written, the job's end stands in it.
+    /// What is missing or does not fit. The job's end is written to its journal if possible.
     pub(super) fn open(
         job: &JobDirectory,
         take_up: TakeUp,
@@ -48,11 +48,11 @@ impl Opened {
         limit_bytes: u64,
     ) -> Result<Self, Unopened> {
         let (mut journal, history) = Journal::open(&job.journal()).map_err(|error| {
-            // What cannot be read now may be read once the disk is mended; what is damaged stays so.
+            // A journal that cannot be read may become readable; a damaged one stays damaged.
             let state = if has_begun && error.may_be_mended() { JobState::Interrupted } else { JobState::Failed };
             Unopened { text: error.to_string(), state }
         })?;
-        // Such a part stays resumable: whatever is wrong may be mended.
+        // A job whose part is on the plate stays resumable: the fault may be mended.
         let state = if history.touched() { JobState::Interrupted } else { JobState::Failed };
         let start = match take_up {
             TakeUp::Print(choice) => history.start(choice),

@@ -1,4 +1,4 @@
-//! What operators order, and what becomes of it.
+//! Operators' orders: which the state allows, and how they are carried out.
 
 use super::api::{InDoubt, JobView};
 use super::handle::{Answer, Command, CommandError, Order};
@@ -10,15 +10,15 @@ use super::upload;
 use crate::job::{Command as EngineCommand, EndOrder, JobState, ResumeChoice, ResumeError};
 use crate::link::message::Urgent;
 
-/// How far an order came at once.
+/// What is left to do for an order before it is answered.
 pub(super) enum Step {
-    /// Done; the job's view is the answer.
+    /// Nothing; the job's view is the answer.
     Done(u32),
-    /// The job's engine carries it out; its record is on the way to the disk.
+    /// The engine carries it out; its record must reach the disk.
     Unwritten(u32, EndOrder),
-    /// An order for the job is being written already; this one comes next.
+    /// Another order for the job is being written; this one is next.
     Next(u32),
-    /// The journal must be asked or told first.
+    /// It must be checked against the job's journal and written there.
     Change(u32, Change),
 }
 
@@ -27,7 +27,7 @@ impl Printer {
     pub(super) fn order(&mut self, order: Order) {
         let Order { command, reply } = order;
         if self.shutting_down && matches!(command, Command::Submit(_) | Command::Resume { .. } | Command::Remove(_)) {
-            let _ = reply.send(Err(CommandError::new(503, "the daemon is ending and begins nothing more")));
+            let _ = reply.send(Err(CommandError::new(503, "the daemon is shutting down and begins nothing new")));
             if let Command::Submit(submission) = command {
                 upload::discard(submission);
             }
@@ -44,17 +44,7 @@ impl Printer {
             Command::Stop(id) => self.steer(&id, EngineCommand::Stop),
             Command::Resume { id, in_doubt } => self.resume(&id, in_doubt),
             Command::Abort(Some(id)) => self.steer(&id, EngineCommand::Abort),
-            Command::Abort(None) => {
-                match self.holder().or_else(|| self.jobs.interrupted()).or_else(|| self.jobs.ending()) {
-                    Some(id) => self.steer(&id.to_string(), EngineCommand::Abort),
-                    None => {
-                        // Light without a job is not for the daemon to explain, but to end.
-                        self.send_urgent(Urgent::Abort);
-                        let text = "no job is active, so there is nothing to abort; the device is to go dark all the same, as soon as it answers";
-                        Err(CommandError::new(409, text))
-                    }
-                }
-            }
+            Command::Abort(None) => self.abort_active(),
         };
         let answer = match step {
             Ok(Step::Change(id, change)) => return self.change(id, change, reply),
@@ -69,14 +59,26 @@ impl Printer {
                 return self.unwritten.push(unwritten);
             }
             Ok(Step::Done(id)) => {
-                // Before the answer: one who asks again at once must not see how it was before.
+                // Before the answer: a client that asks again at once must not see the old state.
                 self.publish_job(id);
                 self.view(id, None)
             }
             Err(error) => Err(error),
         };
-        // Whoever asked may have gone.
+        // The client may be gone.
         let _ = reply.send(answer);
+    }
+
+    /// Aborts the job that holds the machine; without one the device is told to go dark.
+    fn abort_active(&mut self) -> Result<Step, CommandError> {
+        if let Some(id) = self.holder().or_else(|| self.jobs.interrupted()).or_else(|| self.jobs.ending()) {
+            return self.steer(&id.to_string(), EngineCommand::Abort);
+        }
+        // There may be light even without a job.
+        self.send_urgent(Urgent::Abort);
+        let text = "no job is active, so there is nothing to abort; the device is told to go dark all the same, as soon as it \
+                    answers";
+        Err(CommandError::new(409, text))
     }
 
     /// Pause, stop or abort.
@@ -106,7 +108,7 @@ impl Printer {
         let is_abort = order == EndOrder::Abort;
         let (comes_next, has_begun) = (is_abort && job.ordered, job.has_begun());
         if is_abort && has_begun && holder.is_none_or(|holder| holder == id) {
-            // Its light first, before any disk is asked.
+            // The light goes off first, before any disk access.
             self.send_urgent(Urgent::Abort);
         }
         if is_opening {
@@ -116,7 +118,7 @@ impl Printer {
             return Ok(Step::Next(id));
         }
         if self.shutting_down {
-            return Err(CommandError::new(503, "the daemon is ending; end the job when it runs again"));
+            return Err(CommandError::new(503, "the daemon is shutting down; end the job when it runs again"));
         }
         self.waiting(id)?;
         Ok(Step::Change(id, Change::End(order)))
@@ -151,7 +153,7 @@ impl Printer {
         }
     }
 
-    /// Gives the order to the engine if the job is the running one; says whether it is.
+    /// Gives the order to the engine if the job is running; returns whether it is.
     fn command_running(&mut self, id: u32, command: EngineCommand) -> Result<bool, CommandError> {
         let now_us = self.clock.now_us();
         let Some(running) = self.running.as_mut().filter(|running| running.job == id) else { return Ok(false) };
@@ -175,7 +177,7 @@ impl Printer {
         self.jobs.get_mut(id).ok_or_else(|| no_such_job(&id.to_string()))
     }
 
-    /// A job that no other order is being carried out on.
+    /// A job for which no other order is being carried out.
     pub(super) fn waiting(&mut self, id: u32) -> Result<&mut Job, CommandError> {
         let job = self.known(id)?;
         if job.ordered {
@@ -190,7 +192,7 @@ impl Printer {
         number.ok_or_else(|| no_such_job(id))
     }
 
-    /// A job as an order's answer, with what went wrong although it is carried out.
+    /// The answer to an order: the job, with a warning.
     pub(super) fn view(&self, id: u32, warning: Option<String>) -> Result<Answer, CommandError> {
         let job = self.jobs.get(id).ok_or_else(|| no_such_job(&id.to_string()))?;
         Ok(JobView { warning, ..job.view.clone() }.into())
@@ -224,7 +226,7 @@ fn wrong_state(id: u32, state: JobState, command: EngineCommand) -> CommandError
         (Queued, Pause) => {
             format!("job {id} has not begun: there is nothing to pause. `layerctl stop {id}` takes it out of the queue")
         }
-        (Queued, Resume) => format!("job {id} begins by itself when its turn comes; it waits for no word"),
+        (Queued, Resume) => format!("job {id} begins by itself when its turn comes; it needs no confirmation"),
         (Interrupted, Pause) => format!("job {id} is interrupted and prints nothing; `resume`, `stop` or `abort` it"),
         (Aborting, Stop) => format!("job {id} is being aborted already, which ends it sooner"),
         (Stopping | Aborting, _) => format!("job {id} is on its way to its end ({state}); it can only be aborted"),
@@ -233,7 +235,7 @@ fn wrong_state(id: u32, state: JobState, command: EngineCommand) -> CommandError
     CommandError::new(409, text)
 }
 
-/// Why a job is not resumed, with its number.
+/// The refusal to resume a job; puts the job's number into the text.
 pub(super) fn refused(id: u32, error: &ResumeError) -> CommandError {
     CommandError::new(409, error.to_string().replace("JOB", &id.to_string()))
 }

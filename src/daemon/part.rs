@@ -11,18 +11,18 @@ use crate::link::message::Encoding;
 use crate::slice::{BodySource, Footing, SliceError, SlicePlan, Slicer};
 use crate::stream::{Ahead, MemoryBudget, Produced};
 
-/// What the line holds at most: queues of the session both ways, the serial buffers, one layer's bookkeeping.
+/// Memory of the line at most, bytes: queues of the session both ways, the serial buffers, bookkeeping of one layer.
 const LINK_BYTES: u64 = 512 << 10;
 
-/// More queue than this would only compute layers that an abort throws away.
+/// Largest queue of computed layers, bytes. A longer one would not help, and an abort throws its layers away.
 const MAX_QUEUE_BYTES: u64 = 16 << 20;
 
 /// A layer as it goes to the device.
 #[derive(Debug)]
 pub(super) struct EncodedLayer {
-    /// Which.
+    /// Its number.
     pub layer: u32,
-    /// How it is written.
+    /// Its encoding.
     pub encoding: Encoding,
     /// The bytes.
     pub bytes: Vec<u8>,
@@ -30,7 +30,7 @@ pub(super) struct EncodedLayer {
     pub decoded_crc32: u32,
 }
 
-/// Why a part cannot be printed here. Each text says what to do.
+/// Why a part cannot be printed on this machine. Each text says what to do.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum Unprintable {
     /// The file cannot be read, is not a build file, or is damaged.
@@ -39,33 +39,33 @@ pub(super) enum Unprintable {
     /// The part does not fit the machine.
     #[error("{0}")]
     Part(String),
-    /// It would need more memory than there may be.
+    /// It needs more memory than the budget.
     #[error(
         "this job needs {} of memory, but memory_budget is {}: raise it to at least {} in the daemon's configuration",
         mebibytes(*.need_bytes), mebibytes(*.limit_bytes), mebibytes(*.need_bytes)
     )]
     Memory {
-        /// Peak of the print path.
+        /// Peak memory of the print path.
         need_bytes: u64,
         /// The budget.
         limit_bytes: u64,
     },
 }
 
-/// Rounded up, so that the number given is enough.
+/// Rounded up, so that this budget is enough.
 fn mebibytes(bytes: u64) -> String {
     format!("{}MiB", bytes.div_ceil(1 << 20))
 }
 
-/// Memory that a print takes at its peak, known from header and index alone. `layerctl check` tells the same figure.
+/// Peak memory of a print, computed from header and index alone. `layerctl check` shows the same figure.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PrintMemory {
-    /// That compute the layers.
+    /// Number of threads that compute the layers.
     pub(crate) threads: usize,
     slicer_bytes: u64,
-    /// The picture, the encoder's output, a layer that waits for room in the queue, and the line.
+    /// Memory of the picture, the encoder's output, a layer that waits for room in the queue, and the line.
     buffer_bytes: u64,
-    /// At least two layers wait, or one waits and one is on the line.
+    /// Room for two layers: both in the queue, or one in the queue and one on the line.
     min_queue_bytes: u64,
 }
 
@@ -94,12 +94,12 @@ impl PrintMemory {
         }
     }
 
-    /// What a part of no strut at all would take on a machine of this size.
+    /// Memory for a part without any strut on a machine of this size, bytes.
     pub(crate) fn min_bytes(depth: Depth, width_px: u32, height_px: u32) -> u64 {
         Self::of_pictures(depth, width_px, height_px).need_bytes()
     }
 
-    /// The least budget that will do.
+    /// The least budget that is enough, bytes.
     pub(crate) fn need_bytes(&self) -> u64 {
         self.slicer_bytes.saturating_add(self.buffer_bytes + self.min_queue_bytes)
     }
@@ -147,8 +147,8 @@ impl Part {
         self.plan.layer_count
     }
 
-    /// Computes the bottom layers and checks that the part would hold to the plate. Takes no more than what the print itself
-    /// takes, so the caller sees to it that none is under way.
+    /// Computes the bottom layers and checks that the part would hold to the plate. Needs as much memory as a print, so none may be
+    /// under way.
     ///
     /// # Errors
     /// A text for the operator: which layers are dark, or what is damaged, and what to do.
@@ -196,7 +196,7 @@ impl Part {
     }
 }
 
-/// Why a part in the spool cannot be used. Its original is another file, so packing or copying that again mends nothing here.
+/// Why a part in the spool cannot be used. It is a copy, so the advice of [`BuildFileError`] on the original does not apply.
 pub(super) fn spool_text(error: &BuildFileError) -> String {
     error.damage().map_or_else(|| error.to_string(), |damage| damaged(&damage))
 }

@@ -1,33 +1,33 @@
-//! What is known of a job's light and plate, from its journal and its engine: it outlives the engine, and a crash.
+//! What is known of a job's light and plate, from its journal and its engine. It outlives the engine, and a crash.
 
 use crate::job::{Command, EndOrder, Engine, History, PlateAfter, Trace, Unconfirmed};
 
 /// A job's light and plate so far.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct Past {
-    /// Light may have fallen for it: what hangs on the plate is its own part.
+    /// Whether it may have had light, so that the part on the plate is its own.
     pub touched: bool,
-    /// It ended with its plate clear of the resin.
+    /// Whether it ended with its plate clear of the resin.
     pub lifted: bool,
-    /// The layer that was commanded and neither confirmed nor denied.
+    /// The layer that was commanded and neither confirmed nor refuted.
     pub unconfirmed: Option<Unconfirmed>,
-    /// The start of the device on whose bare plate it began.
+    /// The boot of the device on whose bare plate it began.
     pub plate_clear_on: Option<u32>,
-    /// Exposures of unknown jobs that the operator knows of.
+    /// Exposures of unknown jobs that the operator has confirmed.
     pub traces: Vec<Trace>,
-    /// What the operator ordered of it: it only ends any more.
+    /// The operator's order to end; afterwards it can only end.
     pub ordered: Option<EndOrder>,
-    /// Nothing of that is known: its journal cannot be read.
+    /// Whether none of this is known, because its journal cannot be read.
     pub unknown: bool,
 }
 
 impl Past {
-    /// That of a job whose journal cannot be read.
+    /// The past of a job whose journal cannot be read.
     pub(super) fn unknown() -> Self {
         Self { unknown: true, ..Self::default() }
     }
 
-    /// Takes over what the engine knows, now that it is done.
+    /// Copies what the engine knows when it is done.
     pub(super) fn update(&mut self, engine: &Engine) {
         self.touched = engine.touched();
         self.lifted = !engine.progress().part_in_vat;
@@ -43,17 +43,17 @@ impl Past {
         };
     }
 
-    /// Where its plate is, for a job that ends without being given the machine.
+    /// Where its plate is, for a job that ends without getting the machine.
     pub(super) fn plate_text(&self) -> &'static str {
         match (self.unknown, self.touched, self.lifted) {
-            (true, ..) => "nobody knows whether its plate was lifted; see to plate and light",
+            (true, ..) => "it is unknown whether its plate was lifted; see to plate and light",
             (_, true, true) => "its plate was lifted clear when it was interrupted",
             (_, true, false) => "the plate was not lifted; see to plate and light",
             (_, false, _) => "it had no light",
         }
     }
 
-    /// What it tells about the plate after it.
+    /// What it says about the plate after its end.
     pub(super) fn plate_after(&self) -> PlateAfter {
         match (self.unknown, self.touched, self.lifted) {
             (true, ..) | (_, true, false) => PlateAfter::Left,

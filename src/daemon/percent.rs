@@ -1,6 +1,6 @@
 //! Percent-encoding (RFC 3986, §2.1): carries any UTF-8 text in a header.
 
-/// Everything but unreserved characters as `%XX`.
+/// Encodes all but unreserved characters as `%XX`.
 pub(crate) fn encode(text: &str) -> String {
     let mut encoded = String::with_capacity(text.len());
     for byte in text.bytes() {
@@ -13,7 +13,7 @@ pub(crate) fn encode(text: &str) -> String {
     encoded
 }
 
-/// The text again; `None` where a `%` is not followed by two hexadecimal digits or the bytes are not UTF-8.
+/// Decodes; `None` if a `%` is not followed by two hexadecimal digits or the bytes are not UTF-8.
 pub(crate) fn decode(encoded: &[u8]) -> Option<String> {
     let mut bytes = Vec::with_capacity(encoded.len());
     let mut rest = encoded;

@@ -1,9 +1,9 @@
-//! What may hang on the plate or lie in the vat that no record here accounts for, and the operator's word that it is gone.
+//! Signs of an earlier part on the plate or in the vat, and the operator's confirmation that it is gone.
 //!
-//! A job that has had no light of its own would drive the plate down: at its first approach, or while homing. Whatever the
-//! device or the spool shows of an earlier part must be accounted for before: by a record that its plate was lifted, or by the
-//! operator, who is told each sign by name and answers with `layerctl resume JOB`. A part whose plate was lifted is the
-//! operator's affair as ever: they take it off before they start the next job, or say so where that one waited in the queue.
+//! A job that has had no light yet drives the plate down: at its first approach, or while homing. Before that, each sign of an
+//! earlier part that device or spool shows must be accounted for: by a record that the plate was lifted, or by the operator, who
+//! is told each sign and confirms with `layerctl resume JOB`. A part whose plate was lifted is taken off by the operator, before
+//! they start the next job or before they confirm one that waited in the queue.
 
 use std::fmt;
 
@@ -17,13 +17,13 @@ use super::printer::Printer;
 use crate::job::{Event, Trace};
 use crate::link::message::{DeviceState, ExposureId};
 
-/// How far below the clear height a plate still counts as clear, micrometres: axes report positions to some ten micrometres.
+/// A plate this far below the clear height still counts as clear, micrometres: axes report positions to some ten micrometres.
 pub(super) const CLEAR_TOLERANCE_UM: i32 = 100;
 
-/// Signs kept for a job. A device shows a handful; more than two devices one after the other nobody plugs in.
+/// Signs kept for a job. A device shows a handful, and few devices are connected one after the other.
 const MAX_SIGNS: usize = 64;
 
-/// How the device shows an exposure.
+/// Where the device's state shows an exposure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Seen {
     LastExposed,
@@ -32,16 +32,16 @@ pub(super) enum Seen {
     InSlot,
 }
 
-/// Something that may be on the plate or in the vat.
+/// A sign of an earlier part that may be on the plate or in the vat.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Sign {
     /// The device shows an exposure that no journal here accounts for.
     Exposure {
-        /// What it shows.
+        /// The exposure.
         trace: Trace,
-        /// How.
+        /// Where the device's state shows it.
         seen: Seen,
-        /// The job whose journal knows nothing of it; `None` where no job here has that key.
+        /// The job with its key, whose journal has no record of it; `None` if no job here has that key.
         job: Option<u32>,
     },
     /// The plate is not clear of the resin.
@@ -50,7 +50,7 @@ pub(super) enum Sign {
         position_um: i32,
         /// Where it would be clear.
         clear_um: i32,
-        /// The start of the device.
+        /// The boot of the device.
         boot_id: u32,
     },
     /// `layerctl raise` lifted a plate that was not clear of the resin.
@@ -68,12 +68,12 @@ pub(super) enum Sign {
 }
 
 impl Sign {
-    /// Whether the operator, who knows of `known`, knows of this as well; `state` is what the device showed.
+    /// Whether an operator who has confirmed the signs `known` has thereby confirmed this one. `state` is the device's.
     fn is_known(&self, known: &[Self], state: Option<&DeviceState>) -> bool {
         known.iter().any(|known| match (self, known) {
             (Self::Exposure { trace, .. }, Self::Exposure { trace: known, .. }) => trace == known,
             (Self::Low { boot_id, .. }, Self::Low { boot_id: known, .. }) => boot_id == known,
-            // Whoever knows that a part was left in the vat knows that the plate is low, on the device that printed it.
+            // A part left in the vat means a low plate, on the device that printed it.
             (Self::Low { .. }, Self::Left { key, .. }) => state.is_some_and(|state| {
                 let cut = state.cut_short.map(|(id, _)| id);
                 state.last_exposed.into_iter().chain(cut).any(|id| id.job == *key)
@@ -96,7 +96,7 @@ impl fmt::Display for Sign {
                     Seen::InSlot => write!(f, "the device holds layer {layer}")?,
                 }
                 match job {
-                    Some(job) => write!(f, " of job {job}, whose journal knows nothing of it"),
+                    Some(job) => write!(f, " of job {job}, whose journal has no record of it"),
                     None => write!(f, " of a job this spool does not know"),
                 }
             }
@@ -108,7 +108,7 @@ impl fmt::Display for Sign {
             ),
             Self::Raised { from_um } => write!(
                 f,
-                "the plate was raised from {} mm above the vat, and nobody has said what hangs on it",
+                "the plate was raised from {} mm above the vat, and may carry a part",
                 f64::from(*from_um) / 1000.0
             ),
             Self::Left { job, .. } => write!(f, "no record says that the plate was lifted at the end of job {job}"),
@@ -116,7 +116,7 @@ impl fmt::Display for Sign {
     }
 }
 
-/// What to do, and the signs as one text: of each job only the first exposure.
+/// What to do and the signs, as one text. Of each job only the first exposure is named.
 pub(super) fn text(signs: &[Sign], job: u32) -> String {
     let mut keys = Vec::new();
     let is_new = |sign: &&Sign| match sign {
@@ -134,7 +134,7 @@ pub(super) fn text(signs: &[Sign], job: u32) -> String {
     )
 }
 
-/// What a device shows of exposures.
+/// The exposures that a device shows, and where.
 fn traces(state: &DeviceState) -> Vec<(Trace, Seen)> {
     let lit = |id: ExposureId| Trace::Lit { job: id.job, layer: id.layer };
     let held = |id: ExposureId| Trace::Held { job: id.job, layer: id.layer };
@@ -148,8 +148,8 @@ fn traces(state: &DeviceState) -> Vec<(Trace, Seen)> {
 }
 
 impl Printer {
-    /// What the operator must still be asked before this job, which has had no light, may move the plate down. `state` is the
-    /// device as last heard of in this session.
+    /// The signs that the operator must still confirm before this job, which has had no light, may move the plate down. `state` is
+    /// the device's latest in this session.
     pub(super) fn unknown_signs(&self, job: &Job, state: Option<&DeviceState>) -> Vec<Sign> {
         let mut signs: Vec<_> = self.jobs.left().map(|(job, key)| Sign::Left { job, key }).into_iter().collect();
         if let Some(state) = state {
@@ -177,16 +177,16 @@ impl Printer {
         })
     }
 
-    /// Where the plate is clear of the resin, as far as the device goes up, micrometres.
+    /// The height at which the plate is clear of the resin, or the device's highest if that is lower, micrometres.
     pub(super) fn clear_um(&self) -> i32 {
         // `as` saturates; the configuration allows two metres.
         let clear_um = self.setting.machine.clear_height_um.ceil() as i32;
         self.capabilities.as_ref().map_or(clear_um, |capabilities| clear_um.min(capabilities.max_position_um))
     }
 
-    /// Tells each queued job what it waits for; returns those where that changed.
+    /// Updates what each queued job waits for; returns the jobs where that changed.
     pub(super) fn explain_queue(&mut self) -> Vec<u32> {
-        // While a job runs nobody can tell what the next one finds.
+        // While a job runs, it is unknown what the next one will find.
         let next = self.jobs.next().filter(|job| job.needs_bare_plate() && self.holder().is_none());
         let told = next.map(|job| (job.directory.id, self.unknown_signs(job, self.device_state.as_ref())));
         if let Some((id, signs)) = told
@@ -198,7 +198,8 @@ impl Printer {
         self.jobs.explain(self.holder(), light)
     }
 
-    /// The operator's word for a queued job. It counts only once the job is next: whoever says it earlier cannot have looked.
+    /// Takes the operator's confirmation for a queued job that the plate is empty. Refused until the job is next: before that the
+    /// operator cannot have looked at the plate that the job will find.
     pub(super) fn plate_is_clear(&mut self, id: u32) -> Result<Step, CommandError> {
         if let Some(ahead) = self.jobs.ahead_of(id, self.holder()) {
             let text = format!("job {id} {ahead}; what is on the plate then is not known yet");
@@ -212,8 +213,8 @@ impl Printer {
         Ok(Step::Done(id))
     }
 
-    /// A session with the device begins. Whether the running job may use it: a job that has had no light moves the plate down
-    /// only where nothing can be there, whichever device this is.
+    /// Whether the running job may use a new session. A job that has had no light may move the plate down only if no sign of an
+    /// earlier part is left unconfirmed on this device.
     pub(super) fn plate_allows(&mut self, state: &DeviceState, now_us: u64) -> bool {
         let Some(running) = self.running.as_ref().filter(|running| running.engine.goes_down_bare()) else {
             return true;
@@ -238,9 +239,9 @@ impl Printer {
         false
     }
 
-    /// Writes down, before the first move, that the plate was bare and what the operator knows of the device.
+    /// Records in the journal, before the first move, that the plate was bare, and the exposures that the operator has confirmed.
     fn note_clear_plate(&mut self, id: u32, state: &DeviceState, now_us: u64) {
-        // Only by the operator's word.
+        // Accounted for only by the operator's confirmation.
         let is_told = |trace: &Trace| self.jobs.account(*trace, id) != Account::Known;
         let mut traces: Vec<_> = traces(state).into_iter().map(|(trace, _)| trace).filter(is_told).collect();
         traces.dedup();
@@ -254,7 +255,7 @@ impl Printer {
         self.with_engine(|running| running.engine.handle(Event::PlateClear { boot_id, traces }, now_us));
     }
 
-    /// Gives the machine back before the job began: it waits in the queue for the operator's word.
+    /// Takes the machine from a job that has not begun; it waits in the queue for the operator's confirmation.
     fn put_back(&mut self, id: u32) {
         let Some(running) = self.running.take() else { return };
         self.forget_progress();
@@ -273,18 +274,18 @@ impl Printer {
 }
 
 impl Job {
-    /// Whether it waits for the machine to print, not to end.
+    /// Whether it is to get the machine to print, not to end.
     pub(super) fn is_to_print(&self) -> bool {
         matches!(self.take_up, TakeUp::Print(_))
     }
 
-    /// Whether the plate must be bare when it begins: it is to print and has had no light.
+    /// Whether the plate must be bare when it begins: it is to print, and has had no light.
     pub(super) fn needs_bare_plate(&self) -> bool {
         self.is_to_print() && !self.past.touched && !self.past.unknown
     }
 
-    /// Names signs to the operator. One that was named stays until they answer, though the device shows it no more: a plate that
-    /// was raised, or a device that lost its position, does not make the vat empty.
+    /// Sets the signs that the operator is told of. An earlier sign stays until it is confirmed, even if the device no longer
+    /// shows it: raising the plate or losing the position does not empty the vat.
     fn tell(&mut self, signs: Vec<Sign>) {
         let told = std::mem::replace(&mut self.told, signs);
         for sign in told {
@@ -298,7 +299,7 @@ impl Job {
         }
     }
 
-    /// The operator knows of every sign named so far.
+    /// Marks every sign told so far as confirmed.
     pub(super) fn clear_told(&mut self) {
         let told = std::mem::take(&mut self.told);
         self.cleared.extend(told);

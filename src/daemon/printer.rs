@@ -1,6 +1,5 @@
-//! The printer: one loop that owns the jobs, the line to the device and the running job's engine. Everything that happens
-//! arrives here as an event, and everything that is decided leaves from here; nothing in the loop waits for a disk, the line
-//! or a computation.
+//! The printer: one loop that owns the jobs, the line to the device and the running job's engine. Every event arrives here, and
+//! every decision is made here. Nothing in the loop waits for a disk, the line or a computation.
 
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -27,11 +26,12 @@ use crate::job::{Event, Progress, Spool};
 use crate::link::message::{Capabilities, DeviceState, HostMessage, Request, Urgent};
 use crate::stream::{Finished, MemoryBudget};
 
-/// Ends from the background that may wait; what more ends waits with its thread: nobody gives so many orders at once.
+/// Capacity of the queue of background results; when full, the worker blocks.
 const BACKGROUND_EVENTS: usize = 16;
-/// How often statistics are published, and the device asked how it is.
+/// How often statistics are published and the device's state is queried.
 const HEARTBEAT: Duration = Duration::from_millis(500);
-/// Half a minute for an exposure to end and a slow lift of 40 mm behind it, below systemd's TimeoutStopSec of 120 s.
+/// Limit of a shutdown: enough for an exposure of half a minute and a slow lift of 40 mm after it, and less than systemd's
+/// TimeoutStopSec of 120 s.
 const SHUTDOWN_LIMIT_US: u64 = 110_000_000;
 
 /// The printer. See the [module](self).
@@ -45,37 +45,38 @@ pub(super) struct Printer {
     pub(super) running: Option<Running>,
     /// The job being opened.
     pub(super) opening: Option<u32>,
-    /// The last job's memory is still being given back.
+    /// Whether the last job's memory is still being given back.
     pub(super) releasing: bool,
     pub(super) background: mpsc::Sender<Background>,
     finished_background: mpsc::Receiver<Background>,
     pub(super) link: Line,
     pub(super) capabilities: Option<Capabilities>,
     pub(super) idle: Idle,
-    /// From where the plate was raised, below its clear height, micrometres; nobody has said since that it is bare.
+    /// The height from which the plate was raised, below its clear height, micrometres. Set until the operator confirms that the
+    /// plate is empty.
     pub(super) raised_from_um: Option<i32>,
-    /// The same, for the spool: writes may overtake each other, and each writes what stands here.
+    /// The same, shared with the threads that write it to the spool. They may overtake each other, so each writes this value.
     pub(super) raised_note: Arc<Mutex<Option<i32>>>,
     pub(super) device: DeviceView,
     pub(super) faults: FaultNews,
-    /// The device as last heard of in this session; `None` without one.
+    /// The device's latest state in this session; `None` without one.
     pub(super) device_state: Option<DeviceState>,
-    /// Orders answered once they are on disk: at most a few, each leaves within a second or two.
+    /// Orders that are answered once their records are on disk. Each leaves within two seconds.
     pub(super) unwritten: Vec<Unwritten>,
-    /// A message the driver gave and the line has no room for yet.
+    /// A message of the driver that waits for room on the line.
     pub(super) message: Option<HostMessage>,
-    /// Number of the abort sent last that no device has answered.
+    /// Number of the last abort, until a device answers it.
     pub(super) last_abort: Option<u32>,
     pub(super) last_progress: Option<Progress>,
     /// See [`super::handle::Snapshot::jobs_ended`].
     pub(super) jobs_ended: u64,
-    /// Sessions begun because the one before was lost.
+    /// Sessions that were lost since the start.
     pub(super) reconnects: u64,
     pub(super) shutting_down: bool,
 }
 
 impl Printer {
-    /// A printer with the jobs of its spool; nothing runs yet.
+    /// A printer with the jobs of its spool; no job runs yet.
     pub(super) fn new(
         setting: Arc<Setting>,
         spool: Spool,
@@ -119,7 +120,7 @@ impl Printer {
     /// Runs until `shutdown` becomes true and the machine is safe.
     ///
     /// # Errors
-    /// Where the machine could not be made safe, or the line's task is gone.
+    /// The machine could not be made safe, or the line's task ended with a panic.
     pub(super) async fn run(mut self, mut shutdown: watch::Receiver<bool>) -> anyhow::Result<()> {
         let watchdog = notify::alive_interval().unwrap_or(HEARTBEAT).min(HEARTBEAT);
         let mut heartbeat = tokio::time::interval(watchdog);
@@ -133,7 +134,8 @@ impl Printer {
             }
             let room = self.link.room();
             let timeout_us = self.next_timeout_us();
-            // Orders first. What a busy or broken line can bring without end comes last: no timer and no watchdog waits for it.
+            // Orders first. The line comes last: a busy or broken one can bring events without end, and must not delay timers or
+            // the watchdog.
             tokio::select! {
                 biased;
                 Some(order) = self.desk.orders.next() => self.order(order),
@@ -141,14 +143,7 @@ impl Printer {
                     give_up_us = Some(self.clock.now_us() + SHUTDOWN_LIMIT_US);
                     self.begin_shutdown();
                 }
-                () = sleep_until(self.clock, give_up_us) => {
-                    let is_over = self.running.as_ref().is_some_and(|running| running.engine.is_over());
-                    break Err(if is_over {
-                        anyhow!("the disk did not take the job's last records in time; the machine is at rest")
-                    } else {
-                        anyhow!("the machine could not be made safe in time; the device's own limits must do it")
-                    });
-                }
+                () = sleep_until(self.clock, give_up_us) => break Err(self.late_shutdown()),
                 _ = heartbeat.tick() => self.heartbeat(),
                 () = sleep_until(self.clock, timeout_us) => self.timeout(),
                 Some(event) = self.finished_background.recv() => self.background(event),
@@ -186,7 +181,16 @@ impl Printer {
         self.with_engine(|running| running.engine.handle(Event::Shutdown, now_us));
     }
 
-    /// When something is overdue that the running job, or the device without a job, owes.
+    /// Why a shutdown did not end in time.
+    fn late_shutdown(&self) -> anyhow::Error {
+        if self.running.as_ref().is_some_and(|running| running.engine.is_over()) {
+            anyhow!("the disk did not take the job's last records in time; the machine is at rest")
+        } else {
+            anyhow!("the machine could not be made safe in time; the device's own limits must do it")
+        }
+    }
+
+    /// The next deadline of the running job, or of the idle device.
     fn next_timeout_us(&self) -> Option<u64> {
         self.running.as_ref().map_or_else(|| self.idle.next_timeout_us(), Running::next_timeout_us)
     }
@@ -206,14 +210,14 @@ impl Printer {
         }
     }
 
-    /// Does something with the running job, if there is one.
+    /// Calls `act` with the running job, if there is one.
     pub(super) fn with_engine(&mut self, act: impl FnOnce(&mut Running)) {
         if let Some(running) = &mut self.running {
             act(running);
         }
     }
 
-    /// Carries out what the engine wants, starts the next job where none runs, and tells what changed.
+    /// Carries out the engine's actions, publishes progress, and opens the next job if none runs.
     fn settle(&mut self) {
         let now_us = self.clock.now_us();
         self.answer_written();
@@ -235,7 +239,7 @@ impl Printer {
         }
     }
 
-    /// Who speaks with the device now.
+    /// The driver of the present session: the running job's, else the idle device's.
     pub(super) fn driver(&mut self) -> Option<&mut DlpDriver> {
         match &mut self.running {
             Some(running) => running.driver.as_mut(),
@@ -244,7 +248,7 @@ impl Printer {
     }
 
     pub(super) fn send_urgent(&mut self, urgent: Urgent) {
-        // An exposure that waits for room must not reach the device after an order to be dark; anything else only an abort ends.
+        // An exposure that waits for room must not reach the device after an order to go dark. An abort drops every message.
         let is_exposure =
             |message: &mut HostMessage| matches!(message, HostMessage::Request { request: Request::Expose { .. }, .. });
         let is_unsent = self.message.as_mut().is_some_and(is_exposure);

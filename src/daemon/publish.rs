@@ -1,23 +1,23 @@
-//! What the printer tells: the snapshot that `status` reads, events for subscribers, systemd's line of status.
+//! What the printer publishes: the snapshot for status requests, events for subscribers, the status line for systemd.
 
 use super::api::{Event as News, LayerExposed};
 use super::printer::Printer;
 use super::{notify, view};
 
 impl Printer {
-    /// Tells the operator something to look at.
+    /// Sends the operator a notice of something to look at; logged as a warning.
     pub(super) fn notice(&self, text: String) {
         tracing::warn!("{text}");
         let _ = self.desk.events.send(News::Notice { text });
     }
 
-    /// Tells the operator that all is well.
+    /// Sends the operator a notice of something that went well.
     pub(super) fn tell(&self, text: String) {
         tracing::info!("{text}");
         let _ = self.desk.events.send(News::Notice { text });
     }
 
-    /// Compares what the engine says with what was told last, and tells the difference.
+    /// Publishes what changed in the engine's progress since the last call.
     pub(super) fn tell_progress(&mut self) {
         let Some(running) = &self.running else { return };
         let (id, progress) = (running.job, running.engine.progress());
@@ -33,9 +33,9 @@ impl Printer {
         }
     }
 
-    /// Tells that a job changed.
+    /// Publishes a job that changed.
     pub(super) fn publish_job(&mut self, id: u32) {
-        // First: it fills in what a queued job waits for.
+        // First, as it updates what a queued job waits for.
         let told = self.publish();
         let Some(job) = self.jobs.get(id) else { return };
         if !told.contains(&id) {
@@ -44,7 +44,7 @@ impl Printer {
         notify::status(&view::status_line(&job.view));
     }
 
-    /// Writes what subscribers and `status` read. Gives the jobs that wait for something else than before, which is told.
+    /// Updates the snapshot, and sends an event for each queued job whose reason to wait changed. Returns these jobs.
     pub(super) fn publish(&mut self) -> Vec<u32> {
         self.look_at_light();
         let told = self.explain_queue();

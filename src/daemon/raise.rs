@@ -1,4 +1,4 @@
-//! `layerctl raise`: lifts the plate clear of the resin while no job runs. Upward only, whatever hangs on it.
+//! `layerctl raise`: lifts the plate clear of the resin while no job runs. The plate only moves up.
 
 use std::sync::{Arc, PoisonError};
 
@@ -12,7 +12,7 @@ use crate::device::{Act, Outcome, check_capabilities};
 use crate::job::{ACT_MARGIN_US, Spool};
 use crate::link::message::DeviceState;
 
-/// The plate is on its way up.
+/// A move of the plate that is under way.
 #[derive(Debug)]
 pub(super) struct Raise {
     view: RaiseView,
@@ -21,10 +21,10 @@ pub(super) struct Raise {
 }
 
 impl Printer {
-    /// Begins to lift the plate clear. The end is told as a notice.
+    /// Begins to lift the plate clear. A notice reports the end.
     pub(super) fn raise(&mut self) -> Result<Answer, CommandError> {
         if self.shutting_down {
-            return Err(CommandError::new(503, "the daemon is ending and begins nothing more"));
+            return Err(CommandError::new(503, "the daemon is shutting down and begins nothing new"));
         }
         if let Some(job) = self.holder() {
             let text = format!(
@@ -52,7 +52,7 @@ impl Printer {
         let driver = self.idle.driver.as_mut().ok_or_else(absent)?;
         let act = Act::Move { position_um: view.to_um, speed_um_s };
         driver.act(act, now_us).map_err(|error| CommandError::new(409, error.to_string()))?;
-        // Where it is then it shows no more that something may hang on it.
+        // A raised plate no longer shows that a part may hang on it, so the height is remembered.
         self.set_raised(raised.or(self.raised_from_um));
         let travel_us = u64::from(view.to_um.abs_diff(from_um)) * 1_000_000 / u64::from(speed_um_s.max(1));
         self.idle.raise = Some(Raise { view, deadline: Deadline::at(now_us + travel_us + ACT_MARGIN_US) });
@@ -60,7 +60,7 @@ impl Printer {
         Ok(Answer::Raise(view))
     }
 
-    /// Remembers from where the plate was raised, or that it is known to be bare, here and in the spool.
+    /// Remembers, here and in the spool, from where the plate was raised; `None` once it is confirmed to be empty.
     pub(super) fn set_raised(&mut self, from_um: Option<i32>) {
         if std::mem::replace(&mut self.raised_from_um, from_um) == from_um {
             return;
@@ -76,15 +76,17 @@ impl Printer {
         });
     }
 
+    /// Tells the operator if the spool could not take the note.
     pub(super) fn raised_noted(&self, result: Result<(), String>) {
         if let Err(text) = result {
             self.notice(format!(
-                "the spool cannot note whether the plate was raised with something on it: {text}. After a restart of layerd,                  look at the plate before the next job"
+                "the spool cannot record whether the plate was raised with a part on it: {text}. After a restart of layerd, look \
+                 at the plate before the next job"
             ));
         }
     }
 
-    /// The move has ended.
+    /// Reports the end of the move.
     pub(super) fn raise_ended(&mut self, outcome: Outcome) {
         let Some(raise) = self.idle.raise.take() else { return };
         let to_um = raise.view.to_um;
@@ -112,34 +114,34 @@ impl Printer {
         self.notice(text);
     }
 
-    /// Nothing more is heard of the move.
+    /// Gives the move up: its end will not be reported.
     pub(super) fn raise_lost(&mut self, why: &str) {
         if self.idle.raise.take().is_some() {
             self.notice(format!(
-                "nobody knows whether the plate was raised: {why}; `layerctl device` tells where it is"
+                "it is unknown whether the plate was raised: {why}; `layerctl device` shows where it is"
             ));
         }
     }
 
-    /// The plate should have arrived by now.
+    /// Checks whether the move is overdue.
     pub(super) fn raise_timeout(&mut self, now_us: u64) {
         if self.idle.raise.as_mut().is_some_and(|raise| raise.deadline.is_over(now_us)) {
             self.raise_lost("it did not arrive in time; check the axis and the device");
-            // The device still owes the answer, and takes no other act before; a new session is free of that.
+            // The device takes no other act before it has answered this one. A new session clears that.
             self.link.reconnect();
         }
     }
 }
 
-/// What an earlier process noted. A note that cannot be read is taken for one: somebody must look.
+/// The note of an earlier process. If it cannot be read, the plate counts as raised: the operator must look.
 pub(super) fn noted(spool: &Spool) -> Option<i32> {
     spool.raised_from_um().unwrap_or_else(|error| {
-        tracing::warn!("{error}; the plate is taken to have been raised with something on it");
+        tracing::warn!("{error}; the plate is assumed to have been raised with a part on it");
         Some(0)
     })
 }
 
-/// Where the plate starts from, or why it must not move.
+/// The plate's present height, micrometres, or why it must not move.
 fn raised_from(state: &DeviceState) -> Result<i32, String> {
     if let Some(fault) = &state.fault {
         return Err(format!("the device has a fault and moves nothing: {}", fault.text));

@@ -1,4 +1,4 @@
-//! `layerctl remove`: deletes a finished job, to make room.
+//! `layerctl remove`: deletes a job that is over, to make room.
 
 use std::sync::{Arc, PoisonError};
 
@@ -14,7 +14,7 @@ impl Printer {
         match self.removable(id) {
             Ok(id) => self.delete(id, reply),
             Err(error) => {
-                // Whoever asked may have gone.
+                // The client may be gone.
                 let _ = reply.send(Err(error));
             }
         }
@@ -44,7 +44,7 @@ impl Printer {
         });
     }
 
-    /// A finished job is deleted, or not.
+    /// Answers once a job was deleted, or could not be.
     pub(super) fn removed(&mut self, id: u32, result: Result<u64, String>, reply: Reply) {
         let answer = match result {
             Ok(freed_bytes) => {

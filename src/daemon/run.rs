@@ -22,16 +22,16 @@ use crate::job::Spool;
 use crate::signals::Signals;
 use crate::stream::MemoryBudget;
 
-/// The runtime's own threads: one moves the line's bytes while the other runs the printer. Layers and each of the two control
-/// sockets have threads of their own, so that no number of connections holds up an order on its way to the device.
+/// Threads of the main runtime: one moves the line's bytes while the other runs the printer. The layers and both control sockets
+/// have threads of their own, so that connections cannot delay an order on its way to the device.
 const RUNTIME_THREADS: usize = 2;
-/// What is still being written at the end is waited for no longer: a disk that hangs must not keep the daemon from ending.
+/// How long the daemon waits at its end for disk writes under way: a disk that hangs must not keep it from ending.
 const MAX_WRITE_TIME: Duration = Duration::from_secs(2);
 
 /// Runs the daemon until SIGTERM, SIGINT, SIGQUIT or SIGHUP; returns once the machine is safe. It logs to stderr.
 ///
 /// # Errors
-/// What keeps it from starting: configuration, spool, socket; or the machine could not be made safe.
+/// Configuration, spool or socket keep it from starting, or the machine could not be made safe.
 pub fn run(config: &Path) -> anyhow::Result<()> {
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(RUNTIME_THREADS)
@@ -39,9 +39,9 @@ pub fn run(config: &Path) -> anyhow::Result<()> {
         .build()
         .context("cannot start the runtime")?;
     let ended = runtime.block_on(async {
-        // Before anything else: from here on no signal ends this process in the middle of something.
+        // First of all: from here on no signal kills this process in the middle of its work.
         let signals = Signals::take_over().context("cannot wait for signals")?;
-        // Dropped last: what waits to be written is written before the error that ends the daemon is told.
+        // Dropped last, so that waiting lines are written before the final error.
         let _log = log::to_stderr().context("cannot start the log")?;
         serve(load(config)?, signals).await
     });
@@ -49,7 +49,7 @@ pub fn run(config: &Path) -> anyhow::Result<()> {
     ended
 }
 
-/// Reads the configuration and looks at what it names.
+/// Reads the configuration and checks what it names.
 fn load(place: &Path) -> anyhow::Result<Setting> {
     let together = |errors: &[String]| anyhow::anyhow!(errors.join("\nerror: "));
     let setting = Setting::load(place, Setting::config(place)?).map_err(|errors| {
@@ -70,7 +70,7 @@ async fn serve(setting: Setting, mut signals: Signals) -> anyhow::Result<()> {
     let budget = MemoryBudget::new(setting.config.memory_budget);
     let (handle, desk) = handle::channel(first_snapshot(&setting, &jobs));
     let (shutdown, ending) = watch::channel(false);
-    // The API answers until the machine is safe: an abort must get through while a last exposure ends.
+    // The API answers until the machine is safe: an abort must get through while the last exposure ends.
     let (hang_up, over) = watch::channel(false);
     let link = setting.machine.link.clone();
     let (abort_handle, abort_over) = (handle.clone(), over.clone());
@@ -89,7 +89,7 @@ async fn serve(setting: Setting, mut signals: Signals) -> anyhow::Result<()> {
         }
         ended = &mut printer => Some(ended),
     };
-    // Nobody may be left to hear it.
+    // Sending fails if the printer has ended.
     let _ = shutdown.send(true);
     let printed = match ended {
         Some(ended) => ended,
@@ -97,7 +97,7 @@ async fn serve(setting: Setting, mut signals: Signals) -> anyhow::Result<()> {
     };
     let _ = hang_up.send(true);
     for server in servers {
-        // A panic in it was told when it happened.
+        // A panic in it was reported when it happened.
         let _ = server.join();
     }
     for path in [&socket::abort_path(&socket), &socket] {

@@ -1,4 +1,4 @@
-//! The job that holds the machine: its engine, and everything the engine's actions need.
+//! The job that holds the machine: its engine, and what the engine's actions need.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -16,14 +16,14 @@ use crate::job::{Action, Command, Engine, Event, JobPlan, Journal, Record};
 use crate::link::message::{Capabilities, DeviceState, Urgent};
 use crate::stream::{Finished, MemoryBudget, Room};
 
-/// What the printer's loop must do for an action of the engine.
+/// An action of the engine that the printer's loop must carry out.
 #[derive(Debug)]
 pub(super) enum Task {
-    /// Send it ahead of everything else.
+    /// Send this urgent frame ahead of everything else.
     Urgent(Urgent),
     /// Tell the operator.
     Notice(String),
-    /// End the session, for that reason, and begin a new one.
+    /// End the session for this reason, and begin a new one.
     EndSession(String),
     /// The job is over.
     Finished,
@@ -46,12 +46,12 @@ pub(super) struct Running {
     pub driver: Option<DlpDriver>,
     encoding: Option<Choice>,
     layers: Layers,
-    /// The layer and slot the engine wants uploaded and that is not computed yet.
+    /// Layer and slot that the engine wants uploaded; the layer is not computed yet.
     wanted: Option<(u32, u8)>,
     /// The queue's share of the layer that is being sent.
     sending: Option<Room>,
     act_number: u64,
-    /// The urgent frame the engine waits for, by its number.
+    /// The urgent frame whose answer the engine waits for, and its number.
     pub urgent: Option<(u32, Urgent)>,
 }
 
@@ -94,7 +94,7 @@ impl Running {
         }
     }
 
-    /// A session with the device stands.
+    /// A session with the device began.
     pub(super) fn connected(&mut self, capabilities: &Capabilities, state: &DeviceState, now_us: u64) {
         self.sending = None;
         self.wanted = None;
@@ -113,7 +113,7 @@ impl Running {
         self.engine.handle(Event::LineLost(reason), now_us);
     }
 
-    /// What was under way in the session is void.
+    /// Drops what belonged to the session.
     fn session_ended(&mut self) {
         self.driver = None;
         self.sending = None;
@@ -125,7 +125,7 @@ impl Running {
         self.engine.handle(Event::Command(command), now_us);
     }
 
-    /// Carries out what the engine asks for, until something is left to the printer's loop; `None` when nothing is asked.
+    /// Carries out the engine's actions until one is for the printer's loop; `None` when no action is left.
     pub(super) fn next_task(&mut self, budget: &MemoryBudget, now_us: u64) -> Option<Task> {
         while let Some(action) = self.engine.next_action() {
             match action {
@@ -161,18 +161,18 @@ impl Running {
         None
     }
 
-    /// Appends to the journal in the background; [`Background::Journalled`] tells the end.
+    /// Appends to the journal in the background; [`Background::Journalled`] reports the result.
     fn journal(&self, record: Record) {
         let (journal, background, job) = (Arc::clone(&self.journal), self.background.clone(), self.job);
         tokio::task::spawn_blocking(move || {
             let mut journal = journal.lock().unwrap_or_else(PoisonError::into_inner);
             let result = journal.append(record, unix_ms()).map_err(|error| error.to_string());
-            // Without a listener the daemon has ended.
+            // Sending fails only when the daemon has ended.
             let _ = background.blocking_send(Background::Journalled { job, result });
         });
     }
 
-    /// Waits for the layer the engine wants; for ever where it wants none. Cancel safe.
+    /// Waits for the layer that the engine wants, for ever if it wants none. Cancel-safe.
     pub(super) async fn wanted_layer(&mut self) -> Result<Finished<EncodedLayer>, String> {
         match self.wanted {
             Some(_) => self.layers.next().await,
@@ -192,7 +192,7 @@ impl Running {
         };
         let EncodedLayer { layer, encoding, bytes, decoded_crc32 } = finished.layer;
         if layer < wanted {
-            // The device held this one already when the sweep began before it.
+            // The sweep began earlier; the device holds this layer already.
             return;
         }
         self.wanted = None;
@@ -209,7 +209,7 @@ impl Running {
         }
     }
 
-    /// What the device says.
+    /// Passes an event of the driver on to the engine.
     pub(super) fn driver_event(&mut self, event: DriverEvent, now_us: u64) {
         let event = match event {
             DriverEvent::Uploaded { layer } => {
@@ -233,12 +233,12 @@ impl Running {
         self.engine.handle(event, now_us);
     }
 
-    /// The exposure under way was taken back before it left the host.
+    /// The exposure was taken back before it left the host.
     pub(super) fn exposure_taken_back(&mut self, now_us: u64) {
         self.engine.handle(Event::ActDone { number: self.act_number, outcome: Outcome::TakenBack }, now_us);
     }
 
-    /// When the engine or the driver has something to judge.
+    /// The next deadline of engine and driver.
     pub(super) fn next_timeout_us(&self) -> Option<u64> {
         let driver = self.driver.as_ref().and_then(DlpDriver::next_timeout_us);
         self.engine.next_timeout_us().into_iter().chain(driver).min()
@@ -248,7 +248,7 @@ impl Running {
     pub(super) async fn release(self) {
         drop(self.sending);
         drop(self.driver);
-        // A disk that hangs may keep even that waiting.
+        // Closing a file can block on a disk that hangs.
         tokio::task::spawn_blocking(move || drop(self.journal));
         self.layers.stop().await;
     }

@@ -1,5 +1,5 @@
-//! The control API: HTTP and JSON on a Unix socket, events as server-sent events; and the socket for aborts beside it. Whoever
-//! may open a socket may print.
+//! The control API: HTTP and JSON on a Unix socket, with server-sent events. A second socket beside it takes only aborts.
+//! There is no log-in: a user who may open a socket may print.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -21,23 +21,23 @@ use super::connections::{Door, HEAD_TIMEOUT, MAX_CONNECTIONS, MAX_CROWD, ending}
 use super::handle::{Command, CommandError, Handle};
 use super::{ChannelBody, upload};
 
-/// Subscribers to events at once; fewer than connections, so that orders have room beside them.
+/// Subscribers to events at once. Fewer than connections, so that they leave room for orders.
 const MAX_SUBSCRIBERS: usize = 24;
-/// Uploads at once: each holds a file in the spool.
+/// Uploads at once. Each holds a file in the spool.
 const MAX_UPLOADS: usize = 2;
-/// All headers together, bytes: a recipe of 16 KiB is 48 KiB percent-encoded.
+/// Head of a request, bytes. It may carry a recipe of 16 KiB, which is up to 48 KiB percent-encoded.
 const MAX_HEAD_BYTES: usize = 64 << 10;
-/// The same where nothing but an abort is asked for; hyper takes no less.
+/// Head of a request on the socket for aborts, bytes. The least that hyper allows.
 const MAX_ABORT_HEAD_BYTES: usize = 8 << 10;
-/// A small JSON body, bytes.
+/// JSON body of an order, bytes.
 const MAX_ORDER_BYTES: usize = 4 << 10;
-/// A subscriber hears at least this often, so that both ends notice a broken connection.
+/// A subscriber gets at least a comment this often, so that both ends notice a broken connection.
 const KEEP_ALIVE: Duration = Duration::from_secs(1);
-/// File descriptors of both sockets at most: their connections, and one each that is just being let go.
+/// File descriptors that both sockets use at most: their connections, and for each socket one connection that is being closed.
 pub(super) const MAX_DESCRIPTORS: u64 = (MAX_CONNECTIONS + 2 * (MAX_CROWD + 1)) as u64;
 
-/// Serves the API until `shutdown` becomes true (or its sender is dropped). `incoming` takes uploads; it
-/// must lie on the spool's file system, and whoever opens the spool removes what a crash left there.
+/// Serves the API until `shutdown` becomes true or its sender is dropped. Uploads are written to the directory `incoming`, which
+/// must be on the spool's file system. Opening the spool removes what a crash left there.
 pub async fn serve(listener: UnixListener, handle: Handle, incoming: PathBuf, shutdown: watch::Receiver<bool>) {
     let shared = Shared {
         handle,
@@ -52,7 +52,7 @@ pub async fn serve(listener: UnixListener, handle: Handle, incoming: PathBuf, sh
     Door { listener, everything, aborts, max_head_bytes: MAX_HEAD_BYTES }.serve(shutdown).await;
 }
 
-/// Serves the socket for aborts, as long as [`serve`] does.
+/// Serves the socket for aborts until `shutdown` becomes true or its sender is dropped.
 pub async fn serve_aborts(listener: UnixListener, handle: Handle, shutdown: watch::Receiver<bool>) {
     let aborts = abort_router(handle, only_aborts);
     let max_head_bytes = MAX_ABORT_HEAD_BYTES;
@@ -68,7 +68,7 @@ struct Shared {
 }
 
 impl Shared {
-    /// A place for an upload, as long as it and those under way find room in the queue.
+    /// Reserves a place for an upload if the queue has room for it and for the uploads under way.
     fn begin_upload(&self) -> Result<OwnedSemaphorePermit, CommandError> {
         let place = Arc::clone(&self.uploads)
             .try_acquire_owned()
@@ -82,7 +82,7 @@ impl Shared {
 type App = State<Arc<Shared>>;
 type Answer = Result<Response, CommandError>;
 
-/// Nothing but aborts; `otherwise` is the answer to anything else.
+/// Routes for aborts alone; `otherwise` answers everything else.
 fn abort_router<F>(handle: Handle, otherwise: fn(Body) -> F) -> Router
 where
     F: Future<Output = CommandError> + Send + 'static,
@@ -147,7 +147,7 @@ async fn submit(
         (snapshot.jobs_ended, snapshot.fit.clone())
     };
     let received = match shared.begin_upload() {
-        // Held until the job is in the queue, so that several uploads cannot overfill it together.
+        // Held until the job is in the queue: several uploads together cannot overfill it.
         Ok(place) => upload::receive(&shared.incoming, &headers, &mut body, jobs_ended, fit, place).await,
         Err(refusal) => Err(refusal),
     };
@@ -199,7 +199,7 @@ async fn abort_job(
 
 async fn no_place(mut body: Body) -> CommandError {
     upload::drain(&mut body).await;
-    CommandError::new(503, format!("{MAX_CONNECTIONS} connections are open already; only an abort is taken now"))
+    CommandError::new(503, format!("{MAX_CONNECTIONS} connections are open already; only an abort is accepted now"))
 }
 
 async fn only_aborts(mut body: Body) -> CommandError {
@@ -234,11 +234,11 @@ async fn resume_body(request: Request) -> Result<ResumeBody, CommandError> {
 }
 
 async fn no_such_path(uri: Uri) -> CommandError {
-    CommandError::new(404, format!("there is no {}; docs/control-api.md lists what there is", uri.path()))
+    CommandError::new(404, format!("there is no path {}; docs/control-api.md lists all paths", uri.path()))
 }
 
 async fn no_such_method(method: Method, uri: Uri) -> CommandError {
-    CommandError::new(405, format!("{} does not take {method}; docs/control-api.md lists what it takes", uri.path()))
+    CommandError::new(405, format!("{} does not allow {method}; docs/control-api.md lists what it allows", uri.path()))
 }
 
 async fn events(State(shared): App) -> Answer {

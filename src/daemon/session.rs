@@ -1,4 +1,4 @@
-//! What happens on the line, and what it means for the printer: sessions begin and end, the device speaks.
+//! What the printer does with events of the line: sessions begin and end, the device sends messages.
 
 use super::api::{Event as News, LinkState, LinkView};
 use super::printer::Printer;
@@ -10,7 +10,7 @@ use crate::link::message::{Capabilities, DeviceMessage, Urgent};
 use crate::link::session::HostEvent;
 
 impl Printer {
-    /// Something happened on the line.
+    /// Handles an event of the line.
     pub(super) fn link_event(&mut self, event: LinkEvent) {
         let now_us = self.clock.now_us();
         match event {
@@ -40,7 +40,7 @@ impl Printer {
             LinkEvent::Session(HostEvent::Refused(refusal)) => self.lost(refusal.to_string(), now_us),
             LinkEvent::NotOpen(error) => self.lost(error.to_string(), now_us),
             LinkEvent::NotSent(error) => {
-                // Without it the device and the driver no longer agree on what was asked.
+                // Device and driver no longer agree on what was requested.
                 self.lost(format!("a message could not be sent: {error}"), now_us);
                 self.link.give_up();
             }
@@ -48,7 +48,7 @@ impl Printer {
         }
     }
 
-    /// Tells once whether a device that connected can print here.
+    /// Checks whether a device that connected can print here, and tells the operator once if not.
     fn compare(&mut self, capabilities: &Capabilities) {
         let misfit = check_fit(&self.setting.machine, &self.setting.recipe, capabilities).err();
         let misfit = misfit.map(|misfit| misfit.to_string());
@@ -58,7 +58,7 @@ impl Printer {
         self.device.misfit = misfit;
     }
 
-    /// The device said something.
+    /// Handles a message of the device.
     fn message(&mut self, message: DeviceMessage, now_us: u64) {
         match self.driver().map(|driver| driver.handle(message)) {
             Some(DriverEvent::Fault(fault)) => {
@@ -88,20 +88,18 @@ impl Printer {
         }
     }
 
-    /// Passes on what the device reported faster than it could be told.
+    /// Passes on fault reports that were held back because they came too fast.
     pub(super) fn late_faults(&mut self) {
         let now_us = self.clock.now_us();
         if let Some(fault) = self.faults.due(now_us) {
             self.driver_event(DriverEvent::Fault(fault), now_us);
         }
         if let Some(count) = self.faults.too_many(now_us) {
-            self.notice(format!(
-                "the device sent {count} more reports of its faults than one for each change: check its firmware"
-            ));
+            self.notice(format!("the device repeated its fault reports: {count} were dropped; check its firmware"));
         }
     }
 
-    /// A device that seems not to answer may not have been reached: adds what keeps data from getting through.
+    /// Adds to a report of misbehaviour what keeps data from getting through: the device may not have been reached.
     fn with_cause(&self, event: DriverEvent) -> DriverEvent {
         match (event, self.link.hindrance()) {
             (DriverEvent::Misbehaved(text), Some(hindrance)) => DriverEvent::Misbehaved(format!("{text}; {hindrance}")),
@@ -109,11 +107,11 @@ impl Printer {
         }
     }
 
-    /// Ends a session with a device that does not follow the protocol, and begins a new one. A running job's engine has told
-    /// so already.
+    /// Ends a session with a device that does not follow the protocol, and begins a new one. If a job runs, its engine has
+    /// already told the operator.
     pub(super) fn end_session(&mut self, why: String, now_us: u64) {
         if self.running.is_none() {
-            self.notice(format!("the session with the device is ended, and a new one begun: {why}"));
+            self.notice(format!("the session with the device is ended and a new one begins: {why}"));
         }
         self.lost(why, now_us);
         self.link.give_up();
@@ -126,8 +124,8 @@ impl Printer {
         });
         let Some((running, urgent)) = awaited else {
             if self.last_abort.take_if(|abort| *abort == number).is_some() {
-                // Of a job that does not run: ended before the device came back, or interrupted. It does nothing more until
-                // a new hello.
+                // The abort of a job that does not run: it ended before the device came back, or is interrupted. The device
+                // does nothing more until a new hello.
                 self.lost("the device has obeyed an abort; a new session begins".into(), now_us);
                 self.link.reconnect();
             }

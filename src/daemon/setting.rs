@@ -1,4 +1,4 @@
-//! Everything the daemon is configured with, read and checked before it starts.
+//! The daemon's configuration, read and checked before it starts.
 
 use std::path::Path;
 
@@ -7,10 +7,10 @@ use anyhow::Context;
 use crate::config::{ConfigError, DaemonConfig, MAX_THREADS, Machine, Recipe};
 use crate::slice::Slicer;
 
-// Every number of threads that a configuration may ask for can be had.
+// The slicer allows every number of threads that the configuration allows.
 const _: () = assert!(MAX_THREADS <= Slicer::MAX_THREADS);
 
-/// What does not change while the daemon runs.
+/// The configuration; it does not change while the daemon runs.
 #[derive(Debug)]
 pub struct Setting {
     /// The daemon's settings.
@@ -23,7 +23,7 @@ pub struct Setting {
     pub recipe: Recipe,
     /// Its text.
     pub recipe_text: String,
-    /// Threads that compute layers.
+    /// Number of threads that compute layers.
     pub threads: usize,
 }
 
@@ -42,7 +42,7 @@ impl Setting {
     /// Reads and checks the files that `config`, read from `place`, names.
     ///
     /// # Errors
-    /// All that is wrong; each names the file, the key, the value and what is allowed.
+    /// All faults found; each names the file, the key, the value and what is allowed.
     pub(super) fn load(place: &Path, config: DaemonConfig) -> Result<Self, Vec<anyhow::Error>> {
         let named = |key: &str| format!("`{key}` in {}", place.display());
         let read =
@@ -65,7 +65,7 @@ impl Setting {
     }
 }
 
-/// Says where a file that cannot be read was looked for: as a text, so that its cause is told once.
+/// Adds how the path of a file that cannot be read was resolved. The result is plain text, so that its cause is not repeated.
 fn located(error: ConfigError) -> anyhow::Error {
     match error {
         ConfigError::Read { .. } => {

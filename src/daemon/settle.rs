@@ -1,4 +1,4 @@
-//! Orders for a job that does not hold the machine: its journal is asked, and told, before anything else.
+//! Orders for a job that does not hold the machine: each is checked against the job's journal and written there first.
 
 use std::path::Path;
 
@@ -12,34 +12,34 @@ use super::printer::Printer;
 use super::unwritten::UNWRITTEN;
 use crate::job::{EndOrder, JobState, Journal, JournalError, PlateAfter, Record, ResumeChoice, read_journal};
 
-/// What an operator wants of a job that does not hold the machine, where its journal has a say.
+/// An order for a job that does not hold the machine.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Change {
-    /// Stop or abort it; one that has begun needs the machine for that.
+    /// Stop or abort it. A job that has begun needs the machine for that.
     End(EndOrder),
-    /// Abort it though it cannot be given the machine.
+    /// Abort it without the machine, because the part cannot be opened.
     Close,
-    /// Print an interrupted job further.
+    /// Resume an interrupted job.
     Resume(ResumeChoice),
 }
 
-/// What the journal made of a change, and what went wrong although it is carried out.
+/// A change that was carried out, and a warning if its record could not be written.
 #[derive(Debug)]
 pub(super) struct Settled {
     outcome: Outcome,
     warning: Option<String>,
 }
 
-/// What becomes of a job that was changed.
+/// The job after a change.
 #[derive(Debug)]
 enum Outcome {
-    /// The job is over, for that reason.
+    /// The job is over, for this reason.
     Ended(JobState, String),
-    /// It is taken up as soon as the machine is free.
+    /// It gets the machine as soon as that is free.
     TakenUp(TakeUp),
 }
 
-/// Why a job ended that had not begun.
+/// Reason of a job that ended before it began.
 fn unbegun(order: EndOrder) -> &'static str {
     match order {
         EndOrder::Abort => "aborted by the operator before it began",
@@ -50,7 +50,7 @@ fn unbegun(order: EndOrder) -> &'static str {
 const ENDED: &str = "ended by the operator";
 
 impl Printer {
-    /// Asks or tells the journal of a job that does not hold the machine, in the background.
+    /// Checks a change against the job's journal and writes it there, in the background.
     pub(super) fn change(&mut self, id: u32, change: Change, reply: Reply) {
         let Some(job) = self.jobs.get_mut(id) else {
             let _ = reply.send(Err(no_such_job(&id.to_string())));
@@ -64,7 +64,7 @@ impl Printer {
         });
     }
 
-    /// The journal allows the change and says so, or not.
+    /// Carries out a change that the journal allows, and answers the order.
     pub(super) fn changed(&mut self, id: u32, result: Result<Settled, CommandError>, reply: Reply) {
         let mut aborts = Vec::new();
         if let Some(job) = self.jobs.get_mut(id) {
@@ -95,7 +95,7 @@ impl Printer {
             if is_over {
                 let _ = abort.send(self.view(id, None));
             } else {
-                // The first writes it; those behind it come again as they came now.
+                // The first abort is written; the others wait for it.
                 match self.jobs.get_mut(id) {
                     Some(job) if job.ordered => job.aborts.push(abort),
                     _ => self.change(id, Change::End(EndOrder::Abort), abort),
@@ -106,33 +106,15 @@ impl Printer {
 }
 
 /// Checks a change against the job's journal and writes there what must be known after a crash. An order to end is carried out
-/// whether or not that can be written; `past` is what is known without the journal. Blocks.
+/// even if it cannot be written. `past` is used if the journal cannot be read. Blocks.
 fn settle_in_journal(id: u32, path: &Path, past: &Past, change: Change) -> Result<Settled, CommandError> {
     let ended = |state, reason: String| Settled { outcome: Outcome::Ended(state, reason), warning: None };
-    let unreadable = |error: JournalError| CommandError::new(500, error.to_string());
     let history = match read_journal(path) {
         Ok((_, history)) => history,
-        Err(error) => {
-            let state = match change {
-                Change::End(EndOrder::Abort) | Change::Close => JobState::Aborted,
-                // A part in the vat keeps the machine, unless it is aborted.
-                Change::End(EndOrder::Stop) if past.plate_after() == PlateAfter::Left => {
-                    return Err(CommandError::new(
-                        409,
-                        format!("{error}; {}. `layerctl abort {id}` ends the job all the same", past.plate_text()),
-                    ));
-                }
-                Change::End(EndOrder::Stop) => JobState::Stopped,
-                Change::Resume(_) => return Err(unreadable(error)),
-            };
-            // The operator must get rid of it; after a restart it comes back for as long as it cannot be read.
-            let reason = format!("{ENDED}, but {error}: {}", past.plate_text());
-            let warning = Some(format!("the order {UNWRITTEN} ({error})"));
-            return Ok(Settled { outcome: Outcome::Ended(state, reason), warning });
-        }
+        Err(error) => return settle_unreadable(id, &error, past, change),
     };
     if history.state.is_final() {
-        // It could not be read when the daemon started.
+        // The journal could not be read when the daemon started, and can be now.
         return Ok(ended(history.state, history.reason));
     }
     let write = |record| Journal::open(path).and_then(|(mut journal, _)| journal.append(record, unix_ms()));
@@ -155,5 +137,23 @@ fn settle_in_journal(id: u32, path: &Path, past: &Past, change: Change) -> Resul
     };
     let state = if order == EndOrder::Abort { JobState::Aborted } else { JobState::Stopped };
     let warning = warning(write(Record::Ended { state, reason: reason.clone() }));
+    Ok(Settled { outcome: Outcome::Ended(state, reason), warning })
+}
+
+/// Settles a change for a job whose journal cannot be read: it cannot be resumed, but the operator must be able to end it.
+fn settle_unreadable(id: u32, error: &JournalError, past: &Past, change: Change) -> Result<Settled, CommandError> {
+    let state = match change {
+        Change::End(EndOrder::Abort) | Change::Close => JobState::Aborted,
+        // A job whose part may lie in the vat keeps the machine until it is aborted.
+        Change::End(EndOrder::Stop) if past.plate_after() == PlateAfter::Left => {
+            let text = format!("{error}; {}. `layerctl abort {id}` ends the job all the same", past.plate_text());
+            return Err(CommandError::new(409, text));
+        }
+        Change::End(EndOrder::Stop) => JobState::Stopped,
+        Change::Resume(_) => return Err(CommandError::new(500, error.to_string())),
+    };
+    // After a restart the job is back, as long as its journal cannot be read.
+    let reason = format!("{ENDED}, but {error}: {}", past.plate_text());
+    let warning = Some(format!("the order {UNWRITTEN} ({error})"));
     Ok(Settled { outcome: Outcome::Ended(state, reason), warning })
 }

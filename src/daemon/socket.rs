@@ -1,4 +1,4 @@
-//! The control sockets in the file system: where they lie, and what can be wrong with that.
+//! The control sockets in the file system: their paths, and what can be wrong with them.
 
 use std::ffi::OsString;
 use std::io::ErrorKind;
@@ -9,21 +9,23 @@ use std::path::{Path, PathBuf};
 use rustix::fs::{Access, access};
 use tokio::net::{UnixListener, UnixStream};
 
+use crate::output::directory_of;
+
 /// Longest path of a Unix socket, bytes: `sun_path` holds 108 with the zero at its end.
 pub(crate) const MAX_PATH_BYTES: usize = 107;
-/// What the path of the socket for aborts ends in.
+/// Suffix of the socket for aborts.
 const ABORT_SUFFIX: &str = ".abort";
 
 /// Why a socket cannot be served.
 #[derive(Debug, thiserror::Error)]
 pub enum BindError {
-    /// Somebody answers there.
+    /// A process serves this socket.
     #[error("another layerd already serves {}: stop it first, or give this one another `socket`", .0.display())]
     AlreadyRunning(PathBuf),
     /// Something else is in the way.
     #[error("{} exists and is not a socket: remove it, or give layerd another `socket`", .0.display())]
     NotASocket(PathBuf),
-    /// The system takes no such path.
+    /// The path is longer than a socket's may be.
     #[error(
         "the control socket {} has a path of {} bytes; at most {} are possible: give layerd a shorter `socket`",
         path.display(), path.as_os_str().len(), MAX_PATH_BYTES - ABORT_SUFFIX.len()
@@ -32,10 +34,10 @@ pub enum BindError {
         /// The socket.
         path: PathBuf,
     },
-    /// There is no directory for it.
+    /// Its directory does not exist.
     #[error("the control socket's directory {} does not exist: make it, or give layerd another `socket`", .0.display())]
     NoDirectory(PathBuf),
-    /// The directory takes no socket of this user.
+    /// This user may not write in its directory.
     #[error(
         "this user may not make the control socket in {}: give the directory to the user layerd runs as, or give layerd \
          another `socket`", .0.display()
@@ -58,7 +60,7 @@ pub fn abort_path(socket: &Path) -> PathBuf {
     path.into()
 }
 
-/// Whether a control socket could be made at `socket`, without making it. One that is served is no error here.
+/// Checks that a control socket could be made at `socket`, without making it. A socket that is being served is no error.
 ///
 /// # Errors
 /// [`BindError`] says what is in the way.
@@ -66,7 +68,7 @@ pub(super) fn check(socket: &Path) -> Result<(), BindError> {
     if abort_path(socket).as_os_str().len() > MAX_PATH_BYTES {
         return Err(BindError::PathTooLong { path: socket.into() });
     }
-    let directory = directory(socket);
+    let directory = directory_of(socket);
     if !directory.is_dir() {
         return Err(BindError::NoDirectory(directory.into()));
     }
@@ -87,7 +89,7 @@ pub(super) fn check(socket: &Path) -> Result<(), BindError> {
     Ok(())
 }
 
-/// Opens the control socket and the one for aborts, with mode 0660. Sockets that nobody serves any more are replaced.
+/// Opens the control socket and the one for aborts, with mode 0660. Replaces sockets that no process serves.
 ///
 /// # Errors
 /// [`BindError`] says what is in the way.
@@ -96,7 +98,7 @@ pub async fn bind(socket: &Path) -> Result<[UnixListener; 2], BindError> {
     let aborts = abort_path(socket);
     for path in [socket, &aborts] {
         match UnixStream::connect(path).await {
-            // One whose queue is full is served.
+            // `WouldBlock`: its queue is full, so a process serves it.
             Ok(_) => return Err(BindError::AlreadyRunning(path.into())),
             Err(error) if error.kind() == ErrorKind::WouldBlock => return Err(BindError::AlreadyRunning(path.into())),
             Err(error) if error.kind() == ErrorKind::ConnectionRefused => {
@@ -111,9 +113,9 @@ pub async fn bind(socket: &Path) -> Result<[UnixListener; 2], BindError> {
 
 fn listen(path: &Path) -> Result<UnixListener, BindError> {
     let io = |source| BindError::Io { path: path.into(), source };
-    // Under another name until its mode is right, then renamed over what is there: never open to all, never missing. That name
-    // is given from its directory on, as it would be longer than the path, which may have the greatest length already.
-    let directory = std::fs::File::open(directory(path)).map_err(io)?;
+    // Made under a passing name, then renamed when its mode is set: the socket is never open to all and never missing. The
+    // passing name goes through /proc/self/fd, as beside a long path it would exceed the limit of a socket's path.
+    let directory = std::fs::File::open(directory_of(path)).map_err(io)?;
     let mut name = OsString::from(".layerd-");
     name.push(std::process::id().to_string());
     let new = PathBuf::from(format!("/proc/self/fd/{}", directory.as_raw_fd())).join(&name);
@@ -126,8 +128,4 @@ fn listen(path: &Path) -> Result<UnixListener, BindError> {
         io(source)
     })?;
     Ok(listener)
-}
-
-fn directory(socket: &Path) -> &Path {
-    crate::output::directory_of(socket)
 }

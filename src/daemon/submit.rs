@@ -22,7 +22,7 @@ impl Printer {
         let jobs_ended = submission.jobs_ended;
         let (background, limit_bytes) = (self.background.clone(), self.budget.limit_bytes());
         let fit = self.fit();
-        // Beside a print there is no memory for it; the job is looked at before it begins in any case.
+        // During a print there is no memory for this check. It is repeated in any case before the job begins.
         let looks = self.is_idle();
         tokio::task::spawn_blocking(move || {
             let result = fit
@@ -30,24 +30,24 @@ impl Printer {
                 .and_then(|recipe| verify(&submission).map(|()| recipe))
                 .and_then(|recipe| accept(&setting, &spool, &submission, &recipe, limit_bytes, looks))
                 .map(Box::new);
-            // What is left of a refused part is gone before the answer.
+            // The file of a refused part is deleted before the answer.
             drop(submission);
             let _ = background.blocking_send(Background::Accepted { result, jobs_ended, reply });
         });
     }
 
-    /// What new jobs are checked against at present.
+    /// What new jobs are checked against now.
     pub(super) fn fit(&self) -> Fit {
         Fit::new(Arc::clone(&self.setting), self.capabilities.clone().filter(|_| self.device.connected))
     }
 
-    /// A new job is in the spool, or not.
+    /// Queues a job that was put into the spool, or answers why it was not.
     pub(super) fn accepted(&mut self, result: Result<Box<Job>, CommandError>, jobs_ended: u64, reply: Reply) {
         let answer = result.map(|job| {
             let id = job.directory.id;
             self.jobs.accept(*job);
-            // Started with nothing before it, the operator has just seen the plate. Nobody has behind another job, not even
-            // one that ended while this one arrived, nor where who asked did not wait for the answer.
+            // The operator has seen the plate only if this job is next, no job ended while it arrived, and the client still waits
+            // for the answer. A job needs a confirmation otherwise.
             let is_next = self.jobs.ahead_of(id, self.holder()).is_none();
             let is_seen = jobs_ended == self.jobs_ended && !reply.is_closed() && is_next;
             if let Some(job) = self.jobs.get_mut(id) {
@@ -60,18 +60,18 @@ impl Printer {
     }
 }
 
-/// Checks a new part from its first byte to its last. Blocks.
+/// Checks every byte of a new part. Blocks.
 fn verify(submission: &Submission) -> Result<(), CommandError> {
     let verified = BuildFile::open(&submission.part).and_then(|file| file.verify());
     verified.map_err(|error| unprintable(submission, &error.to_string()))
 }
 
 fn unprintable(submission: &Submission, text: &str) -> CommandError {
-    // The operator knows the part by its own name, not by that in the spool.
+    // The operator knows the part by its own name, not by its path in the spool.
     CommandError::new(422, text.replace(&submission.part.display().to_string(), &submission.name))
 }
 
-/// Checks a new job, its bottom layers too where `looks`, and puts it into the spool. Blocks.
+/// Checks a new job, including its bottom layers if `looks`, and puts it into the spool. Blocks.
 fn accept(
     setting: &Setting,
     spool: &Mutex<Spool>,
@@ -96,7 +96,7 @@ fn accept(
         accepted,
         at_unix_ms: unix_ms(),
     };
-    // A panic elsewhere leaves the spool as it was: jobs appear whole or not at all.
+    // A panic elsewhere cannot leave half a job: jobs appear in the spool whole or not at all.
     let spool = spool.lock().unwrap_or_else(PoisonError::into_inner);
     spool.check_space(0).map_err(|error| spool_error(&error))?;
     let (directory, journal) = spool.create(job).map_err(|error| spool_error(&error))?;

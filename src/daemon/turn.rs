@@ -43,51 +43,57 @@ impl Printer {
 
     pub(super) fn opened(&mut self, id: u32, result: Result<Box<Opened>, Unopened>, now_us: u64) {
         self.opening = None;
-        // Perhaps ordered while it was opened.
+        // An order to end may have come while the job was opened.
         let end = self.jobs.get(id).and_then(|job| match job.take_up {
             TakeUp::Print(_) => None,
             TakeUp::End(command) => Some(command),
         });
         match result {
-            Ok(mut opened) => {
-                tracing::info!(job = id, "job begins");
-                // Of the device that is there now, not of the job: an interrupted one can go on once it is corrected.
-                opened.machine.time_scale = self.setting.machine.time_scale;
-                let mut running =
-                    Running::new(id, *opened, std::mem::take(&mut self.idle).light, self.background.clone(), now_us);
-                if let Some(command) = end {
-                    running.command(command, now_us);
-                }
-                if self.shutting_down {
-                    running.engine.handle(Event::Shutdown, now_us);
-                }
-                self.message = None;
-                self.running = Some(running);
-                // A new session tells the device's state afresh and numbers requests from 1 for the job's driver.
-                self.link.reconnect();
-            }
-            Err(Unopened { text, state }) => {
-                self.notice(format!("job {id} cannot be printed: {text}"));
-                if let Some(job) = self.jobs.get_mut(id) {
-                    job.end(state, Some(text.clone()));
-                }
-                self.jobs_ended += 1;
-                self.publish_job(id);
-                let mut replies = self.take_unwritten(id);
-                if let (Some(Command::Abort), JobState::Interrupted) = (end, state) {
-                    let reply = replies.pop().unwrap_or_else(|| tokio::sync::oneshot::channel().0);
-                    self.change(id, Change::Close, reply);
-                }
-                for reply in replies {
-                    let failed = || CommandError::new(409, format!("job {id} could not be taken up: {text}"));
-                    // Whoever asked may have gone.
-                    let _ = reply.send(if state.is_final() { self.view(id, None) } else { Err(failed()) });
-                }
-            }
+            Ok(opened) => self.begin(id, *opened, end, now_us),
+            Err(unopened) => self.refuse_unopened(id, unopened, end),
         }
     }
 
-    /// The running job is over: its memory and the spool's old jobs are given up in the background.
+    /// Gives an opened job the machine.
+    fn begin(&mut self, id: u32, mut opened: Opened, end: Option<Command>, now_us: u64) {
+        tracing::info!(job = id, "job begins");
+        // The present value, not the one stored with the job: correcting it lets an interrupted job go on.
+        opened.machine.time_scale = self.setting.machine.time_scale;
+        let light = std::mem::take(&mut self.idle).light;
+        let mut running = Running::new(id, opened, light, self.background.clone(), now_us);
+        if let Some(command) = end {
+            running.command(command, now_us);
+        }
+        if self.shutting_down {
+            running.engine.handle(Event::Shutdown, now_us);
+        }
+        self.message = None;
+        self.running = Some(running);
+        // A new session reports the device's state and numbers requests from 1, as the job's driver expects.
+        self.link.reconnect();
+    }
+
+    /// Ends a job that could not be opened, and answers the orders for it.
+    fn refuse_unopened(&mut self, id: u32, Unopened { text, state }: Unopened, end: Option<Command>) {
+        self.notice(format!("job {id} cannot be printed: {text}"));
+        if let Some(job) = self.jobs.get_mut(id) {
+            job.end(state, Some(text.clone()));
+        }
+        self.jobs_ended += 1;
+        self.publish_job(id);
+        let mut replies = self.take_unwritten(id);
+        if let (Some(Command::Abort), JobState::Interrupted) = (end, state) {
+            let reply = replies.pop().unwrap_or_else(|| tokio::sync::oneshot::channel().0);
+            self.change(id, Change::Close, reply);
+        }
+        for reply in replies {
+            let failed = || CommandError::new(409, format!("job {id} could not be taken up: {text}"));
+            // The client may be gone.
+            let _ = reply.send(if state.is_final() { self.view(id, None) } else { Err(failed()) });
+        }
+    }
+
+    /// Ends the running job. Its memory is given back, and the spool's oldest jobs are deleted, in the background.
     pub(super) fn finish(&mut self) {
         self.tell_progress();
         let Some(running) = self.running.take() else { return };
@@ -96,14 +102,14 @@ impl Printer {
         let mut again = None;
         if let Some(job) = self.jobs.get_mut(id) {
             job.past.update(&running.engine);
-            // An order to end that the device was not there for.
+            // The order to end could not be carried out because the device was gone; it is carried out when it answers again.
             again = job.past.ordered.filter(|_| job.view.state == JobState::Interrupted && !self.device.connected);
         }
         if running.engine.journal_failed() && self.jobs.get(id).is_some_and(|job| job.view.state.is_final()) {
             self.answer_unwritten(id);
         }
         self.jobs_ended += 1;
-        // Of before the job's last moves.
+        // It is from before the job's last moves.
         self.device_state = None;
         if let Some(job) = self.jobs.get(id) {
             job.log_end();
@@ -127,7 +133,7 @@ impl Printer {
         self.publish();
     }
 
-    /// What was told of the job that runs no more.
+    /// Forgets the message and the progress of a job that no longer runs.
     pub(super) fn forget_progress(&mut self) {
         self.message = None;
         self.last_progress = None;

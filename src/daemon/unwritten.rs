@@ -1,4 +1,4 @@
-//! Orders that an engine carries out: each is answered once its record is on disk, so that it outlives the daemon.
+//! Orders that an engine carries out. Each is answered once its record is on disk, so that a crash cannot undo it.
 
 use super::background::Reply;
 use super::printer::Printer;
@@ -7,31 +7,31 @@ use crate::job::{EndOrder, JobState};
 
 /// The slowest memory cards flush within a second; an operator who aborts is not kept waiting longer for a disk.
 const MAX_WRITE_US: u64 = 1_500_000;
-/// What is said of an order whose record is not on disk.
+/// Warning in the answer to an order whose record is not on disk yet.
 const SLOW: &str =
     "is being carried out, but the disk has not taken its record yet: after a crash now it must be given again";
 pub(super) const UNWRITTEN: &str =
     "is carried out, but its record could not be written: after a restart of the daemon it must be given again";
 
-/// An order that is being carried out and is answered once it is on disk.
+/// An order that is being carried out, and whose record is not on disk yet.
 #[derive(Debug)]
 pub(super) struct Unwritten {
     job: u32,
     order: EndOrder,
     reply: Reply,
-    /// A disk that takes longer than this keeps nobody waiting.
+    /// The order is answered at this time even if its record is not on disk.
     until_us: u64,
 }
 
 impl Unwritten {
-    /// An order just given to an engine.
+    /// An order that was just given to an engine.
     pub(super) fn new(job: u32, order: EndOrder, reply: Reply, now_us: u64) -> Self {
         Self { job, order, reply, until_us: now_us + MAX_WRITE_US }
     }
 }
 
 impl Printer {
-    /// Answers the orders that engines carry out and that are on disk now, or never will be.
+    /// Answers the orders whose records are on disk by now, failed to be written, or take too long.
     pub(super) fn answer_written(&mut self) {
         let now_us = self.clock.now_us();
         for order in std::mem::take(&mut self.unwritten) {
@@ -39,7 +39,7 @@ impl Printer {
             let is_late = order.until_us <= now_us;
             let running = self.running.as_ref().filter(|running| running.job == id).map(|running| &running.engine);
             let warning = match running {
-                // One that is ending already may end as a job that can go on.
+                // A job that is ending may end as interrupted; then the order must be carried out again.
                 Some(engine) if engine.order_unwritten() || engine.is_over() => is_late.then_some(SLOW),
                 Some(engine) => {
                     let warning = engine.journal_failed().then_some(UNWRITTEN);
@@ -47,7 +47,7 @@ impl Printer {
                     continue;
                 }
                 None if self.opening == Some(id) => is_late.then_some(SLOW),
-                // It came when the job was ending already, as one that could go on.
+                // The job was already ending when the order came, and ended as interrupted.
                 None if self
                     .jobs
                     .get(id)
@@ -79,14 +79,14 @@ impl Printer {
         if let Some(warning) = warning {
             self.notice(format!("the order to {} job {} {warning}", order.order.verb(), order.job));
         }
-        // Before the answer: one who asks again at once must not see how it was before.
+        // Before the answer: a client that asks again at once must not see the old state.
         self.publish_job(order.job);
         let answer = self.view(order.job, warning.map(|warning| format!("the order {warning}")));
-        // Whoever asked may have gone.
+        // The client may be gone.
         let _ = order.reply.send(answer);
     }
 
-    /// The orders for a job that could not be opened: taken away to be answered otherwise.
+    /// Removes the orders for a job that could not be opened; the caller answers them.
     pub(super) fn take_unwritten(&mut self, id: u32) -> Vec<Reply> {
         self.unwritten.extract_if(.., |order| order.job == id).map(|order| order.reply).collect()
     }

@@ -1,4 +1,4 @@
-//! Takes a build file from a request to the spool, never holding more than one part of it in memory.
+//! Writes a build file from a request into the spool, with at most one piece of it in memory.
 
 use std::fs::File;
 use std::io::Write;
@@ -21,19 +21,19 @@ use crate::buildfile::{BEGINNING_BYTES, check_beginning};
 use crate::disk;
 use crate::text::size_text;
 
-/// A sender that is silent for longer has gone away without closing; its half file is removed.
+/// A sender that is silent for longer is gone; the incomplete file is removed.
 const MAX_SILENCE: Duration = Duration::from_secs(30);
-/// Written at once: large enough that handing it to a thread costs nothing, small enough beside the memory budget.
+/// Size of one write: large enough that handing it to a thread costs little, small compared with the memory budget.
 const PIECE_BYTES: usize = 256 << 10;
-/// [`drain`]: a local sender that still sends is never still for so long.
+/// [`drain`] ends after a pause this long: a local sender that is still sending makes none.
 const MAX_PAUSE: Duration = Duration::from_millis(300);
-/// [`drain`]: several gigabytes pass a Unix socket in this time.
+/// [`drain`] ends after this time: several gigabytes pass a Unix socket in it.
 const MAX_DRAIN_TIME: Duration = Duration::from_secs(10);
 
-/// Writes the request's body into `incoming` and flushes it, where `fit` has nothing against the job's recipe: that is looked at
-/// before the body. `place` is given back with the new job.
+/// Writes the request's body into `incoming` and flushes it. First checks the job's recipe against `fit`. Returns `place`
+/// with the new job.
 ///
-/// `jobs_ended` is how many had when the request began.
+/// `jobs_ended` is the number of jobs that had ended when the request began.
 ///
 /// # Errors
 /// What is wrong with the request, or why it cannot be stored.
@@ -46,9 +46,9 @@ pub(super) async fn receive(
     place: OwnedSemaphorePermit,
 ) -> Result<(Submission, OwnedSemaphorePermit), CommandError> {
     let name = text(headers, NAME_HEADER, MAX_NAME_BYTES)?.filter(|name| !name.trim().is_empty()).ok_or_else(|| {
-        CommandError::new(400, format!("the header {NAME_HEADER} is missing: how is the job called?"))
+        CommandError::new(400, format!("the header {NAME_HEADER} is missing: it must hold the job's name"))
     })?;
-    // A file's name may hold line breaks; a list of jobs has a line for each.
+    // A file's name may hold line breaks, but a list of jobs has one line for each.
     let name = name.replace(char::is_control, " ");
     let recipe_text = text(headers, RECIPE_HEADER, MAX_RECIPE_BYTES)?;
     let recipe_name = text(headers, RECIPE_NAME_HEADER, MAX_NAME_BYTES)?;
@@ -60,8 +60,8 @@ pub(super) async fn receive(
     Ok((Submission { part, name, recipe_text, recipe_name, jobs_ended }, place))
 }
 
-/// Reads what a refused sender still sends, so that it comes to read the answer: many clients read none before they have
-/// written everything, and lose it if the connection ends meanwhile. Bounded in time, both for a pause and in all.
+/// Reads and drops what a refused sender still sends: many clients read the answer only after they have sent everything, and
+/// lose it if the connection ends before. Limited by [`MAX_PAUSE`] and [`MAX_DRAIN_TIME`].
 pub(super) async fn drain(body: &mut Body) {
     let rest = async { while let Ok(Some(Ok(_))) = timeout(MAX_PAUSE, body.frame()).await {} };
     let _ = timeout(MAX_DRAIN_TIME, rest).await;
@@ -101,7 +101,7 @@ async fn fill(target: &mut Target, name: &str, body: &mut Body) -> Result<(), Co
             return Err(target.space.too_little(&target.incoming, None));
         }
         if beginning.len() < BEGINNING_BYTES {
-            // What is no build file is refused before gigabytes of it have come.
+            // A file that is no build file is refused before gigabytes of it arrive.
             beginning.extend_from_slice(&bytes[..bytes.len().min(BEGINNING_BYTES - beginning.len())]);
             check_beginning(&beginning).map_err(|problem| CommandError::new(422, format!("{name}: {problem}")))?;
         }
@@ -117,13 +117,12 @@ async fn fill(target: &mut Target, name: &str, body: &mut Body) -> Result<(), Co
     Ok(())
 }
 
-/// A file that is being received. Whatever touches the disk does so on a thread that may wait for it: a disk that hangs must not
-/// keep the API from answering. The upload keeps its place until that thread is done, though the sender may have gone: so no
-/// number of tries makes more than a few such threads.
+/// A file that is being received. All disk access is on threads that may block, so that a disk that hangs cannot keep the API from
+/// answering. The upload keeps its place until such a thread is done, even if the sender is gone; this bounds their number.
 struct Target {
     incoming: PathBuf,
     space: Space,
-    /// `None` while a thread works on it, and once that thread has failed.
+    /// `None` while a thread works on it, and after that thread has failed.
     file: Option<TargetFile>,
 }
 
@@ -152,7 +151,7 @@ impl Target {
         .await
     }
 
-    /// Appends a piece; gives its memory back.
+    /// Appends a piece; returns its buffer, empty.
     async fn write(&mut self, mut piece: Vec<u8>) -> Result<Vec<u8>, CommandError> {
         let Some(mut target) = self.file.take() else { return Err(CommandError::new(500, "the upload has ended")) };
         let incoming = self.incoming.clone();
@@ -180,7 +179,7 @@ impl Target {
     /// Deletes the file, and waits for that.
     async fn remove(&mut self) {
         if let Some(target) = self.file.take() {
-            // A panic there was told when it happened.
+            // A panic in it was reported when it happened.
             let _ = spawn_blocking(move || drop(target)).await;
         }
     }
@@ -188,14 +187,14 @@ impl Target {
 
 impl Drop for Target {
     fn drop(&mut self) {
-        // The sender has gone.
+        // The sender is gone.
         if let Some(target) = self.file.take() {
             spawn_blocking(move || drop(target));
         }
     }
 }
 
-/// Does something on a thread that may wait for the disk.
+/// Runs `work` on a thread that may wait for the disk.
 async fn on_disk<T: Send + 'static>(
     work: impl FnOnce() -> Result<T, CommandError> + Send + 'static,
 ) -> Result<T, CommandError> {
@@ -207,7 +206,7 @@ fn failed(incoming: &Path, error: &std::io::Error) -> CommandError {
     CommandError::new(status, format!("cannot write the build file into {}: {error}", incoming.display()))
 }
 
-/// Drops a new job that nobody takes, and with it its file, on a thread that may wait for the disk.
+/// Deletes a new job that was refused, with its file, on a thread that may wait for the disk.
 pub(super) fn discard(submission: Submission) {
     spawn_blocking(move || drop(submission));
 }

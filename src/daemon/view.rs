@@ -1,4 +1,4 @@
-//! From what the parts know to what operators see.
+//! Converts the daemon's state to the types that the API shows.
 
 use super::api::{BudgetView, CutShortView, DeviceInfo, DeviceStateView, DeviceView, ExposureView, JobView, LineView};
 use super::jobs::Jobs;
@@ -13,7 +13,7 @@ pub(super) fn budget(budget: &MemoryBudget) -> BudgetView {
     BudgetView { limit_bytes: budget.limit_bytes(), used_bytes: budget.used_bytes(), peak_bytes: budget.peak_bytes() }
 }
 
-/// What the line carried.
+/// The line's traffic.
 pub(super) fn line(
     statistics: &Statistics,
     hindrance: Option<Hindrance>,
@@ -34,7 +34,7 @@ pub(super) fn line(
     }
 }
 
-/// A device said what it is.
+/// Updates the view when a device connects.
 pub(super) fn device_connected(view: &mut DeviceView, capabilities: &Capabilities, state: &DeviceState, jobs: &Jobs) {
     let kind = match capabilities.kind {
         DeviceKind::Dlp => "dlp",
@@ -57,7 +57,7 @@ pub(super) fn device_connected(view: &mut DeviceView, capabilities: &Capabilitie
     view.state = Some(state_view(state, jobs));
 }
 
-/// A device said what became of something; `holder` is the job that has the machine.
+/// Updates the view by an event of the driver; `holder` is the job that has the machine.
 pub(super) fn device_told(view: &mut DeviceView, event: &DriverEvent, jobs: &Jobs, holder: Option<u32>) {
     let state = view.state.get_or_insert_with(DeviceStateView::default);
     match event {

@@ -17,9 +17,9 @@ use crate::daemon::ChannelBody;
 use crate::daemon::api::ErrorBody;
 use crate::daemon::socket::MAX_PATH_BYTES;
 
-/// No answer of the API but events is larger; a wrong socket must not fill memory.
+/// Largest answer, and largest single event, bytes. The API sends nothing larger; a wrong socket must not fill memory.
 pub(super) const MAX_ANSWER_BYTES: usize = 16 << 20;
-/// A socket whose backlog is full is tried again this often: it becomes free as soon as the daemon accepts.
+/// How often connecting to a socket whose backlog is full is tried again.
 const CONNECT_INTERVAL: Duration = Duration::from_millis(20);
 
 /// A small body, or a build file piece by piece.
@@ -28,7 +28,7 @@ pub(super) type RequestBody = Either<Full<Bytes>, ChannelBody>;
 /// A response and the connection that it comes through.
 pub(super) type Answer = (Response<Incoming>, Connection);
 
-/// The task that moves a connection's bytes; it ends with its owner.
+/// The task that moves a connection's bytes. Dropping it closes the connection.
 #[derive(Debug)]
 pub(super) struct Connection(tokio::task::JoinHandle<()>);
 
@@ -45,7 +45,7 @@ async fn connect(socket: &Path) -> Result<UnixStream, ClientError> {
             Err(source) => source,
         };
         return Err(match source.kind() {
-            // The backlog is full: it listens, and is waited for as for an answer.
+            // The backlog is full: a process listens. The time limit is the caller's.
             std::io::ErrorKind::WouldBlock => {
                 sleep(CONNECT_INTERVAL).await;
                 continue;
@@ -64,7 +64,7 @@ pub(super) async fn exchange(socket: &Path, request: Request<RequestBody>) -> Re
     let stream = connect(socket).await?;
     let (mut sender, connection) = http1::handshake(TokioIo::new(stream)).await.map_err(ClientError::broken)?;
     let connection = Connection(tokio::spawn(async move {
-        // What goes wrong here shows in the answer as well.
+        // An error here also shows in the answer.
         let _ = connection.await;
     }));
     let response = sender.send_request(request).await.map_err(ClientError::broken)?;
@@ -87,7 +87,7 @@ async fn bytes(response: Response<Incoming>) -> Result<Bytes, ClientError> {
     Ok(limited.collect().await.map_err(ClientError::broken)?.to_bytes())
 }
 
-/// The response, if it is one of success; else the error it tells.
+/// The response if its status is success, else its error.
 pub(super) async fn accepted(response: Response<Incoming>) -> Result<Response<Incoming>, ClientError> {
     let status = response.status();
     if status.is_success() {

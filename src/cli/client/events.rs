@@ -1,4 +1,4 @@
-//! The daemon's news: a stream of server-sent events.
+//! The daemon's stream of server-sent events.
 
 use std::time::Duration;
 
@@ -11,16 +11,16 @@ use crate::cli::client_error::ClientError;
 use crate::cli::patience::{Listener, TELL_AFTER};
 use crate::daemon::api::Event;
 
-/// The daemon sends something every second.
+/// How long the stream may be silent. The daemon sends something every second.
 const MAX_SILENCE: Duration = Duration::from_secs(20);
 
-/// News from the daemon.
+/// The daemon's events.
 #[derive(Debug)]
 pub struct Events {
     body: Incoming,
     text: Vec<u8>,
     heard: Instant,
-    /// Whether the present silence was told.
+    /// Whether the present silence was reported.
     told: bool,
     listener: Listener,
     _connection: Connection,
@@ -53,7 +53,7 @@ impl Events {
         }
     }
 
-    /// The next bytes. A silence is told once, and so is its end.
+    /// The next bytes. Reports a silence once, and its end.
     async fn frame(&mut self) -> Result<Option<Result<Frame<Bytes>, hyper::Error>>, ClientError> {
         let silence_s = MAX_SILENCE.as_secs();
         if !self.told {

@@ -1,4 +1,4 @@
-//! The demo's processes: this very program under other commands, ended however the demo ends.
+//! The demo's processes: this program with other arguments. They end with the demo, however it ends.
 
 use std::ffi::OsStr;
 use std::fs::File;
@@ -9,15 +9,15 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, bail};
 use rustix::process::{Pid, Signal, kill_process};
 
-/// How long a process may take to make its machine safe and end, before it is ended for it.
+/// How long a process may take to make its machine safe and end before it is killed.
 const GRACE: Duration = Duration::from_secs(5);
 
-/// Processes that end when this is dropped, the last one started first.
+/// Processes that are ended when this is dropped, the last one first.
 #[derive(Default)]
 pub(super) struct Children(Vec<(&'static str, Child)>);
 
 impl Children {
-    /// Takes charge of a process; `name` is for messages.
+    /// Adds a process; `name` is for messages.
     pub(super) fn add(&mut self, name: &'static str, child: Child) {
         self.0.push((name, child));
     }
@@ -41,7 +41,7 @@ impl Drop for Children {
     }
 }
 
-/// Asks a process to end, and ends it if it does not.
+/// Asks a process to end, and kills it if it does not.
 fn end(child: &mut Child) {
     let began = Instant::now();
     if let Some(pid) = i32::try_from(child.id()).ok().and_then(Pid::from_raw) {
@@ -58,7 +58,7 @@ fn end(child: &mut Child) {
     let _ = child.wait();
 }
 
-/// This program with other arguments; waits for its end. Its own messages say what went wrong.
+/// Runs this program with other arguments to its end. Its own messages say what went wrong.
 pub(super) fn run_self(arguments: &[&OsStr]) -> anyhow::Result<()> {
     let mut command = this_program()?;
     command.args(arguments).stdin(Stdio::null()).stdout(Stdio::null());
@@ -69,7 +69,7 @@ pub(super) fn run_self(arguments: &[&OsStr]) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// This program with other arguments, in the background; what it says goes to `log`.
+/// Starts this program with other arguments in the background; its output goes to `log`.
 pub(super) fn spawn_self(arguments: &[&OsStr], log: &Path) -> anyhow::Result<Child> {
     let writing = || format!("cannot write {}", log.display());
     let stderr = File::create(log).with_context(writing)?;

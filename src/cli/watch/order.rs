@@ -1,4 +1,4 @@
-//! An order that a key gives, and what the screen says of it.
+//! Orders that keys give, and the notes on their results.
 
 use super::view::JobThen;
 use crate::cli::client::Client;
@@ -7,7 +7,7 @@ use crate::cli::commands::{absence, answer};
 use crate::cli::patience::BY_HAND;
 use crate::daemon::api::{JobView, ResumeBody};
 
-/// An order to a job; without an id to the one that holds the machine.
+/// An order for a job; without an id, for the job that holds the machine.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Order {
     pub(super) id: Option<String>,
@@ -15,7 +15,7 @@ pub(super) struct Order {
 }
 
 impl Order {
-    /// Gives it and says what became of it.
+    /// Gives the order; returns a note on the result.
     pub(super) async fn give(self, client: &Client) -> (String, Option<JobThen>) {
         let given = match (self.id, self.order) {
             (None, _) => client.abort_active().await,
@@ -32,13 +32,14 @@ impl Order {
     }
 }
 
-/// What became of an order that was taken, and what went wrong although it is carried out.
+/// Note on an order that was accepted, with its warning.
 fn taken(order: &str, job: &JobView, absence: Option<&str>) -> String {
     let answer = answer(order, job, absence);
     job.warning.as_ref().map_or_else(|| answer.clone(), |warning| format!("{answer}. WARNING: {warning}"))
 }
 
-/// Why an order was not taken, in few words: there may be little room. Where nobody took an abort, with what to do by hand first.
+/// Note on an order that was not accepted. It is short, as there may be little room. For an abort that did not reach the daemon, it
+/// first says what to do by hand.
 fn not_taken(order: &str, error: &ClientError) -> String {
     let why = match error {
         ClientError::Refused { status: 404 | 409, .. } => return error.to_string(),

@@ -1,4 +1,4 @@
-//! What `layerctl watch` draws. Where there is little room the light is what stays longest.
+//! Draws the screen of `layerctl watch`. On a small screen the light is the last thing to be left out.
 
 use std::time::{Duration, SystemTime};
 
@@ -16,13 +16,13 @@ use crate::text::plain;
 
 /// Fits 40 columns.
 const KEYS: &str = "p pause r resume s stop a abort q leave";
-/// Of a screen's rows a note takes at most one in this many, unless it says what to do by hand.
+/// A note takes at most this fraction of the rows (1/n), unless it says what to do by hand.
 const NOTE_SHARE: u16 = 2;
-/// Of a screen's rows at most one in this many is for what is wrong: its end only says what to do about the daemon.
+/// A warning takes at most this fraction of the rows (1/n): its end only says what to do about the daemon.
 const WARNING_SHARE: u16 = 3;
 
-/// Draws the view as it is at `now`. Rows are given away in this order: light, question or keys, what to do by hand, what is wrong,
-/// the bar, another note, everything else, the jobs first.
+/// Draws the view at the time `now`. Rows are assigned in this order: light, question or keys, what to do by hand, warning, progress
+/// bar, any other note, everything else with the jobs first.
 pub(super) fn draw(frame: &mut Frame<'_>, view: &View, now: Instant) {
     let age = view.age(now);
     let width = frame.area().width;
@@ -61,11 +61,11 @@ pub(super) fn draw(frame: &mut Frame<'_>, view: &View, now: Instant) {
     let mut status = view.reading.status.clone();
     let link = status.link.state;
     if let Some(job) = &mut status.active {
-        // Nobody knows how far a print is that nobody hears of.
+        // Without a present reading the remaining time is unknown.
         job.eta_s = job.eta_s.filter(|_| age.is_none());
         without_eta(job, link);
     }
-    // How long a print has taken is known up to the reading.
+    // The elapsed time is known up to the time of the reading.
     let read_at = SystemTime::now().checked_sub(age.unwrap_or_default()).unwrap_or(SystemTime::UNIX_EPOCH);
     frame.render_widget(bar(status.active.as_ref(), age, width), bar_area);
     let rest = shown(
@@ -76,7 +76,7 @@ pub(super) fn draw(frame: &mut Frame<'_>, view: &View, now: Instant) {
     frame.render_widget(prompt, prompt_area);
 }
 
-/// As a terminal may show it.
+/// The text as it is safe to show in a terminal.
 fn shown(text: &str) -> String {
     plain(&with_socket(text))
 }
@@ -85,12 +85,12 @@ fn rows_of(text: &Paragraph<'_>, width: u16) -> usize {
     if text.line_width() == 0 { 0 } else { text.line_count(width) }
 }
 
-/// What is not of the present is grey.
+/// Grey if the reading is not of the present.
 fn dimmed(style: Style, age: Option<Duration>) -> Style {
     if age.is_some() { Style::new().fg(Color::DarkGray) } else { style }
 }
 
-/// Light and plate, short enough for 40 columns.
+/// Line with light and plate, short enough for 40 columns.
 fn light(device: &DeviceView, age: Option<Duration>) -> Line<'static> {
     let Some(state) = &device.state else { return Line::raw("light unknown: no device has answered yet") };
     let is_present = age.is_none() && device.connected;
@@ -112,7 +112,7 @@ fn light(device: &DeviceView, age: Option<Duration>) -> Line<'static> {
     Line::styled(text, Style::new().fg(Color::DarkGray))
 }
 
-/// `14 s`, `14 min`, `14 h`: short.
+/// A duration in its largest unit: `14 s`, `14 min`, `14 h`.
 fn coarse(age: Duration) -> String {
     match age.as_secs() {
         s @ 0..60 => format!("{s} s"),
@@ -130,7 +130,7 @@ fn warning(view: &View, age: Duration) -> String {
     format!("NOT LIVE: what is shown is {} old; {why}", duration_text(age.as_secs()))
 }
 
-/// What is wrong with the device, the light first.
+/// What is wrong with the device; light that does not go off comes before a fault.
 fn trouble(device: &DeviceView) -> Option<String> {
     if device.stays_lit.is_some() {
         return device.stays_lit.clone();

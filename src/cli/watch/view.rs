@@ -11,13 +11,13 @@ use crate::daemon::api::{DeviceView, JobView, Status};
 use crate::job::JobState;
 use crate::text::short_name;
 
-/// What is older is not shown as if it were so now: three questions in a row had no answer.
+/// An older reading is not shown as the present: by then three requests in a row had no answer.
 const MAX_AGE: Duration = Duration::from_secs(2);
 
-/// What was noted is shown for so long: what is older may be true no more.
+/// How long a note is shown; an older one may no longer be true.
 const NOTE_TIME: Duration = Duration::from_secs(10);
 
-/// What the daemon said at one moment.
+/// The daemon's state at one moment.
 #[derive(Debug)]
 pub(super) struct Reading {
     pub(super) status: Status,
@@ -47,7 +47,7 @@ pub(super) struct View {
 /// A job's id and state at one moment.
 pub(super) type JobThen = (String, JobState);
 
-/// What must be answered with `y` before it is done.
+/// A question that must be answered with `y` before an order is given.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Question {
     Abort,
@@ -56,7 +56,7 @@ pub(super) enum Question {
 }
 
 impl Question {
-    /// The question; an abort is for the job that holds the machine, whichever that is when it is given.
+    /// The question's text. An abort is for the job that holds the machine when the order arrives.
     pub(super) fn text(&self, status: &Status) -> String {
         match self {
             Self::Abort => match &status.active {
@@ -68,7 +68,7 @@ impl Question {
                 }
             },
             Self::Stop { id } => format!("End job {id} after this layer, for good? y ends it, any other key does not"),
-            // The name is at the end: it may be long, and the end is cut off first.
+            // The name comes last: it may be long, and the end is cut off first.
             Self::PlateEmpty { id, name } => format!(
                 "Have you looked, and is the plate empty? y confirms it and begins job {id}; any other key does not ({})",
                 short_name(name)
@@ -76,7 +76,7 @@ impl Question {
         }
     }
 
-    /// What is noted where the answer is not `y`.
+    /// The note if the answer is not `y`.
     fn declined(&self) -> &'static str {
         match self {
             Self::Abort => "not aborted",
@@ -86,12 +86,12 @@ impl Question {
     }
 }
 
-/// What comes to the screen from the daemon.
+/// News for the screen.
 pub(super) enum News {
     Reading(Box<Reading>),
-    /// Why none could be had.
+    /// Why the daemon could not be read.
     Silence(String),
-    /// What became of an order, and of which job.
+    /// The result of an order, and its job.
     Note(String, Option<JobThen>),
 }
 
@@ -101,12 +101,12 @@ impl View {
         Self { reading, silence: None, note: String::new(), noted_at, noted_job: None, question: None }
     }
 
-    /// Notes what became of a key.
+    /// Sets the note.
     pub(super) fn note(&mut self, text: impl Into<String>) {
         (self.note, self.noted_at, self.noted_job) = (text.into(), Instant::now(), None);
     }
 
-    /// The note, while it is young. What to do by hand stays while the daemon does not answer.
+    /// The note, while it is young. A note on what to do by hand stays while the daemon does not answer.
     pub(super) fn young_note(&self, now: Instant) -> &str {
         let is_young = now.duration_since(self.noted_at) < NOTE_TIME;
         if is_young || (self.silence.is_some() && self.is_by_hand()) { &self.note } else { "" }
@@ -122,7 +122,7 @@ impl View {
             News::Reading(reading) => {
                 let changed = self.noted_job.as_ref().is_some_and(|(id, noted)| {
                     let state = reading.state_of(id);
-                    // A reading may be older than the note: then nothing has changed between two of them.
+                    // The reading may be older than the note. Then it equals the reading before, and is no change.
                     state != Some(*noted) && state != self.reading.state_of(id)
                 });
                 if changed || self.silence.is_some() {
@@ -143,12 +143,12 @@ impl View {
         }
     }
 
-    /// How old the reading is, where that is too old to be shown as the present.
+    /// The reading's age, if it is too old to be shown as the present.
     pub(super) fn age(&self, now: Instant) -> Option<Duration> {
         Some(now.duration_since(self.reading.at)).filter(|age| *age > MAX_AGE)
     }
 
-    /// One key; gives the order to carry out.
+    /// Handles one key; returns the order to give, if any.
     pub(super) fn press(&mut self, key: KeyCode) -> Option<Order> {
         if let Some(question) = self.question.take() {
             if !matches!(key, KeyCode::Char('y' | 'Y')) {

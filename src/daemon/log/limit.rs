@@ -1,8 +1,8 @@
-//! Counts lines of the log instead of writing them again and again.
+//! Counts repeated lines of the log instead of writing them all.
 //!
-//! Each place in the program that writes to the log has a window of ten seconds, which its first line begins. In a window the
-//! same line is written [`MAX_REPEATS`] times, of lines that differ the first [`MAX_LINES`] are written, and at its end the
-//! rest is told as a number. What `RUST_LOG=debug` adds is not counted: who asks for it wants all of it.
+//! Each place in the program that logs has a window of ten seconds, which its first line begins. In a window the same line is
+//! written [`MAX_REPEATS`] times, and at most [`MAX_LINES`] different lines. At its end the number of suppressed lines is
+//! written. Debug lines are never suppressed: a user who sets `RUST_LOG=debug` wants all of them.
 
 use std::collections::HashMap;
 use std::fmt::{Debug, Write};
@@ -15,19 +15,18 @@ use tracing::{Event, Level, Subscriber};
 use tracing_subscriber::Layer;
 use tracing_subscriber::layer::Context;
 
-/// Long enough that a line repeated for days stays some thousand lines, short enough that an operator sees it goes on.
+/// Long enough that a line repeated for days makes only some thousand lines, short enough to show that it goes on.
 const WINDOW: Duration = Duration::from_secs(10);
-/// The same line is written so often in a window: that it repeats is itself worth a look.
+/// How often the same line is written in a window: more than once, so that an operator sees that it repeats.
 const MAX_REPEATS: u64 = 3;
-/// Different lines of one place in a window: nothing that a person could act on writes more. It also bounds what is
-/// remembered, to this many lines for each place.
+/// Different lines that one place writes in a window: no operator could read more. This also bounds the memory of the window.
 const MAX_LINES: usize = 50;
-/// Bytes of a line that are compared and repeated.
+/// Lines are compared and repeated up to this length, bytes.
 const MAX_LINE_BYTES: usize = 300;
-/// Marks the lines in which the count itself is told; they are never counted.
+/// Target of the lines that report a count; they are never counted themselves.
 const TARGET: &str = "layerd::repeats";
 
-/// Lines of the present windows. As a layer it keeps the others out of the log. Cloning shares them.
+/// The present windows. As a tracing layer it suppresses lines. Clones share the windows.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Limiter {
     windows: Arc<Mutex<HashMap<Identifier, Window>>>,
@@ -43,12 +42,12 @@ struct Window {
 }
 
 impl Limiter {
-    /// Whether this line is to be written; counts it if not.
+    /// Counts the line; returns whether it is to be written.
     fn admit(&self, place: Identifier, line: String, now: Instant) -> bool {
         let mut windows = self.windows.lock().unwrap_or_else(PoisonError::into_inner);
         let new = || Window { began: now, lines: HashMap::new(), more: 0 };
         let window = windows.entry(place).or_insert_with(new);
-        // One with something to tell goes on until the thread that writes has told it.
+        // A window with a count goes on until the writing thread has reported it.
         if now.duration_since(window.began) >= WINDOW && window.counted().is_empty() {
             *window = new();
         }
@@ -84,7 +83,7 @@ impl Limiter {
             }
             !over
         });
-        // Writing a line comes back here.
+        // Writing a line locks the windows again.
         drop(windows);
         for line in counted {
             tracing::warn!(target: TARGET, "{line}");
@@ -93,7 +92,7 @@ impl Limiter {
 }
 
 impl Window {
-    /// What was counted and not written.
+    /// Reports of the suppressed lines.
     fn counted(&self) -> Vec<String> {
         let window_s = WINDOW.as_secs();
         let repeats = self.lines.iter().filter(|(_, count)| **count > MAX_REPEATS);
