@@ -17,7 +17,7 @@ Examples:
   layerctl info lattice.layerd
   layerctl info lattice.layerd --json | jq .resin_ml
 
-The volume is sampled: some seconds for a part with a million struts at one height.")]
+The volume is sampled, which takes some seconds for a part with a million struts at one height.")]
 pub struct InfoArgs {
     /// The build file.
     #[arg(value_name = "FILE")]

@@ -14,8 +14,8 @@ Examples:
   layerctl remove 7         deletes job 7 and tells how much room that makes
   layerctl remove 3 4 5
 
-Only a job that is completed, stopped, aborted or failed can be removed. Where one cannot, the others are removed all the same, and \
-the exit code is 1.")]
+Only a job that is completed, stopped, aborted or failed can be removed. If one cannot be removed, the others still are, and the \
+exit code is 1.")]
 pub(super) struct RemoveArgs {
     /// The jobs' ids.
     #[arg(required = true, value_name = "JOB")]

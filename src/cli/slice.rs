@@ -41,16 +41,16 @@ pub struct SliceArgs {
     /// Layer height, 1 to 1000 micrometres, instead of the recipe's
     #[arg(long, value_name = "UM", value_parser = parse_layer_height)]
     pub layer_height: Option<f64>,
-    /// Layers A to before B, from 0, e.g. 100..200, ..10 or 2990..; default all
+    /// Layers from A up to but not including B, counted from 0: 100..200, ..10 or 2990..; all by default
     #[arg(long, value_name = "A..B", value_parser = parse_layers, allow_hyphen_values = true)]
     pub layers: Option<LayerRange>,
     /// 8-bit grey edges, whatever the recipe says
     #[arg(long)]
     pub antialias: bool,
-    /// Threads that compute; default one for each core
+    /// Threads that compute; one for each core by default
     #[arg(long, value_name = "N", value_parser = RangedU64ValueParser::<usize>::new().range(1..=Slicer::MAX_THREADS as u64))]
     pub threads: Option<usize>,
-    /// Directory for layer_000000.png and on (8 bits a pixel: 0 and 255, or grey) and manifest.json; made where it is missing
+    /// Directory for manifest.json and layer_000000.png, layer_000001.png, … (8 bits a pixel: 0 and 255, or grey); made if missing
     #[arg(long, short)]
     pub output: PathBuf,
 }

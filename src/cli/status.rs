@@ -17,7 +17,7 @@ Examples:
   layerctl status                                   the job that prints, the queue, the job that ended last
   layerctl status --json | jq .active.layers_done
 
-\"812 of 3000 layers done\" means layers 0 to 811; a layer that is named has the number of its file, from 0. The time to go is an \
+\"812 of 3000 layers done\" means layers 0 to 811. Single layers are numbered from 0, like their files. The time to go is an \
 estimate from the last layers, and is missing while nothing is printed.")]
 pub(super) struct StatusArgs {
     /// Print one JSON object.

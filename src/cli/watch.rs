@@ -26,6 +26,7 @@ const ASK_INTERVAL: Duration = Duration::from_millis(500);
 const KEY_INTERVAL: Duration = Duration::from_millis(50);
 /// Readings and answers that may wait for the screen, which takes them 20 times a second.
 const WAITING_NEWS: usize = 16;
+
 /// Follow the print in the terminal; keys pause, resume, stop and abort it.
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -34,7 +35,7 @@ Examples:
   layerctl watch --json        every event as a line of JSON, for programs
 
 Keys: p pause, r resume, s stop after this layer, a abort, q leave; the print goes on without you. The keys s and a ask first, and so \
-does r where a job waits until you confirm that the plate is empty.
+does r when a job waits for you to confirm that the plate is empty.
 
 The first line shows light and plate, even where there is little room. While the daemon does not answer, everything is grey, and the \
 first line says how old it is.")]

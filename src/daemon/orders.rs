@@ -139,9 +139,9 @@ impl Printer {
         if let (Some(order), false) = (job.past.ordered, job.view.state.is_final()) {
             return Err(refused(id, &ResumeError::Ordered(order)));
         }
-        let (state, awaits_word) = (job.view.state, confirms || job.awaits_plate || !job.told.is_empty());
+        let (state, needs_confirmation) = (job.view.state, confirms || job.awaits_plate || !job.told.is_empty());
         match state {
-            JobState::Queued if awaits_word => self.plate_is_clear(id),
+            JobState::Queued if needs_confirmation => self.plate_is_clear(id),
             JobState::Interrupted => {
                 if let (Some((why, _)), Some(layer), ResumeChoice::None) = (&job.doubt, job.view.in_doubt, choice) {
                     return Err(refused(id, &ResumeError::InDoubt { layer, why: why.clone() }));

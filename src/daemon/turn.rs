@@ -13,16 +13,17 @@ use super::settle::Change;
 use crate::job::{Command, Event, JobState};
 
 impl Printer {
+    /// Opens the next job in the background, if it may begin now.
     pub(super) fn open_next(&mut self) {
         let Some(job) = self.jobs.next() else { return };
-        let waits_for_word = || {
+        let needs_confirmation = || {
             let signs = || self.unknown_signs(job, self.device_state.as_ref());
             job.needs_bare_plate() && !(job.told.is_empty() && signs().is_empty())
         };
         if job.is_to_print() && self.unwanted_light().is_some() {
             return;
         }
-        if job.awaits_plate || (job.awaits_device && !self.device.connected) || waits_for_word() {
+        if job.awaits_plate || (job.awaits_device && !self.device.connected) || needs_confirmation() {
             return;
         }
         let id = job.directory.id;
@@ -41,6 +42,7 @@ impl Printer {
         });
     }
 
+    /// Handles a job that was opened, or could not be.
     pub(super) fn opened(&mut self, id: u32, result: Result<Box<Opened>, Unopened>, now_us: u64) {
         self.opening = None;
         // An order to end may have come while the job was opened.
