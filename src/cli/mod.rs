@@ -186,7 +186,7 @@ pub fn run() -> ExitCode {
 }
 
 /// The command line. Every option takes `-5` as a value, so that its own check reports it; clap would suggest the use of `--`.
-fn command() -> clap::Command {
+pub fn command() -> clap::Command {
     let values = |argument: clap::Arg| match argument.get_action().takes_values() {
         true => argument.allow_negative_numbers(true),
         false => argument,

@@ -1,6 +1,7 @@
 //! The daemon: control API on a Unix socket, systemd, and the wiring of everything else.
 
 pub mod api;
+mod arguments;
 mod background;
 mod body;
 pub mod caller;
@@ -42,6 +43,7 @@ mod unwritten;
 mod upload;
 mod view;
 
+pub use arguments::Arguments;
 pub(crate) use body::ChannelBody;
 pub use check::{Findings, check};
 pub use fit::Fit;
