@@ -205,3 +205,47 @@ fn help_teaches_by_examples() {
         assert!(output.status.success() && help.contains("Examples:") && help.contains("layerctl "), "{help}");
     }
 }
+
+#[test]
+fn machines_and_recipes_are_listed_with_their_figures_and_what_is_wrong() {
+    let directory = tempfile::tempdir().unwrap();
+    let machines = directory.path().join("machines");
+    std::fs::create_dir(&machines).unwrap();
+    let shipped = include_str!("../config/machines/sim-dlp.toml");
+    // A name of its own comes before one that is built in.
+    std::fs::write(machines.join("sim-dlp.toml"), shipped.replace("width_px = 960", "width_px = 640")).unwrap();
+    std::fs::write(machines.join("broken.toml"), shipped.replace("width_px = 960", "width_px = 1")).unwrap();
+    let list = |arguments: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_layerctl"));
+        let output = command.args(arguments).env("LAYERD_CONFIG_DIR", directory.path()).output().unwrap();
+        assert!(output.status.success(), "{}", stderr(&output));
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let told = list(&["machines"]);
+    let line =
+        |name: &str| told.lines().find(|line| line.starts_with(name)).unwrap_or_else(|| panic!("{name}: {told}"));
+    assert!(line("sim-dlp").contains("640 × 540 pixels of 40 × 40 µm, 120 mm high"), "{told}");
+    assert!(line("sim-dlp").contains(machines.to_str().unwrap()), "{told}");
+    assert!(line("broken").contains("cannot be used") && line("broken").contains("width_px = 1"), "{told}");
+    assert!(line("lcd-4k-35um").ends_with("(built in)"), "{told}");
+    let recipes: serde_json::Value = serde_json::from_str(&list(&["recipes", "--json"])).unwrap();
+    let names: Vec<_> = recipes.as_array().unwrap().iter().map(|recipe| recipe["name"].as_str().unwrap()).collect();
+    assert!(["default", "demo", "fine"].iter().all(|name| names.contains(name)), "{names:?}");
+    assert!(recipes[0]["figures"].as_str().unwrap().contains("layers of"), "{recipes}");
+}
+
+#[test]
+fn man_pages_and_completions_know_every_command() {
+    let directory = tempfile::tempdir().unwrap();
+    let output = layerctl(&["manual", directory.path().to_str().unwrap()], Path::new("/nonexistent"));
+    assert!(output.status.success(), "{}", stderr(&output));
+    let read = |name: &str| std::fs::read_to_string(directory.path().join(name)).unwrap_or_else(|error| panic!("{name}: {error}"));
+    for command in ["start", "status", "abort", "pack", "check"] {
+        assert!(read(&format!("man/layerctl-{command}.1")).contains(command), "{command}");
+        for completions in ["bash/layerctl.bash", "zsh/_layerctl", "fish/layerctl.fish"] {
+            assert!(read(&format!("completions/{completions}")).contains(command), "{completions}: {command}");
+        }
+    }
+    assert!(read("man/layerd.8").contains("check"));
+    assert!(read("completions/bash/layerd.bash").contains("config"));
+}

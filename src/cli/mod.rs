@@ -13,10 +13,12 @@ mod device;
 pub mod generate;
 pub mod info;
 mod jobs;
+mod manual;
 pub mod pack;
 mod patience;
 mod raise;
 mod remove;
+mod settings;
 pub mod simulate;
 pub mod slice;
 mod start;
@@ -76,6 +78,12 @@ enum Command {
     Info(info::InfoArgs),
     /// Check before a print whether a part fits the machine, the memory and the line, and holds to the plate.
     Check(check::CheckArgs),
+    /// List the machines whose names other commands take.
+    #[command(after_help = settings::MACHINES_HELP)]
+    Machines(settings::ListArgs),
+    /// List the recipes whose names other commands take.
+    #[command(after_help = settings::RECIPES_HELP)]
+    Recipes(settings::ListArgs),
     /// Write the layers of a part as pictures, the same that a print sends.
     Slice(slice::SliceArgs),
     /// Simulate a printer on a pseudo-terminal.
@@ -112,6 +120,8 @@ enum Command {
     Raise(raise::RaiseArgs),
     /// Delete jobs that are over, with their parts and records.
     Remove(remove::RemoveArgs),
+    /// Write man pages and shell completions.
+    Manual(manual::ManualArgs),
     /// Print a lattice on a simulated printer, and compare the result.
     Demo(demo::DemoArgs),
 }
@@ -186,7 +196,7 @@ pub fn run() -> ExitCode {
 }
 
 /// The command line. Every option takes `-5` as a value, so that its own check reports it; clap would suggest the use of `--`.
-pub fn command() -> clap::Command {
+fn command() -> clap::Command {
     let values = |argument: clap::Arg| match argument.get_action().takes_values() {
         true => argument.allow_negative_numbers(true),
         false => argument,
@@ -197,6 +207,9 @@ pub fn command() -> clap::Command {
 fn dispatch(command: Command) -> anyhow::Result<Ending> {
     match command {
         Command::Pack(args) => pack::run(args).map(done),
+        Command::Manual(args) => manual::run(&args).map(done),
+        Command::Machines(args) => settings::machines(&args).map(done),
+        Command::Recipes(args) => settings::recipes(&args).map(done),
         Command::Generate(args) => generate::run(args).map(done),
         Command::Info(args) => info::run(args).map(done),
         Command::Check(args) => check::run(args).map(done),

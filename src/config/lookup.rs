@@ -76,17 +76,15 @@ fn remedy(known: &[String]) -> String {
 /// [`FindError::NotFound`] lists where it looked, [`FindError::Unreadable`] says what the system says.
 pub fn find(folder: Folder, name: &str) -> Result<ConfigText, FindError> {
     let read = |path: PathBuf| Ok(ConfigText { text: read_text(&path)?, path });
-    let (kind, subdirectory) = match folder {
-        Folder::Machines => ("machine", "machines"),
-        Folder::Recipes => ("recipe", "recipes"),
+    let kind = match folder {
+        Folder::Machines => "machine",
+        Folder::Recipes => "recipe",
     };
     let as_path = Path::new(name);
     if name.ends_with(".toml") || as_path.components().count() > 1 {
         return read(as_path.into());
     }
-    let configured = std::env::var_os("LAYERD_CONFIG_DIR").filter(|directory| !directory.is_empty());
-    let roots = configured.map(PathBuf::from).into_iter().chain(["/etc/layerd".into(), "config".into()]);
-    let looked: Vec<PathBuf> = roots.map(|root| root.join(subdirectory).join(format!("{name}.toml"))).collect();
+    let looked: Vec<PathBuf> = folders(folder).map(|folder| folder.join(format!("{name}.toml"))).collect();
     if let Some(path) = looked.iter().find(|path| path.is_file()) {
         return read(path.clone());
     }
@@ -94,22 +92,39 @@ pub fn find(folder: Folder, name: &str) -> Result<ConfigText, FindError> {
         Some((_, _, text)) => {
             Ok(ConfigText { path: format!("{name}.toml (built in)").into(), text: (*text).to_owned() })
         }
-        None => Err(NotFound { kind, name: name.into(), known: known(folder, &looked), looked }.into()),
+        None => Err(NotFound {
+            kind,
+            name: name.into(),
+            known: names(folder).into_iter().take(MAX_NAMES).collect(),
+            looked,
+        }
+        .into()),
     }
 }
 
-/// Most names in an error message; nobody reads more.
+/// An error lists no more names than this: more would not be read.
 const MAX_NAMES: usize = 20;
 
-/// The names in the folders that were searched, and the built-in names.
-fn known(folder: Folder, looked: &[PathBuf]) -> Vec<String> {
-    let folders = looked.iter().filter_map(|path| path.parent()?.read_dir().ok());
-    let files = folders.flat_map(|folder| folder.filter_map(|entry| Some(entry.ok()?.path())));
+/// All names that [`find`] knows, in alphabetical order.
+pub fn names(folder: Folder) -> Vec<String> {
+    let files = folders(folder).filter_map(|folder| folder.read_dir().ok());
+    let files = files.flat_map(|folder| folder.filter_map(|entry| Some(entry.ok()?.path())));
     let is_toml = |path: &PathBuf| path.extension().is_some_and(|extension| extension == "toml");
     let name = |path: PathBuf| Some(path.file_stem()?.to_str()?.to_owned());
     let shipped = SHIPPED.iter().filter(|(of, ..)| *of == folder).map(|(_, called, _)| (*called).to_owned());
     let names: std::collections::BTreeSet<String> = files.filter(is_toml).filter_map(name).chain(shipped).collect();
-    names.into_iter().take(MAX_NAMES).collect()
+    names.into_iter().collect()
+}
+
+/// The folders that names are looked up in, in this order.
+fn folders(folder: Folder) -> impl Iterator<Item = PathBuf> {
+    let configured = std::env::var_os("LAYERD_CONFIG_DIR").filter(|directory| !directory.is_empty());
+    let roots = configured.map(PathBuf::from).into_iter().chain(["/etc/layerd".into(), "config".into()]);
+    let subdirectory = match folder {
+        Folder::Machines => "machines",
+        Folder::Recipes => "recipes",
+    };
+    roots.map(move |root| root.join(subdirectory))
 }
 
 #[cfg(test)]

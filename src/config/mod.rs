@@ -10,7 +10,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 pub use daemon::{DEFAULT_SOCKET, DEFAULT_SPOOL, DaemonConfig, MAX_THREADS, MIN_BUDGET_BYTES, byte_size};
-pub use lookup::{ConfigText, FindError, Folder, NotFound, find};
+pub use lookup::{ConfigText, FindError, Folder, NotFound, find, names};
 pub use machine::Machine;
 pub use recipe::Recipe;
 
