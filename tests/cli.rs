@@ -239,7 +239,9 @@ fn man_pages_and_completions_know_every_command() {
     let directory = tempfile::tempdir().unwrap();
     let output = layerctl(&["manual", directory.path().to_str().unwrap()], Path::new("/nonexistent"));
     assert!(output.status.success(), "{}", stderr(&output));
-    let read = |name: &str| std::fs::read_to_string(directory.path().join(name)).unwrap_or_else(|error| panic!("{name}: {error}"));
+    let read = |name: &str| {
+        std::fs::read_to_string(directory.path().join(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
+    };
     for command in ["start", "status", "abort", "pack", "check"] {
         assert!(read(&format!("man/layerctl-{command}.1")).contains(command), "{command}");
         for completions in ["bash/layerctl.bash", "zsh/_layerctl", "fish/layerctl.fish"] {
