@@ -224,10 +224,10 @@ fn machines_and_recipes_are_listed_with_their_figures_and_what_is_wrong() {
     let told = list(&["machines"]);
     let line =
         |name: &str| told.lines().find(|line| line.starts_with(name)).unwrap_or_else(|| panic!("{name}: {told}"));
-    assert!(line("sim-dlp").contains("640 × 540 pixels of 40 × 40 µm, 120 mm high"), "{told}");
+    assert!(line("sim-dlp").contains("640 × 540 pixels of 40 × 40 µm, 100 mm high"), "{told}");
     assert!(line("sim-dlp").contains(machines.to_str().unwrap()), "{told}");
     assert!(line("broken").contains("cannot be used") && line("broken").contains("width_px = 1"), "{told}");
-    assert!(line("lcd-4k-35um").ends_with("(built in)"), "{told}");
+    assert!(line("lcd-4k-35um").ends_with("config/machines/lcd-4k-35um.toml"), "{told}");
     let recipes: serde_json::Value = serde_json::from_str(&list(&["recipes", "--json"])).unwrap();
     let names: Vec<_> = recipes.as_array().unwrap().iter().map(|recipe| recipe["name"].as_str().unwrap()).collect();
     assert!(["default", "demo", "fine"].iter().all(|name| names.contains(name)), "{names:?}");
