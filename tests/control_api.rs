@@ -109,7 +109,7 @@ fn carry_out(command: Command, snapshot: &mut Snapshot, directory: &Path) -> Res
             snapshot.jobs.push(queued(&id, &new.name, new.recipe_name));
             return Ok(snapshot.jobs[snapshot.jobs.len() - 1].clone().into());
         }
-        Command::Raise => return Ok(Answer::Raise(RaiseView { from_um: 3_200, to_um: 30_000 })),
+        Command::Raise => return Ok(Answer::Raise(RaiseView { from_um: 3_200, to_um: 30_000, warning: None })),
         Command::Remove(id) => {
             let known = snapshot.jobs.len();
             snapshot.jobs.retain(|job| job.id != id);
@@ -197,7 +197,7 @@ async fn a_job_is_submitted_and_obeys_every_order() {
     assert_eq!(client.order(&job.id, "abort").await.unwrap().state, JobState::Aborted);
     assert_eq!(client.job(&job.id).await.unwrap().state, JobState::Aborted);
     assert_eq!(client.jobs().await.unwrap().len(), 1);
-    assert_eq!(client.raise().await.unwrap(), RaiseView { from_um: 3_200, to_um: 30_000 });
+    assert_eq!(client.raise().await.unwrap(), RaiseView { from_um: 3_200, to_um: 30_000, warning: None });
     assert_eq!(client.remove(&job.id).await.unwrap(), RemovedView { id: job.id.clone(), freed_bytes: 4096 });
     assert!(matches!(client.remove(&job.id).await.unwrap_err(), ClientError::Refused { status: 404, .. }));
     assert!(!client.get::<DeviceView>("/v1/device").await.unwrap().connected);

@@ -90,15 +90,20 @@ fn bench(setup: Setup, variables: &[&str]) -> Option<Bench> {
         return None;
     };
     assert!(compiled.status.success(), "{}", String::from_utf8_lossy(&compiled.stderr));
+    bench.start_device();
+    start_daemon(&mut bench, variables);
+    bench.ok(&SMALL);
+    Some(bench)
+}
+
+/// Starts the daemon on that disk.
+fn start_daemon(bench: &mut Bench, variables: &[&str]) {
     let mut command = bench.daemon_command(&[env!("CARGO_BIN_EXE_layerd")]);
-    command.env("LD_PRELOAD", &library).env("TEST_DISK_HANGS", hangs(&bench));
+    command.env("LD_PRELOAD", bench.path("disk.so")).env("TEST_DISK_HANGS", hangs(bench));
     variables.iter().for_each(|name| {
         command.env(name, "1");
     });
-    bench.start_device();
     bench.start_daemon_by(command);
-    bench.ok(&SMALL);
-    Some(bench)
 }
 
 fn hangs(bench: &Bench) -> PathBuf {
@@ -180,6 +185,50 @@ fn an_abort_lifts_the_plate_though_the_disk_hangs_and_is_written_when_it_answers
     let next = bench.start_job("part.layerd");
     let reason = bench.job(next)["reason"].clone();
     assert!(!reason.as_str().is_some_and(|reason| reason.contains("empty plate")), "{reason}");
+}
+
+#[test]
+fn a_plate_is_raised_though_the_disk_hangs_and_the_note_is_written_when_it_answers() {
+    let Some(mut bench) = bench(Setup { exposure_ms: 2000, time_scale: 20, ..Setup::default() }, &[]) else { return };
+    let id = bench.start_job("part.layerd");
+    wait_until("some layers", || bench.job(id)["layers_done"].as_u64() >= Some(2));
+    bench.kill_daemon();
+    wait_until("the silence", || bench.acts().iter().any(|act| act["event"] == "host_silent"));
+    start_daemon(&mut bench, &[]);
+    wait_until("the device", || bench.json(&["device"])["connected"] == true);
+    hang(&bench);
+    let answer = bench.json(&["raise"]);
+    let warning = answer["warning"].as_str().unwrap_or_default();
+    assert!(warning.contains("the disk has not taken the note") && answer["to_um"] == CLEAR_UM, "{answer}");
+    wait_until("the lift", || plate_um(&bench.acts()) == Some(CLEAR_UM));
+    assert!(!bench.path("spool/raised").exists());
+    answer_again(&bench);
+    wait_until("the note", || bench.path("spool/raised").exists());
+}
+
+/// An abort ends a lift that still waits for the disk.
+#[test]
+fn an_abort_takes_back_a_plate_that_is_not_raised_yet() {
+    let Some(mut bench) = bench(Setup { exposure_ms: 2000, time_scale: 20, ..Setup::default() }, &[]) else { return };
+    let id = bench.start_job("part.layerd");
+    wait_until("some layers", || bench.job(id)["layers_done"].as_u64() >= Some(2));
+    bench.kill_daemon();
+    wait_until("the silence", || bench.acts().iter().any(|act| act["event"] == "host_silent"));
+    fs::remove_dir_all(bench.path("spool")).expect("the spool");
+    start_daemon(&mut bench, &[]);
+    wait_until("the device", || bench.json(&["device"])["connected"] == true);
+    let before = plate_um(&bench.acts());
+    hang(&bench);
+    let raise = bench.layerctl_command(&["raise"]).stderr(Stdio::piped()).spawn().expect("layerctl starts");
+    wait_until_hanging(&bench, 1);
+    assert_eq!(bench.layerctl(&["abort"]).status.code(), Some(1), "there is no job");
+    let raised = raise.wait_with_output().expect("waited");
+    let text = String::from_utf8_lossy(&raised.stderr).into_owned();
+    assert!(!raised.status.success() && text.contains("was not raised: an abort came first"), "{text}");
+    answer_again(&bench);
+    wait_until("the note", || bench.path("spool/raised").exists());
+    wait_until("the device again", || bench.json(&["device"])["connected"] == true);
+    assert_eq!(plate_um(&bench.acts()), before, "it did not move");
 }
 
 #[test]

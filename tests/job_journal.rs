@@ -95,7 +95,7 @@ fn a_pipe_in_place_of_a_journal_is_refused_and_not_waited_for() {
     assert!(made.success());
     for error in [read_journal(&path).map(|_| ()), Journal::open(&path).map(|_| ())].map(Result::err) {
         let error = error.expect("no journal");
-        assert!(error.may_be_mended() && error.to_string().contains("it is not a file"), "{error}");
+        assert!(error.may_be_mended() && error.to_string().contains("it is not a regular file"), "{error}");
     }
 }
 
@@ -325,6 +325,24 @@ fn a_journal_that_vanishes_is_noticed_at_the_next_record() {
         assert!(matches!(error, JournalError::Vanished { .. }), "loss {index}: {error}");
         assert!(error.to_string().contains("no longer there"), "{error}");
         assert!(journal.append(Record::Paused, 3).is_err(), "nothing more is written");
+    }
+}
+
+#[test]
+fn a_journal_that_was_cut_or_extended_is_noticed_at_the_next_record() {
+    for by_bytes in [i64::MIN, -1, 1] {
+        let directory = TempDir::new().expect("temp");
+        let path = directory.path().join("journal");
+        let mut journal = Journal::create(&path, accepted(), 0).expect("created");
+        journal.append(Record::Started { layer: 0 }, 1).expect("there");
+        let written = fs::metadata(&path).expect("there").len();
+        let found = written.saturating_add_signed(by_bytes);
+        fs::OpenOptions::new().write(true).open(&path).and_then(|file| file.set_len(found)).expect("changed");
+        let error = journal.append(Record::Paused, 2).expect_err("altered");
+        let is_altered = matches!(error, JournalError::Altered { found_bytes, .. } if found_bytes == found);
+        assert!(is_altered && error.to_string().contains(&format!("{written} were written")), "{error}");
+        assert!(journal.append(Record::Paused, 3).is_err(), "nothing more is written");
+        assert_eq!(fs::metadata(&path).expect("there").len(), found, "what is left stays as it is");
     }
 }
 

@@ -189,8 +189,8 @@ fn a_raised_plate_is_asked_about_after_a_restart_until_it_is_said_to_be_clear() 
     bench.start_daemon();
     wait_until("the device", || bench.json(&["device"])["connected"] == true);
     bench.ok(&["raise"]);
+    assert!(bench.path("spool/raised").exists(), "the note comes before the move, and the move before the answer");
     wait_until("the plate above", || plate_um(&bench) == Some(CLEAR_UM));
-    wait_until("the note", || bench.path("spool/raised").exists());
     bench.kill_daemon();
     bench.kill_device();
     bench.start_device();
@@ -211,6 +211,22 @@ fn a_raised_plate_is_asked_about_after_a_restart_until_it_is_said_to_be_clear() 
     bench.start_daemon();
     let next = bench.start_job("part.layerd");
     wait_until("the question", || reason(&bench.job(next)).contains("the plate was raised from"));
+}
+
+#[test]
+fn a_plate_raised_under_an_interrupted_job_is_not_asked_about_after_that_job() {
+    let mut bench = part_in_the_vat();
+    bench.start_daemon();
+    wait_until("the device", || bench.json(&["device"])["connected"] == true);
+    assert_eq!(bench.job(1)["state"], "interrupted");
+    bench.ok(&["raise"]);
+    wait_until("the plate above", || plate_um(&bench) == Some(CLEAR_UM));
+    assert!(bench.path("spool/raised").exists());
+    bench.ok(&["abort", "1"]);
+    bench.wait_for(1, &["aborted"]);
+    wait_until("the note is gone", || !bench.path("spool/raised").exists());
+    let next = bench.start_job("part.layerd");
+    wait_until("its beginning", || bench.job(next)["state"] != "queued");
 }
 
 #[test]

@@ -5,15 +5,15 @@ use clap::Args;
 use super::client::Client;
 use super::{block_on, print, print_json};
 
-/// Lift the plate clear of the resin while no job runs.
+/// Lift the plate clear of the resin while no job runs; also while one is interrupted.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
   layerctl raise
   layerctl device           tells where the plate is, and whether it moves
 
-The plate moves up to the machine's clear_height_um, never down. While a job has the machine, `layerctl pause` or `layerctl stop` \
-lifts its plate instead. This does not confirm that the plate is empty: a part may still hang there.")]
+The plate moves up to the machine's clear_height_um, never down. While a job runs, this is refused: `layerctl pause` or \
+`layerctl stop` lifts its plate. While a job is interrupted, it works, and the job can still be resumed. This does not confirm that the plate is empty: a part may still hang there.")]
 pub(super) struct RaiseArgs {
     /// Print from_um and to_um as one JSON object.
     #[arg(long)]
@@ -24,6 +24,9 @@ pub(super) fn run(args: &RaiseArgs) -> anyhow::Result<()> {
     let raise = block_on(async { Ok(Client::from_environment().raise().await?) })?;
     if args.json {
         return print_json(&raise);
+    }
+    if let Some(warning) = &raise.warning {
+        super::eprint(&format!("warning: {warning}"));
     }
     let [from_mm, to_mm] = [raise.from_um, raise.to_um].map(|um| f64::from(um) / 1000.0);
     if raise.from_um == raise.to_um {

@@ -6,7 +6,6 @@ mod lookup;
 mod machine;
 mod recipe;
 
-use std::io::Read;
 use std::path::{Path, PathBuf};
 
 pub use daemon::{DEFAULT_SOCKET, DEFAULT_SPOOL, DaemonConfig, MAX_THREADS, MIN_BUDGET_BYTES, byte_size};
@@ -70,16 +69,15 @@ fn within<T: PartialOrd + std::fmt::Display + Copy>(key: &str, value: T, low: T,
 /// Largest configuration file: a wrong path must not fill the memory.
 const MAX_FILE_BYTES: u64 = 1 << 20;
 
-fn read_text(path: &Path) -> Result<String, ConfigError> {
+/// Reads the text of a configuration file.
+///
+/// # Errors
+/// [`ConfigError::Read`]: it is not a regular file, cannot be read, is too long or is not UTF-8.
+pub(crate) fn read_text(path: &Path) -> Result<String, ConfigError> {
     let read = || {
-        let mut text = String::new();
-        // Limits what is read instead of checking the length: a device file has no length and may have no end.
-        std::fs::File::open(path)?.take(MAX_FILE_BYTES + 1).read_to_string(&mut text)?;
-        if text.len() as u64 > MAX_FILE_BYTES {
-            let message = format!("a configuration file may have at most {MAX_FILE_BYTES} bytes");
-            return Err(std::io::Error::new(std::io::ErrorKind::InvalidData, message));
-        }
-        Ok(text)
+        let bytes = crate::disk::read_small(path, MAX_FILE_BYTES)?;
+        String::from_utf8(bytes)
+            .map_err(|_| std::io::Error::new(std::io::ErrorKind::InvalidData, "it is not UTF-8 text"))
     };
     read().map_err(|source| ConfigError::Read { path: path.into(), source })
 }

@@ -92,12 +92,15 @@ pub struct JobView {
 }
 
 /// Answer of `POST /v1/raise`: the plate moves, or is already clear if both heights are equal.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RaiseView {
     /// Where the plate was, micrometres above the bottom of the vat.
     pub from_um: i32,
     /// Where it goes, micrometres.
     pub to_um: i32,
+    /// What the operator must know besides: the spool has no note of it yet.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub warning: Option<String>,
 }
 
 /// Answer of `DELETE /v1/jobs/{id}`.

@@ -55,7 +55,12 @@ pub(super) enum Background {
         reply: Reply,
     },
     /// The spool's note of a raised plate was written, or why not.
-    RaisedNoted(Result<(), String>),
+    RaisedNoted {
+        /// The height in it.
+        from_um: Option<i32>,
+        /// Why it was not written.
+        result: Result<(), String>,
+    },
     /// The job that ended has given its memory back, and the oldest jobs were deleted from the spool.
     Released {
         /// Jobs whose records were deleted, or why that failed.

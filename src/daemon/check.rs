@@ -223,7 +223,7 @@ fn spool(root: &Path) -> Result<(), SpoolFault> {
 
 /// Whether a daemon holds the spool at this moment.
 fn is_held(root: &Path) -> bool {
-    let lock = std::fs::OpenOptions::new().write(true).open(root.join("lock"));
+    let lock = disk::open_regular(&root.join("lock"), std::fs::OpenOptions::new().write(true));
     lock.is_ok_and(|lock| matches!(lock.try_lock(), Err(std::fs::TryLockError::WouldBlock)))
 }
 

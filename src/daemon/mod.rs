@@ -29,6 +29,7 @@ mod plate;
 mod printer;
 mod publish;
 mod raise;
+mod raised;
 mod remove;
 mod run;
 mod running;

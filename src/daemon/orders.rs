@@ -36,10 +36,7 @@ impl Printer {
         let step = match command {
             Command::Submit(submission) => return self.submit(submission, reply),
             Command::Remove(id) => return self.remove(&id, reply),
-            Command::Raise => {
-                let _ = reply.send(self.raise());
-                return;
-            }
+            Command::Raise => return self.raise(reply),
             Command::Pause(id) => self.steer(&id, EngineCommand::Pause),
             Command::Stop(id) => self.steer(&id, EngineCommand::Stop),
             Command::Resume { id, in_doubt } => self.resume(&id, in_doubt),

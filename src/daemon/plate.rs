@@ -161,7 +161,7 @@ impl Printer {
             signs.extend(traces(state).into_iter().filter_map(unaccounted));
             signs.extend(self.low_plate(state));
         }
-        signs.extend(self.raised_from_um.map(|from_um| Sign::Raised { from_um }));
+        signs.extend(self.raised.height_um().map(|from_um| Sign::Raised { from_um }));
         signs.retain(|sign| !sign.is_known(&job.cleared, state));
         signs
     }

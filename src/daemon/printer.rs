@@ -16,11 +16,12 @@ use super::handle::Desk;
 use super::idle::Idle;
 use super::jobs::Jobs;
 use super::line::Line;
+use super::notify;
 use super::part::EncodedLayer;
+use super::raised::RaisedNote;
 use super::running::{Running, Task};
 use super::setting::Setting;
 use super::unwritten::Unwritten;
-use super::{notify, raise};
 use crate::device::DlpDriver;
 use crate::job::{Event, Progress, Spool};
 use crate::link::message::{Capabilities, DeviceState, HostMessage, Request, Urgent};
@@ -52,11 +53,8 @@ pub(super) struct Printer {
     pub(super) link: Line,
     pub(super) capabilities: Option<Capabilities>,
     pub(super) idle: Idle,
-    /// The height from which the plate was raised, below its clear height, micrometres. Set until the operator confirms that the
-    /// plate is empty.
-    pub(super) raised_from_um: Option<i32>,
-    /// The same, shared with the threads that write it to the spool. They may overtake each other, so each writes this value.
-    pub(super) raised_note: Arc<Mutex<Option<i32>>>,
+    /// From where the plate was raised, until it is known to be empty.
+    pub(super) raised: RaisedNote,
     pub(super) device: DeviceView,
     pub(super) faults: FaultNews,
     /// The device's latest state in this session; `None` without one.
@@ -86,7 +84,7 @@ impl Printer {
         link: Line,
     ) -> Self {
         let (background, finished_background) = mpsc::channel(BACKGROUND_EVENTS);
-        let raised_from_um = raise::noted(&spool);
+        let raised = RaisedNote::load(&spool);
         Self {
             setting,
             spool: Arc::new(Mutex::new(spool)),
@@ -102,8 +100,7 @@ impl Printer {
             link,
             capabilities: None,
             idle: Idle::default(),
-            raised_from_um,
-            raised_note: Arc::new(Mutex::new(raised_from_um)),
+            raised,
             device: DeviceView::default(),
             faults: FaultNews::default(),
             device_state: None,
@@ -176,6 +173,7 @@ impl Printer {
 
     fn begin_shutdown(&mut self) {
         self.shutting_down = true;
+        self.take_back_raise("the daemon is shutting down");
         notify::stopping();
         let now_us = self.clock.now_us();
         self.with_engine(|running| running.engine.handle(Event::Shutdown, now_us));
@@ -263,6 +261,7 @@ impl Printer {
         }
         let number = self.link.urgent(urgent);
         if urgent == Urgent::Abort {
+            self.take_back_raise("an abort came first");
             self.last_abort = Some(number);
         }
         self.with_engine(|running| running.urgent = Some((number, urgent)));
@@ -282,7 +281,7 @@ impl Printer {
             Background::Opened { job, result } => self.opened(job, result, now_us),
             Background::Accepted { result, jobs_ended, reply } => self.accepted(result, jobs_ended, reply),
             Background::Changed { job, result, reply } => self.changed(job, result, reply),
-            Background::RaisedNoted(result) => self.raised_noted(result),
+            Background::RaisedNoted { from_um, result } => self.raised_noted(from_um, result),
             Background::Removed { job, result, reply } => self.removed(job, result, reply),
             Background::Released { forgotten } => {
                 self.releasing = false;
@@ -302,6 +301,7 @@ impl Printer {
             driver.query_state(now_us);
         }
         self.late_faults();
+        self.retry_raised();
         self.publish();
     }
 

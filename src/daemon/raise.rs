@@ -1,28 +1,61 @@
 //! `layerctl raise`: lifts the plate clear of the resin while no job runs. The plate only moves up.
 
-use std::sync::{Arc, PoisonError};
-
 use super::api::RaiseView;
-use super::background::Background;
+use super::background::Reply;
 use super::handle::{Answer, CommandError};
 use super::plate::CLEAR_TOLERANCE_UM;
 use super::printer::Printer;
+use super::unwritten::MAX_WRITE_US;
 use crate::deadline::Deadline;
 use crate::device::{Act, Outcome, check_capabilities};
-use crate::job::{ACT_MARGIN_US, Spool};
+use crate::job::ACT_MARGIN_US;
 use crate::link::message::DeviceState;
 
-/// A move of the plate that is under way.
+/// A move of the plate that is ordered.
 #[derive(Debug)]
 pub(super) struct Raise {
     view: RaiseView,
-    /// The device must have answered by then.
+    stage: Stage,
+    /// End of the stage's wait.
     pub deadline: Deadline,
 }
 
+#[derive(Debug)]
+enum Stage {
+    /// The spool's note is being written; the move begins once it is on disk. These wait for the answer, at most one for each
+    /// connection.
+    Noting(Vec<Reply>),
+    /// The device moves.
+    Moving,
+}
+
 impl Printer {
-    /// Begins to lift the plate clear. A notice reports the end.
-    pub(super) fn raise(&mut self) -> Result<Answer, CommandError> {
+    /// Lifts the plate clear. The note for the next process comes first: a raised plate no longer shows that a part may hang on
+    /// it. The order is answered when the move begins; a notice reports its end.
+    pub(super) fn raise(&mut self, reply: Reply) {
+        if let Some(Raise { stage: Stage::Noting(replies), .. }) = &mut self.idle.raise {
+            return replies.push(reply);
+        }
+        let view = match self.may_raise() {
+            Ok(view) if view.to_um != view.from_um && self.idle.raise.is_none() => view,
+            answer => {
+                // The client may be gone.
+                let _ = reply.send(answer.map(Answer::Raise));
+                return;
+            }
+        };
+        if self.device_state.as_ref().is_some_and(|state| self.low_plate(state).is_some()) {
+            self.set_raised(Some(view.from_um));
+        }
+        let deadline = Deadline::at(self.clock.now_us() + MAX_WRITE_US);
+        self.idle.raise = Some(Raise { view, stage: Stage::Noting(vec![reply]), deadline });
+        if self.raised.is_written() {
+            self.begin_raise(None);
+        }
+    }
+
+    /// From where to where the plate would be raised now, or why it must not be.
+    fn may_raise(&self) -> Result<RaiseView, CommandError> {
         if self.shutting_down {
             return Err(CommandError::new(503, "the daemon is shutting down and begins nothing new"));
         }
@@ -32,57 +65,70 @@ impl Printer {
             );
             return Err(CommandError::new(409, text));
         }
-        if let Some(raise) = &self.idle.raise {
-            return Ok(Answer::Raise(raise.view));
+        if let Some(Raise { view, stage: Stage::Moving, .. }) = &self.idle.raise {
+            return Ok(view.clone());
         }
-        let absent = || {
-            CommandError::new(409, "the device does not answer, so nothing can be moved: `layerctl status` tells why")
-        };
         let (Some(capabilities), Some(state)) = (&self.capabilities, &self.device_state) else { return Err(absent()) };
         check_capabilities(&self.setting.machine, capabilities)
             .map_err(|error| CommandError::new(409, error.to_string()))?;
         let from_um = raised_from(state).map_err(|text| CommandError::new(409, text))?;
-        let speed_um_s = self.setting.recipe.lift_speed_um_s;
-        let view = RaiseView { from_um, to_um: self.clear_um().max(from_um) };
-        if view.to_um == from_um {
-            return Ok(Answer::Raise(view));
+        Ok(RaiseView { from_um, to_um: self.clear_um().max(from_um), warning: None })
+    }
+
+    /// The note is on disk, or could not be written: the move begins in any case, as a part in the resin gets worse.
+    pub(super) fn raise_noted(&mut self, failed: Option<String>) {
+        match failed {
+            None if self.raised.is_written() => self.begin_raise(None),
+            None => {}
+            Some(text) => self.begin_raise(Some(format!("the spool cannot record it ({text})"))),
         }
-        let raised = self.low_plate(state).map(|_| from_um);
+    }
+
+    /// Begins the move, if one waits for its note, and answers those who ordered it. `unwritten` says why the note is not on disk.
+    fn begin_raise(&mut self, unwritten: Option<String>) {
+        let Some(Raise { stage: Stage::Noting(replies), .. }) =
+            self.idle.raise.take_if(|raise| matches!(raise.stage, Stage::Noting(_)))
+        else {
+            return;
+        };
+        let warning = unwritten.map(|why| {
+            format!(
+                "the plate is raised, but {why}: layerd tries again; after a crash or a restart before that, look at the plate \
+                 before the next job"
+            )
+        });
+        // The device's state may have changed while the note was written.
+        let begun = self.may_raise().and_then(|view| self.command_raise(RaiseView { warning, ..view }));
+        if let Ok(RaiseView { warning: Some(warning), .. }) = &begun {
+            self.notice(warning.clone());
+        }
+        for reply in replies {
+            let _ = reply.send(begun.clone().map(Answer::Raise));
+        }
+    }
+
+    fn command_raise(&mut self, view: RaiseView) -> Result<RaiseView, CommandError> {
+        let RaiseView { from_um, to_um, .. } = view;
+        let speed_um_s = self.setting.recipe.lift_speed_um_s;
         let now_us = self.clock.now_us();
         let driver = self.idle.driver.as_mut().ok_or_else(absent)?;
-        let act = Act::Move { position_um: view.to_um, speed_um_s };
+        let act = Act::Move { position_um: to_um, speed_um_s };
         driver.act(act, now_us).map_err(|error| CommandError::new(409, error.to_string()))?;
-        // A raised plate no longer shows that a part may hang on it, so the height is remembered.
-        self.set_raised(raised.or(self.raised_from_um));
-        let travel_us = u64::from(view.to_um.abs_diff(from_um)) * 1_000_000 / u64::from(speed_um_s.max(1));
-        self.idle.raise = Some(Raise { view, deadline: Deadline::at(now_us + travel_us + ACT_MARGIN_US) });
-        tracing::info!(from_um, to_um = view.to_um, "the plate is raised");
-        Ok(Answer::Raise(view))
+        let travel_us = u64::from(to_um.abs_diff(from_um)) * 1_000_000 / u64::from(speed_um_s.max(1));
+        let deadline = Deadline::at(now_us + travel_us + ACT_MARGIN_US);
+        self.idle.raise = Some(Raise { view: view.clone(), stage: Stage::Moving, deadline });
+        tracing::info!(from_um, to_um, "the plate is raised");
+        Ok(view)
     }
 
-    /// Remembers, here and in the spool, from where the plate was raised; `None` once it is confirmed to be empty.
-    pub(super) fn set_raised(&mut self, from_um: Option<i32>) {
-        if std::mem::replace(&mut self.raised_from_um, from_um) == from_um {
-            return;
-        }
-        *self.raised_note.lock().unwrap_or_else(PoisonError::into_inner) = from_um;
-        let (spool, note, background) =
-            (Arc::clone(&self.spool), Arc::clone(&self.raised_note), self.background.clone());
-        tokio::task::spawn_blocking(move || {
-            let spool = spool.lock().unwrap_or_else(PoisonError::into_inner);
-            let from_um = *note.lock().unwrap_or_else(PoisonError::into_inner);
-            let result = spool.set_raised(from_um).map_err(|error| error.to_string());
-            let _ = background.blocking_send(Background::RaisedNoted(result));
-        });
-    }
-
-    /// Tells the operator if the spool could not take the note.
-    pub(super) fn raised_noted(&self, result: Result<(), String>) {
-        if let Err(text) = result {
-            self.notice(format!(
-                "the spool cannot record whether the plate was raised with a part on it: {text}. After a restart of layerd, look \
-                 at the plate before the next job"
-            ));
+    /// Takes back a move that has not begun.
+    pub(super) fn take_back_raise(&mut self, why: &str) {
+        if let Some(Raise { stage: Stage::Noting(replies), .. }) =
+            self.idle.raise.take_if(|raise| matches!(raise.stage, Stage::Noting(_)))
+        {
+            for reply in replies {
+                let _ = reply.send(Err(CommandError::new(409, format!("the plate was not raised: {why}"))));
+            }
         }
     }
 
@@ -116,6 +162,7 @@ impl Printer {
 
     /// Gives the move up: its end will not be reported.
     pub(super) fn raise_lost(&mut self, why: &str) {
+        self.take_back_raise(why);
         if self.idle.raise.take().is_some() {
             self.notice(format!(
                 "it is unknown whether the plate was raised: {why}; `layerctl device` shows where it is"
@@ -123,22 +170,25 @@ impl Printer {
         }
     }
 
-    /// Checks whether the move is overdue.
+    /// Checks whether the note or the move is overdue.
     pub(super) fn raise_timeout(&mut self, now_us: u64) {
-        if self.idle.raise.as_mut().is_some_and(|raise| raise.deadline.is_over(now_us)) {
-            self.raise_lost("it did not arrive in time; check the axis and the device");
-            // The device takes no other act before it has answered this one. A new session clears that.
-            self.link.reconnect();
+        let Some(raise) = &mut self.idle.raise else { return };
+        if !raise.deadline.is_over(now_us) {
+            return;
+        }
+        match raise.stage {
+            Stage::Noting(_) => self.begin_raise(Some("the disk has not taken the note of it yet".into())),
+            Stage::Moving => {
+                self.raise_lost("it did not arrive in time; check the axis and the device");
+                // The device takes no other act before it has answered this one. A new session clears that.
+                self.link.reconnect();
+            }
         }
     }
 }
 
-/// The note of an earlier process. If it cannot be read, the plate counts as raised: the operator must look.
-pub(super) fn noted(spool: &Spool) -> Option<i32> {
-    spool.raised_from_um().unwrap_or_else(|error| {
-        tracing::warn!("{error}; the plate is assumed to have been raised with a part on it");
-        Some(0)
-    })
+fn absent() -> CommandError {
+    CommandError::new(409, "the device does not answer, so nothing can be moved: `layerctl status` tells why")
 }
 
 /// The plate's present height, micrometres, or why it must not move.

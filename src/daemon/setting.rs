@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::Context;
 
-use crate::config::{ConfigError, DaemonConfig, MAX_THREADS, Machine, Recipe};
+use crate::config::{ConfigError, DaemonConfig, MAX_THREADS, Machine, Recipe, read_text};
 use crate::slice::Slicer;
 
 // The slicer allows every number of threads that the configuration allows.
@@ -45,16 +45,15 @@ impl Setting {
     /// All faults found; each names the file, the key, the value and what is allowed.
     pub(super) fn load(place: &Path, config: DaemonConfig) -> Result<Self, Vec<anyhow::Error>> {
         let named = |key: &str| format!("`{key}` in {}", place.display());
-        let read =
-            |path: &Path| std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()));
-        let machine = Machine::load(&config.machine)
+        // Read once: what is checked is what is kept with each job.
+        let machine = read_text(&config.machine)
+            .and_then(|text| Ok((Machine::parse(&config.machine, &text)?, text)))
             .map_err(located)
-            .with_context(|| named("machine"))
-            .and_then(|machine| Ok((machine, read(&config.machine)?)));
-        let recipe = Recipe::load(&config.recipe)
+            .with_context(|| named("machine"));
+        let recipe = read_text(&config.recipe)
+            .and_then(|text| Ok((Recipe::parse(&config.recipe, &text)?, text)))
             .map_err(located)
-            .with_context(|| named("recipe"))
-            .and_then(|recipe| Ok((recipe, read(&config.recipe)?)));
+            .with_context(|| named("recipe"));
         let threads = config.threads.unwrap_or_else(Slicer::default_threads);
         match (machine, recipe) {
             (Ok((machine, machine_text)), Ok((recipe, recipe_text))) => {

@@ -116,6 +116,10 @@ impl Printer {
         if let Some(job) = self.jobs.get(id) {
             job.log_end();
         }
+        // A plate that was raised while this job was interrupted carried this job's part, and its record says that it was lifted.
+        if self.jobs.get(id).is_some_and(|job| job.view.state.is_final() && job.past.touched && job.past.lifted) {
+            self.set_raised(None);
+        }
         if let Some(order) = again {
             self.jobs.end_later(id, order);
         }

@@ -6,7 +6,7 @@ use super::settle::Change;
 use crate::job::{EndOrder, JobState};
 
 /// The slowest memory cards flush within a second; an operator who aborts is not kept waiting longer for a disk.
-const MAX_WRITE_US: u64 = 1_500_000;
+pub(super) const MAX_WRITE_US: u64 = 1_500_000;
 /// Warning in the answer to an order whose record is not on disk yet.
 const SLOW: &str =
     "is being carried out, but the disk has not taken its record yet: after a crash now it must be given again";

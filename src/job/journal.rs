@@ -13,7 +13,7 @@
 //! else is an error: with a record missing, a layer could be exposed twice.
 
 use std::fs::{File, OpenOptions};
-use std::io::{Read, Seek, SeekFrom, Write};
+use std::io::{Seek, SeekFrom, Write};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
@@ -22,7 +22,7 @@ use rustix::fs::FallocateFlags;
 use rustix::io::Errno;
 
 use super::{Contradiction, History, JobState, Record};
-use crate::codec;
+use crate::{codec, disk};
 
 /// A record and when it was written.
 #[derive(Clone, Debug, PartialEq, Eq, Encode, Decode)]
@@ -54,6 +54,19 @@ pub enum JournalError {
     Vanished {
         /// Where it stood.
         path: PathBuf,
+    },
+    /// The open file has another length than what was written.
+    #[error(
+        "the journal {} has {found_bytes} bytes, but {written_bytes} were written: something else changed the file while the job \
+         ran. Restore it, or end the job with `layerctl abort`", path.display()
+    )]
+    Altered {
+        /// The file.
+        path: PathBuf,
+        /// Its length, bytes.
+        found_bytes: u64,
+        /// What was written and flushed, bytes.
+        written_bytes: u64,
     },
     /// Not a journal of this version, or damaged.
     #[error("the journal {} is damaged: {what}; the job cannot be resumed, start the part again", path.display())]
@@ -143,9 +156,8 @@ impl Journal {
     /// [`JournalError`] where the file cannot be read, is damaged, or contradicts itself.
     pub fn open(path: &Path) -> Result<(Self, History), JournalError> {
         let io = |source| JournalError::Io { what: "open", path: path.into(), source };
-        check_kind(path).map_err(io)?;
-        let mut file = OpenOptions::new().read(true).write(true).open(path).map_err(io)?;
-        let (entries, length_bytes) = parse(path, &contents(path, &mut file)?)?;
+        let mut file = disk::open_regular(path, OpenOptions::new().read(true).write(true)).map_err(io)?;
+        let (entries, length_bytes) = parse(path, &contents(path, &file)?)?;
         let history = replay(path, &entries)?;
         if file.metadata().map_err(io)?.len() > length_bytes {
             file.set_len(length_bytes).and_then(|()| file.sync_all()).map_err(io)?;
@@ -173,7 +185,7 @@ impl Journal {
     /// # Errors
     /// [`JournalError::Io`]: the disk is full or fails. Earlier records stay valid. If the record was refused because it would
     /// have used the reserved space, the last records can still be appended; after any other error nothing can be.
-    /// [`JournalError::Vanished`]: the file is no longer at its path.
+    /// [`JournalError::Vanished`]: the file is no longer at its path. [`JournalError::Altered`]: its length was changed.
     pub fn append(&mut self, record: Record, at_unix_ms: u64) -> Result<(), JournalError> {
         let is_final = matches!(record, Record::Ended { state, .. } if state.is_final());
         let leaves_bytes = match &record {
@@ -191,6 +203,7 @@ impl Journal {
         frame.extend(length.to_le_bytes());
         frame.extend(checksum(length, &payload).to_le_bytes());
         frame.extend(payload);
+        self.check_length()?;
         // The last records are tried in any case: the space is reserved for them.
         self.reserve(frame.len() as u64 + leaves_bytes)
             .or_else(|error| if leaves_bytes == 0 { Ok(()) } else { Err(error) })?;
@@ -217,6 +230,19 @@ impl Journal {
             Err(error) => return Err(self.io_error(error.into())),
         }
         Ok(())
+    }
+
+    /// Checks that nothing else cut or extended the file since the last record: a record behind a gap cannot be read.
+    fn check_length(&mut self) -> Result<(), JournalError> {
+        let found_bytes = match self.file.metadata() {
+            Ok(metadata) => metadata.len(),
+            Err(error) => return Err(self.broken_by(error)),
+        };
+        if found_bytes == self.length_bytes {
+            return Ok(());
+        }
+        self.broken = true;
+        Err(JournalError::Altered { path: self.path.clone(), found_bytes, written_bytes: self.length_bytes })
     }
 
     /// Checks that the file is still the one at its path. A deleted file takes records without an error, but they are lost.
@@ -261,19 +287,14 @@ impl Journal {
 /// # Errors
 /// As [`Journal::open`].
 pub fn read_journal(path: &Path) -> Result<(Vec<Entry>, History), JournalError> {
-    let open = || check_kind(path).and_then(|()| File::open(path));
-    let mut file = open().map_err(|source| JournalError::Io { what: "open", path: path.into(), source })?;
-    let (entries, _) = parse(path, &contents(path, &mut file)?)?;
+    let file = disk::open_regular(path, OpenOptions::new().read(true)).map_err(|source| JournalError::Io {
+        what: "open",
+        path: path.into(),
+        source,
+    })?;
+    let (entries, _) = parse(path, &contents(path, &file)?)?;
     let history = replay(path, &entries)?;
     Ok((entries, history))
-}
-
-/// Refuses what is not a file: opening a pipe would wait for its other end.
-fn check_kind(path: &Path) -> std::io::Result<()> {
-    match std::fs::metadata(path)?.is_file() {
-        true => Ok(()),
-        false => Err(std::io::Error::other("it is not a file")),
-    }
 }
 
 fn replay(path: &Path, entries: &[Entry]) -> Result<History, JournalError> {
@@ -281,15 +302,11 @@ fn replay(path: &Path, entries: &[Entry]) -> Result<History, JournalError> {
         .map_err(|source| JournalError::Contradiction { path: path.into(), source })
 }
 
-fn contents(path: &Path, file: &mut File) -> Result<Vec<u8>, JournalError> {
-    let io = |source| JournalError::Io { what: "read", path: path.into(), source };
-    let mut bytes = Vec::new();
-    file.take(MAX_JOURNAL_BYTES + 1).read_to_end(&mut bytes).map_err(io)?;
-    if bytes.len() as u64 > MAX_JOURNAL_BYTES {
-        let what = format!("it is longer than {MAX_JOURNAL_BYTES} bytes");
-        return Err(JournalError::Damaged { path: path.into(), what });
-    }
-    Ok(bytes)
+fn contents(path: &Path, file: &File) -> Result<Vec<u8>, JournalError> {
+    disk::read_up_to(file, MAX_JOURNAL_BYTES).map_err(|source| match source.kind() {
+        std::io::ErrorKind::InvalidData => JournalError::Damaged { path: path.into(), what: source.to_string() },
+        _ => JournalError::Io { what: "read", path: path.into(), source },
+    })
 }
 
 /// The entries, and the number of bytes that they take.

@@ -57,7 +57,10 @@ pub enum SpoolError {
         source: std::io::Error,
     },
     /// Another daemon owns the spool.
-    #[error("the spool {} is in use by another layerd; stop it, or give this one its own `spool`", .0.display())]
+    #[error(
+        "the spool {} is in use by another layerd, or by one that is still ending (up to 110 s); stop it, wait for its end, or give \
+         this one its own `spool`", .0.display()
+    )]
     InUse(PathBuf),
     /// Not enough room.
     #[error(
@@ -143,8 +146,8 @@ impl Spool {
             fs::create_dir_all(&directory).map_err(io("create", &directory))?;
         }
         let lock_path = root.join("lock");
-        let options = OpenOptions::new().write(true).create(true).truncate(false).open(&lock_path);
-        let lock = options.map_err(io("open", &lock_path))?;
+        let lock = disk::open_regular(&lock_path, OpenOptions::new().write(true).create(true).truncate(false))
+            .map_err(io("open", &lock_path))?;
         match lock.try_lock() {
             Ok(()) => {}
             Err(fs::TryLockError::WouldBlock) => return Err(SpoolError::InUse(root.into())),

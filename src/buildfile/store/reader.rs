@@ -1,7 +1,7 @@
 //! Reading: [`BuildFile::open`] checks the frame, [`BuildFile::read_chunk`] each chunk. Nothing is taken on the file's word.
 
 use std::cell::RefCell;
-use std::fs::File;
+use std::fs::{File, OpenOptions};
 use std::ops::Range;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
@@ -13,6 +13,7 @@ use super::lowest::LowestOfUnion;
 use super::opening::{Opening, Stored};
 use super::profile::ProfileBuilder;
 use crate::buildfile::model::{Blend, BodyHeader, Bounds, Header, Lattice, Strut};
+use crate::disk;
 
 /// An open build file. Reading is thread-safe: every read states its place.
 #[derive(Debug)]
@@ -45,12 +46,12 @@ impl BuildFile {
     /// [`BuildFileError`] says what is wrong and where.
     pub fn open(path: &Path) -> Result<Self, BuildFileError> {
         let read_error = |source| BuildFileError::Read { path: path.into(), source };
-        // Before it is opened: a pipe that nobody writes to would be waited for.
+        // Also before it is opened: here another kind of file is no failure to read.
         let metadata = std::fs::metadata(path).map_err(read_error)?;
         if !metadata.is_file() {
             return Err(BuildFileError::Foreign { path: path.into(), problem: "it is not a regular file".into() });
         }
-        Self::of(path, File::open(path).map_err(read_error)?)
+        Self::of(path, disk::open_regular(path, OpenOptions::new().read(true)).map_err(read_error)?)
     }
 
     /// The same of an open file, which `path` names in errors.

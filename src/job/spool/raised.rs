@@ -4,12 +4,13 @@ use std::fs;
 use std::io::{self, Write};
 
 use super::{Spool, SpoolError};
+use crate::disk;
 use crate::job::journal::sync_parent;
 use crate::output::Output;
 
 const RAISED: &str = "raised";
 /// A height in micrometres is shorter as text.
-const MAX_TEXT_BYTES: usize = 16;
+const MAX_TEXT_BYTES: u64 = 16;
 
 impl Spool {
     /// Height from which the plate was raised, micrometres above the bottom of the vat. `None` if it was not, or was confirmed to be
@@ -19,13 +20,12 @@ impl Spool {
     /// [`SpoolError::Io`] if the note cannot be read or does not hold a height.
     pub fn raised_from_um(&self) -> Result<Option<i32>, SpoolError> {
         let path = self.root.join(RAISED);
-        let text = match fs::read(&path) {
+        let text = match disk::read_small(&path, MAX_TEXT_BYTES) {
             Ok(bytes) => bytes,
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
             Err(error) => return Err(super::io("read", &path)(error)),
         };
-        let short = text.get(..MAX_TEXT_BYTES.min(text.len())).unwrap_or_default();
-        let height = str::from_utf8(short).ok().and_then(|text| text.trim().parse().ok());
+        let height = str::from_utf8(&text).ok().and_then(|text| text.trim().parse().ok());
         height.map(Some).ok_or_else(|| {
             let error = io::Error::new(io::ErrorKind::InvalidData, "it does not hold a height in micrometres");
             super::io("read", &path)(error)
