@@ -176,7 +176,7 @@ fn light_that_nobody_commanded_is_put_off_and_the_job_interrupted() {
         stage.dark_order_ms(0);
         let job = stage.ended(id);
         assert_eq!(job["state"], "interrupted", "{job}");
-        stage.assert_noticed(&["told to put", "off"]);
+        stage.assert_noticed(&["ordered to switch", "off"]);
         assert!(stage.longest_light_ms() < LONGEST_LIGHT_MS, "{}", stage.story());
         stage.assert_nothing_commanded_before_dark();
         assert_eq!(stage.plate_um(), Some(CLEAR_UM), "{}", stage.story());
@@ -277,7 +277,7 @@ fn light_in_a_pause_is_put_off_and_the_job_can_go_on() {
     stage.control(|controls| controls.stray = Some(Stray { outlasts: 1 }));
     stage.dark_order_ms(0);
     stage.assert_goes_dark();
-    stage.assert_noticed(&["told to put", "off"]);
+    stage.assert_noticed(&["ordered to switch", "off"]);
     assert!(stage.longest_light_ms() < LONGEST_LIGHT_MS, "{}", stage.story());
     stage.assert_nothing_commanded_before_dark();
     let job = stage.wait_for(id, &["paused", "interrupted"]);
