@@ -109,6 +109,13 @@ fn abort_gets_through_to_a_daemon_that_ends() {
     let (mut bench, id) = under_light(false);
     signal(bench.daemon_pid(), "TERM");
     std::thread::sleep(Duration::from_millis(300));
+    let later = "the daemon is stopping; resume once it runs again";
+    wait_until("the reason", || bench.job(id)["reason"] == later);
+    for arguments in [&["resume", "1"][..], &["resume"]] {
+        let output = bench.layerctl(arguments);
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert!(!output.status.success() && text.contains(later) && !text.contains("it the"), "{text}");
+    }
     bench.ok(&["abort"]);
     assert_eq!(bench.wait_daemon(), Some(0));
     let acts = bench.acts();

@@ -290,6 +290,22 @@ fn orders_promise_nothing_while_the_device_does_not_answer() {
 }
 
 #[test]
+fn a_job_that_begins_at_once_says_what_the_plate_is_taken_to_be() {
+    let bench = Bench::start(Setup { confirm_plate: true, ..Setup::default() });
+    bench.ok(&PART);
+    wait_until("the device", || bench.json(&["status"])["link"]["state"] == "connected");
+    for (id, told) in [(1, "empty\n"), (2, "empty (the last job, 1, completed)\n")] {
+        let output = bench.layerctl(&["start", "part.layerd", "--wait"]);
+        let text = String::from_utf8_lossy(&output.stderr).into_owned();
+        let told = format!("job {id} begins at once: the plate is taken to be {told}");
+        assert!(output.status.success() && text.matches(&told).count() == 1, "{text}");
+        let log = std::fs::read_to_string(bench.path("daemon.log")).expect("log");
+        let (said, begun) = (log.find(told.trim_end()), log.find(&format!("job begins job={id}")));
+        assert!(said.is_some() && said < begun, "{log}");
+    }
+}
+
+#[test]
 fn jobs_that_cannot_be_removed_do_not_keep_others_and_a_plate_is_only_taken_to_be_empty() {
     let bench = Bench::start(slowly());
     bench.ok(&PART);
@@ -302,7 +318,7 @@ fn jobs_that_cannot_be_removed_do_not_keep_others_and_a_plate_is_only_taken_to_b
     let output = bench.layerctl(&["start", "part.layerd"]);
     let told = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(
-        told.contains("job 2 begins at once: the plate is assumed to be empty (the last job, 1, was aborted)"),
+        told.contains("job 2 begins at once: the plate is taken to be empty (the last job, 1, was aborted)"),
         "{told}"
     );
     bench.ok(&["abort"]);

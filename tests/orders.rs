@@ -126,10 +126,46 @@ fn a_layer_that_the_device_cannot_settle_is_told_before_resume() {
     let job = bench.job(id);
     assert!(job["state"] == "interrupted" && reason(&job).contains("in doubt"), "{job}");
     assert!(bench.ok(&["jobs"]).contains("--in-doubt"), "{}", bench.ok(&["jobs"]));
-    let text = refusal(&bench, &["resume", &id.to_string()]);
-    assert!(text.contains("--in-doubt exposed") && text.contains("--in-doubt repeat"), "{text}");
+    // This device was reset, too: it does not know where its plate is, and the part hangs there.
+    for arguments in [&["resume", "1"][..], &["resume", "1", "--in-doubt", "repeat"]] {
+        let text = refusal(&bench, arguments);
+        assert!(text.contains("does not know where its plate is") && text.contains("layerctl abort 1"), "{text}");
+    }
     assert_eq!(bench.job(id)["state"], "interrupted", "nothing was begun for that");
     assert!(!has(&bench.acts(), "light_on"), "{:?}", bench.acts());
+}
+
+#[test]
+fn a_layer_that_a_shutdown_cut_short_is_decided_by_the_operator() {
+    // A shutdown waits for 30 s of light, not for 100.
+    let mut bench = Bench::start(Setup { exposure_ms: 100_000, time_scale: 1, ..Setup::default() });
+    bench.ok(&SMALL);
+    let id = bench.start_job("part.layerd");
+    wait_until("light", || has(&bench.acts(), "light_on"));
+    assert_eq!(bench.terminate_daemon(), Some(0));
+    assert_eq!(plate_um(&bench.acts()), Some(CLEAR_UM));
+    bench.start_daemon();
+    wait_until("the device", || bench.json(&["device"])["connected"] == true);
+    assert_eq!(bench.job(id)["in_doubt"], 0, "{}", bench.job(id));
+    let text = refusal(&bench, &["resume", "1"]);
+    assert!(text.contains("--in-doubt exposed") && text.contains("--in-doubt repeat"), "{text}");
+    bench.ok(&["resume", "1", "--in-doubt", "repeat"]);
+    wait_until("light again", || bench.acts().iter().filter(|act| act["event"] == "light_on").count() == 2);
+    bench.ok(&["abort"]);
+    bench.wait_for(id, &["aborted"]);
+}
+
+#[test]
+fn an_order_that_changes_nothing_names_its_job() {
+    let (bench, id) = under_light();
+    bench.ok(&["pause"]);
+    bench.ok(&["pause"]);
+    let text = refusal(&bench, &["resume", "1", "--in-doubt", "exposed"]);
+    assert!(text.contains("no layer of job 1 is in doubt"), "{text}");
+    let log = fs::read_to_string(bench.path("daemon.log")).expect("log");
+    assert!(log.contains("job 1: nothing to do: the job is pausing"), "{log}");
+    bench.ok(&["abort"]);
+    bench.wait_for(id, &["aborted"]);
 }
 
 #[test]
@@ -140,6 +176,10 @@ fn a_layer_that_the_device_settles_is_in_no_doubt() {
     // While it has light nobody can tell, and then the device can.
     wait_until("the end of the light", || bench.json(&["device"])["state"]["light_on"] == false);
     assert_eq!(bench.job(id)["in_doubt"], Value::Null, "{}", bench.job(id));
+    let log = fs::read_to_string(bench.path("daemon.log")).expect("log");
+    assert!(log.contains("job 1 is interrupted: the daemon ended without warning"), "{log}");
+    let text = refusal(&bench, &["resume", "1", "--in-doubt", "repeat"]);
+    assert!(text.contains("no layer of job 1 is in doubt"), "{text}");
     bench.ok(&["resume"]);
     wait_until("the next layer", || bench.acts().iter().filter(|act| act["event"] == "light_on").count() == 2);
     assert_eq!(bench.exposed_layers(), [0]);

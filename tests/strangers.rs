@@ -104,13 +104,50 @@ fn a_device_of_another_kind_is_told_when_it_connects_and_no_job_is_taken_for_it(
     assert!(bench.acts().iter().all(|act| act["event"] == "hello"), "{:?}", bench.acts());
     wait_until("the loss", || bench.json(&["status"])["link"]["state"] == "lost");
     assert_eq!(bench.json(&["status"])["misfit"], serde_json::Value::Null, "nothing is connected");
-    // Without a device a job is taken, and checked when it begins.
+    // Without a device a job is taken. It waits for one that fits, with or without a confirmation.
     let id = bench.start_job("part.layerd");
     with_device(&mut bench, laser(), |bench| {
-        let job = bench.wait_for(id, &["failed", "completed"]);
-        let reason = job["reason"].as_str().expect("a reason");
-        assert!(job["state"] == "failed" && reason.contains("connect the right device"), "{job}");
+        let waits = || bench.job(id)["reason"].as_str().is_some_and(|it| it.contains("waits for a device that fits"));
+        wait_until("its reason", waits);
+        assert_eq!(bench.job(id)["state"], "queued", "{}", bench.job(id));
+        let output = bench.layerctl(&["resume", &id.to_string()]);
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert!(!output.status.success() && text.contains("waits for a device that fits"), "{output:?}");
     });
+    wait_until("the loss", || bench.json(&["status"])["link"]["state"] == "lost");
+    assert!(bench.acts().iter().all(|act| act["event"] == "hello"), "{:?}", bench.acts());
+    let _ = std::fs::remove_file(bench.path("device"));
+    bench.start_device();
+    let job = bench.wait_for(id, &["failed", "completed", "interrupted"]);
+    assert_eq!(job["state"], "completed", "{job}");
+}
+
+#[test]
+fn a_plate_is_not_taken_to_be_empty_for_a_device_that_does_not_fit() {
+    let mut bench = Bench::prepare(Setup { confirm_plate: true, ..Setup::default() });
+    bench.ok(&SMALL);
+    bench.start_daemon();
+    let id = bench.start_job("part.layerd");
+    bench.kill_daemon();
+    let confirm = |bench: &Bench| bench.layerctl(&["resume", &id.to_string()]);
+    with_device(&mut bench, laser(), |bench| {
+        bench.start_daemon();
+        wait_until("the device", || bench.json(&["status"])["link"]["state"] == "connected");
+        let output = confirm(bench);
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert!(!output.status.success() && text.contains("connect the right device"), "{output:?}");
+        std::thread::sleep(Duration::from_millis(300));
+        assert_eq!(bench.job(id)["state"], "queued", "{}", bench.job(id));
+    });
+    let _ = std::fs::remove_file(bench.path("device"));
+    bench.start_device();
+    wait_until("the right device", || {
+        bench.json(&["status"])["misfit"].is_null() && bench.json(&["device"])["connected"] == true
+    });
+    wait_until("the question", || bench.job(id)["reason"].as_str().is_some_and(|it| it.contains("empty plate")));
+    let confirmed = confirm(&bench);
+    assert!(confirmed.status.success(), "it was not used up: {confirmed:?}");
+    bench.wait_for(id, &["completed"]);
 }
 
 #[test]

@@ -149,7 +149,9 @@ fn resumable(jobs: &[JobView]) -> anyhow::Result<&JobView> {
         [] => match jobs.iter().find(|job| job.state.is_active() || job.state == JobState::Queued) {
             Some(job) => {
                 let JobView { id, state, .. } = job;
-                let waits = job.reason.as_ref().map_or_else(String::new, |reason| format!(": it {reason}"));
+                // The reason of a queued job is what it does: it waits.
+                let it = if *state == JobState::Queued { "it " } else { "" };
+                let waits = job.reason.as_ref().map_or_else(String::new, |reason| format!(": {it}{reason}"));
                 bail!("no job is paused or interrupted; job {id} is {state}{waits}")
             }
             None => bail!("no job is paused or interrupted; `layerctl jobs` lists them"),

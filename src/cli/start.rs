@@ -13,7 +13,7 @@ use super::client::{Client, ClientError, Events, NewJob};
 use super::{Ending, block_on, duration_text, print, print_json, progress_bar, progress_lines, without_eta};
 use crate::buildfile::BuildFile;
 use crate::config::{ConfigText, Folder, Recipe, find};
-use crate::daemon::api::{Event, JobView, LinkState, LinkView, Status};
+use crate::daemon::api::{Event, JobView, LinkState, LinkView};
 use crate::job::JobState;
 use crate::text::count_text;
 
@@ -30,7 +30,8 @@ Examples:
   layerctl start part.layerd                       prints the job's id and returns
   layerctl start part.layerd --recipe fine --wait  shows progress until the print has ended
 
-On stderr it says what the job waits for: other jobs, your confirmation that the plate is empty, a device. With --wait it shows \
+On stderr it says what the job waits for: other jobs, your confirmation that the plate is empty, a device. A job that is started while the machine is idle begins at once: take the last part \
+off and look at the plate first. With --wait it shows \
 progress there, too: a bar on a terminal, elsewhere a line a minute and one whenever the job's state changes. Ctrl-C ends the \
 command, and the print goes on.
 
@@ -128,25 +129,12 @@ async fn tell_waits(client: &Client, job: &JobView) {
     tell_device(client, job).await;
 }
 
-/// Reminder that the plate is assumed to be empty, if the job needs no confirmation and the last one was aborted or stopped.
-fn plate_text(job: &JobView, status: &Status) -> Option<String> {
-    let last = status.last.as_ref().filter(|last| last.id != job.id)?;
-    let is_suspect = matches!(last.state, JobState::Aborted | JobState::Stopped) && job.reason.is_none();
-    let when = if status.link.state == LinkState::Connected { "at once" } else { "once a device answers" };
-    is_suspect.then(|| {
-        let (id, last_id, state) = (&job.id, &last.id, last.state);
-        format!("job {id} begins {when}: the plate is assumed to be empty (the last job, {last_id}, was {state})")
-    })
-}
-
-/// Says if the plate is only assumed to be empty, and if no device answers. If the device did not fit, the daemon would have refused
-/// the job.
+/// Says what the plate is taken to be, and if no device answers. If the device did not fit, the daemon would have refused the job.
 async fn tell_device(client: &Client, job: &JobView) {
-    let status = client.status().await;
-    if let Some(text) = status.as_ref().ok().and_then(|status| plate_text(job, status)) {
-        super::eprint(&text);
+    if let Some(text) = &job.warning {
+        super::eprint(text);
     }
-    match status.map(|status| status.link) {
+    match client.status().await.map(|status| status.link) {
         Ok(LinkView { state: LinkState::Connected, .. }) => {}
         Ok(LinkView { path, reason, .. }) => {
             let reason = reason.unwrap_or_else(|| format!("{path}: switch the device on"));
@@ -181,6 +169,7 @@ pub(super) async fn wait(
     bar: &ProgressBar,
 ) -> anyhow::Result<(JobView, Ending)> {
     bar.reset();
+    let said = job.warning.clone();
     let mut told = String::new();
     let mut lines = Lines::default();
     let mut link = LinkState::Connected;
@@ -213,6 +202,8 @@ pub(super) async fn wait(
             Ok(Some(Event::Layer(exposed))) if exposed.job == job.id => {
                 job.layers_done = job.layers_done.max(exposed.layer.saturating_add(1));
             }
+            // The answer to `start` said it already.
+            Ok(Some(Event::Notice { text })) if said.as_ref() == Some(&text) => {}
             Ok(Some(Event::Notice { text })) => bar.suspend(|| super::eprint(&text)),
             Ok(Some(_)) => {}
             Ok(None) | Err(_) => {

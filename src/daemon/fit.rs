@@ -4,6 +4,8 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::handle::CommandError;
+use super::job::Job;
+use super::printer::Printer;
 use super::setting::Setting;
 use crate::config::Recipe;
 use crate::device::{Misfit, check_fit};
@@ -39,5 +41,19 @@ impl Fit {
             })?;
         }
         Ok(recipe)
+    }
+}
+
+impl Printer {
+    /// Why the connected device cannot print this job; `None` if it can, or if that is not known yet.
+    pub(super) fn misfit_of(&self, job: &Job) -> Option<String> {
+        let device = self.capabilities.as_ref().filter(|_| self.device.connected)?;
+        let (machine, recipe) = &**job.made_for.as_ref()?;
+        check_fit(machine, recipe, device).err().map(|misfit| misfit.to_string())
+    }
+
+    /// The same of a job that has not begun: it waits for a device that fits.
+    pub(super) fn awaits_other_device(&self, job: &Job) -> Option<String> {
+        (job.is_to_print() && !job.has_begun()).then(|| self.misfit_of(job)).flatten()
     }
 }

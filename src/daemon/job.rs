@@ -5,6 +5,7 @@ use super::background::Reply;
 use super::clock::unix_ms;
 use super::past::Past;
 use super::plate::Sign;
+use crate::config::{Machine, Recipe};
 use crate::job::{
     Command, EndOrder, Entry as JournalEntry, Forgotten, History, JobDirectory, JobState, Progress, Record,
     ResumeChoice, read_journal,
@@ -19,6 +20,8 @@ pub(super) struct Job {
     pub key: u64,
     /// Exposure time of the layer that was commanded and not confirmed when the daemon started, milliseconds.
     pub unconfirmed_ms: Option<u32>,
+    /// Machine and recipe it is printed with; `None` for a job that is over, or if its files cannot be read.
+    pub made_for: Option<Box<(Machine, Recipe)>>,
     /// What operators see.
     pub view: JobView,
     /// Its light and plate so far.
@@ -72,13 +75,21 @@ impl TakeUp {
 
 impl Job {
     /// A job just accepted.
-    pub(super) fn accepted(directory: JobDirectory, key: u64, layer_count: u32, name: String, recipe: String) -> Self {
+    pub(super) fn accepted(
+        directory: JobDirectory,
+        key: u64,
+        layer_count: u32,
+        name: String,
+        machine: Machine,
+        recipe: Recipe,
+    ) -> Self {
         let mut view = blank_view(&directory);
         view.name = name;
-        view.recipe = recipe;
+        view.recipe.clone_from(&recipe.name);
         view.layers_total = layer_count;
         view.submitted_ms = unix_ms();
-        Self::new(directory, key, view, Past::default(), false)
+        let made_for = Some(Box::new((machine, recipe)));
+        Self { made_for, ..Self::new(directory, key, view, Past::default(), false) }
     }
 
     fn new(directory: JobDirectory, key: u64, view: JobView, past: Past, awaits_plate: bool) -> Self {
@@ -86,6 +97,7 @@ impl Job {
             directory,
             key,
             unconfirmed_ms: None,
+            made_for: None,
             view,
             past,
             take_up: TakeUp::Print(ResumeChoice::None),
@@ -115,12 +127,15 @@ impl Job {
                 (0, Past::unknown())
             }
         };
-        let recipe = crate::config::Recipe::load(&directory.recipe()).ok();
+        let recipe = Recipe::load(&directory.recipe()).ok();
         let unconfirmed_ms =
             past.unconfirmed.and_then(|commanded| Some(recipe.as_ref()?.layer_exposure_ms(commanded.layer)));
-        view.recipe = recipe.map_or_else(String::new, |recipe| recipe.name);
+        view.recipe = recipe.as_ref().map_or_else(String::new, |recipe| recipe.name.clone());
+        let made_for = recipe
+            .filter(|_| !view.state.is_final())
+            .and_then(|recipe| Some(Box::new((Machine::load(&directory.machine()).ok()?, recipe))));
         let awaits_plate = awaits_plate && view.state == JobState::Queued;
-        Self { unconfirmed_ms, ..Self::new(directory, key, view, past, awaits_plate) }
+        Self { unconfirmed_ms, made_for, ..Self::new(directory, key, view, past, awaits_plate) }
     }
 
     /// What must stay known of it when its record is deleted.

@@ -37,6 +37,13 @@ impl Jobs {
         for directory in directories {
             let (id, job) = (directory.id, Job::load(directory, awaits_plate));
             let (state, ordered) = (job.view.state, job.past.ordered);
+            // A journal that cannot be read is logged when it is opened.
+            if state == JobState::Interrupted && !job.past.unknown {
+                tracing::warn!(
+                    "job {id} is interrupted: {}",
+                    job.view.reason.as_deref().unwrap_or("no reason is known")
+                );
+            }
             jobs.jobs.insert(id, job);
             match (state, ordered) {
                 (JobState::Queued, _) => jobs.queue.push_back(id),
@@ -85,6 +92,12 @@ impl Jobs {
     /// The jobs that are over, and what must stay known of each when its record is deleted.
     pub(super) fn over(&self) -> Vec<Forgotten> {
         self.jobs.values().filter(|job| job.view.state.is_final()).map(Job::forgotten).collect()
+    }
+
+    /// The job that ended last.
+    pub(super) fn last_over(&self) -> Option<&JobView> {
+        let views = self.jobs.values().map(|job| &job.view);
+        views.filter(|job| job.state.is_final()).max_by_key(|job| job.ended_ms)
     }
 
     /// The interrupted job whose part still hangs on the plate.
@@ -196,8 +209,8 @@ impl Jobs {
     }
 
     /// Writes into every queued job's view what it waits for; returns the jobs where that changed. `light` says why the device's
-    /// light keeps jobs from printing.
-    pub(super) fn explain(&mut self, holder: Option<u32>, light: Option<&str>) -> Vec<u32> {
+    /// light keeps jobs from printing, `misfit` why the device cannot print the next one.
+    pub(super) fn explain(&mut self, holder: Option<u32>, light: Option<&str>, misfit: Option<&str>) -> Vec<u32> {
         let mut changed = Vec::new();
         for id in self.queue.clone() {
             let ahead = self.ahead_of(id, holder);
@@ -211,6 +224,7 @@ impl Jobs {
                     )
                 }),
                 _ if light.is_some() => light.map(|light| format!("waits for a dark device: {light}")),
+                _ if misfit.is_some() => misfit.map(|misfit| format!("waits for a device that fits: {misfit}")),
                 _ if !job.told.is_empty() => Some(plate::text(&job.told, id)),
                 _ if job.awaits_plate => {
                     Some(format!("waits for an empty plate: take the last part off, then `layerctl resume {id}`"))

@@ -4,6 +4,7 @@ use super::api::{InDoubt, JobView};
 use super::handle::{Answer, Command, CommandError, Order};
 use super::job::{Job, TakeUp};
 use super::printer::Printer;
+use super::publish::RESUME_LATER;
 use super::settle::Change;
 use super::unwritten::Unwritten;
 use super::upload;
@@ -27,7 +28,11 @@ impl Printer {
     pub(super) fn order(&mut self, order: Order) {
         let Order { command, reply } = order;
         if self.shutting_down && matches!(command, Command::Submit(_) | Command::Resume { .. } | Command::Remove(_)) {
-            let _ = reply.send(Err(CommandError::new(503, "the daemon is shutting down and begins nothing new")));
+            let text = match command {
+                Command::Resume { .. } => RESUME_LATER,
+                _ => "the daemon is shutting down and begins nothing new",
+            };
+            let _ = reply.send(Err(CommandError::new(503, text)));
             if let Command::Submit(submission) = command {
                 upload::discard(submission);
             }
@@ -123,9 +128,14 @@ impl Printer {
 
     fn resume(&mut self, id: &str, in_doubt: Option<InDoubt>) -> Result<Step, CommandError> {
         let id = self.find(id)?;
+        if in_doubt.is_some() {
+            self.check_doubt(id)?;
+        }
         if self.command_running(id, EngineCommand::Resume)? {
             return Ok(Step::Done(id));
         }
+        let stays = self.cannot_go_on(id);
+        let is_unfit = self.jobs.get(id).is_some_and(|job| self.awaits_other_device(job).is_some());
         let choice = match in_doubt {
             None => ResumeChoice::None,
             Some(InDoubt::Exposed) => ResumeChoice::AssumeExposed,
@@ -138,8 +148,11 @@ impl Printer {
         }
         let (state, needs_confirmation) = (job.view.state, confirms || job.awaits_plate || !job.told.is_empty());
         match state {
-            JobState::Queued if needs_confirmation => self.plate_is_clear(id),
+            JobState::Queued if needs_confirmation || is_unfit => self.plate_is_clear(id),
             JobState::Interrupted => {
+                if let Some(text) = stays {
+                    return Err(CommandError::new(409, text));
+                }
                 if let (Some((why, _)), Some(layer), ResumeChoice::None) = (&job.doubt, job.view.in_doubt, choice) {
                     return Err(refused(id, &ResumeError::InDoubt { layer, why: why.clone() }));
                 }
@@ -148,6 +161,33 @@ impl Printer {
             }
             state => Err(wrong_state(id, state, EngineCommand::Resume)),
         }
+    }
+
+    /// Why an interrupted job cannot go on with the device that is connected; `None` if it can, or if that is not known yet.
+    fn cannot_go_on(&self, id: u32) -> Option<String> {
+        let job = self.jobs.get(id).filter(|job| job.view.state == JobState::Interrupted)?;
+        if let Some(misfit) = self.misfit_of(job) {
+            return Some(format!("job {id} cannot go on with this device: {misfit}"));
+        }
+        let is_lost = self.device_state.as_ref().is_some_and(|state| state.position_um.is_none() && !state.moving);
+        (is_lost && job.past.touched).then(|| {
+            format!(
+                "job {id} cannot be resumed: the device does not know where its plate is, and homing would drive the part into the \
+                 vat's bottom. `layerctl abort {id}`, take the part off, and start it again"
+            )
+        })
+    }
+
+    /// Refuses a decision on a layer in doubt if it is known that no layer of the job is.
+    fn check_doubt(&self, id: u32) -> Result<(), CommandError> {
+        let Some(job) = self.jobs.get(id).filter(|job| !job.view.state.is_final()) else { return Ok(()) };
+        // While there is light, or without a device, it is not known yet how the exposure ends.
+        let is_settled = self.device_state.as_ref().is_some_and(|state| !state.light_on && state.exposing.is_none());
+        let may_be = job.view.in_doubt.is_some() || (job.past.unconfirmed.is_some() && !is_settled);
+        if may_be && job.view.state == JobState::Interrupted {
+            return Ok(());
+        }
+        Err(CommandError::new(409, format!("no layer of job {id} is in doubt: resume it without --in-doubt")))
     }
 
     /// Gives the order to the engine if the job is running; returns whether it is.
@@ -192,7 +232,7 @@ impl Printer {
     /// The answer to an order: the job, with a warning.
     pub(super) fn view(&self, id: u32, warning: Option<String>) -> Result<Answer, CommandError> {
         let job = self.jobs.get(id).ok_or_else(|| no_such_job(&id.to_string()))?;
-        Ok(JobView { warning, ..job.view.clone() }.into())
+        Ok(JobView { warning, ..self.shown(job.view.clone()) }.into())
     }
 }
 

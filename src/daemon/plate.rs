@@ -194,8 +194,9 @@ impl Printer {
         {
             job.tell(signs);
         }
+        let misfit = self.jobs.next().and_then(|job| self.awaits_other_device(job));
         let light = self.unwanted_light();
-        self.jobs.explain(self.holder(), light)
+        self.jobs.explain(self.holder(), light, misfit.as_deref())
     }
 
     /// Takes the operator's confirmation for a queued job that the plate is empty. Refused until the job is next: before that the
@@ -203,6 +204,11 @@ impl Printer {
     pub(super) fn plate_is_clear(&mut self, id: u32) -> Result<Step, CommandError> {
         if let Some(ahead) = self.jobs.ahead_of(id, self.holder()) {
             let text = format!("job {id} {ahead}; what is on the plate then is not known yet");
+            return Err(CommandError::new(409, text));
+        }
+        if let Some(misfit) = self.jobs.get(id).and_then(|job| self.misfit_of(job)) {
+            let text =
+                format!("job {id} waits for a device that fits, and the plate is not taken to be empty yet: {misfit}");
             return Err(CommandError::new(409, text));
         }
         let job = self.waiting(id)?;
@@ -213,9 +219,17 @@ impl Printer {
         Ok(Step::Done(id))
     }
 
-    /// Whether the running job may use a new session. A job that has had no light may move the plate down only if no sign of an
-    /// earlier part is left unconfirmed on this device.
+    /// Whether the running job may use a new session. A job that has not begun waits in the queue for a device that fits. A job
+    /// that has had no light may move the plate down only if no sign of an earlier part is left unconfirmed on this device.
     pub(super) fn plate_allows(&mut self, state: &DeviceState, now_us: u64) -> bool {
+        let unbegun = self.running.as_ref().filter(|running| !running.engine.has_begun()).map(|running| running.job);
+        if let Some(misfit) = unbegun.and_then(|id| self.jobs.get(id)).and_then(|job| self.awaits_other_device(job))
+            && let Some(id) = unbegun
+        {
+            tracing::warn!("job {id} waits for a device that fits: {misfit}");
+            self.put_back(id);
+            return false;
+        }
         let Some(running) = self.running.as_ref().filter(|running| running.engine.goes_down_bare()) else {
             return true;
         };

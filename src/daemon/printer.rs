@@ -222,7 +222,10 @@ impl Printer {
         while let Some(task) = self.running.as_mut().and_then(|running| running.next_task(&self.budget, now_us)) {
             match task {
                 Task::Urgent(urgent) => self.send_urgent(urgent),
-                Task::Notice(text) => self.notice(text),
+                Task::Notice(text) => {
+                    let of = self.holder().map_or_else(String::new, |job| format!("job {job}: "));
+                    self.notice(format!("{of}{text}"));
+                }
                 Task::EndSession(why) => self.end_session(why, now_us),
                 Task::Finished => self.finish(),
             }

@@ -1,8 +1,11 @@
 //! What the printer publishes: the snapshot for status requests, events for subscribers, the status line for systemd.
 
-use super::api::{Event as News, LayerExposed};
+use super::api::{Event as News, JobView, LayerExposed};
 use super::printer::Printer;
 use super::{notify, view};
+
+/// What to do about a job that the end of the daemon interrupts, until the daemon has ended.
+pub(super) const RESUME_LATER: &str = "the daemon is stopping; resume once it runs again";
 
 impl Printer {
     /// Sends the operator a notice of something to look at; logged as a warning.
@@ -15,6 +18,15 @@ impl Printer {
     pub(super) fn tell(&self, text: String) {
         tracing::info!("{text}");
         let _ = self.desk.events.send(News::Notice { text });
+    }
+
+    /// A job as operators see it. A daemon that is ending refuses `resume`, so it must not advise it.
+    pub(super) fn shown(&self, job: JobView) -> JobView {
+        let advises = job.reason.as_ref().is_some_and(|reason| reason.contains("`layerctl resume"));
+        if self.shutting_down && advises && !job.state.is_final() {
+            return JobView { reason: Some(RESUME_LATER.into()), ..job };
+        }
+        job
     }
 
     /// Publishes what changed in the engine's progress since the last call.
@@ -39,7 +51,7 @@ impl Printer {
         let told = self.publish();
         let Some(job) = self.jobs.get(id) else { return };
         if !told.contains(&id) {
-            let _ = self.desk.events.send(News::Job(Box::new(job.view.clone())));
+            let _ = self.desk.events.send(News::Job(Box::new(self.shown(job.view.clone()))));
         }
         notify::status(&view::status_line(&job.view));
     }
@@ -50,12 +62,17 @@ impl Printer {
         let told = self.explain_queue();
         for id in &told {
             if let Some(job) = self.jobs.get(*id) {
-                let _ = self.desk.events.send(News::Job(Box::new(job.view.clone())));
+                let _ = self.desk.events.send(News::Job(Box::new(self.shown(job.view.clone()))));
             }
         }
         let line = view::line(&self.link.statistics(), self.link.hindrance(), self.reconnects, self.link.busy_share());
         let budget = view::budget(&self.budget);
-        let (device, jobs, jobs_ended, fit) = (self.device.clone(), self.jobs.views(), self.jobs_ended, self.fit());
+        let (device, jobs, jobs_ended, fit) = (
+            self.device.clone(),
+            self.jobs.views().into_iter().map(|job| self.shown(job)).collect(),
+            self.jobs_ended,
+            self.fit(),
+        );
         self.desk.snapshot.send_modify(|snapshot| {
             snapshot.line = line;
             snapshot.budget = budget;

@@ -2,6 +2,7 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
+use super::api::JobView;
 use super::background::{Background, Reply};
 use super::clock::unix_ms;
 use super::fit::Fit;
@@ -12,7 +13,7 @@ use super::printer::Printer;
 use super::setting::Setting;
 use crate::buildfile::BuildFile;
 use crate::config::Recipe;
-use crate::job::{JournalError, NewJob, Record, Spool, SpoolError};
+use crate::job::{JobState, JournalError, NewJob, Record, Spool, SpoolError};
 use crate::random;
 
 impl Printer {
@@ -56,7 +57,26 @@ impl Printer {
             self.publish_job(id);
             id
         });
-        let _ = reply.send(answer.and_then(|id| self.view(id, None)));
+        let _ = reply.send(answer.and_then(|id| {
+            // Before it moves.
+            let begins = self.begins_text(id);
+            if let Some(text) = &begins {
+                self.tell(text.clone());
+            }
+            self.view(id, begins)
+        }));
+    }
+
+    /// Says that a new job waits for nothing, and what is assumed of the plate; `None` if it waits.
+    fn begins_text(&self, id: u32) -> Option<String> {
+        let job = self.jobs.get(id).filter(|job| job.view.reason.is_none())?;
+        let when = if self.device.connected { "at once" } else { "once a device answers" };
+        let last = self.jobs.last_over().map_or_else(String::new, |last| {
+            let JobView { id, state, .. } = last;
+            let was = if matches!(state, JobState::Aborted | JobState::Stopped) { "was " } else { "" };
+            format!(" (the last job, {id}, {was}{state})")
+        });
+        Some(format!("job {} begins {when}: the plate is taken to be empty{last}", job.view.id))
     }
 }
 
@@ -106,7 +126,8 @@ fn accept(
             "the spool's file system sets no room aside (fallocate): a full disk can keep the job's end from being written"
         );
     }
-    Ok(Job::accepted(directory, key, layer_count, submission.name.clone(), recipe.name.clone()))
+    let (name, machine) = (submission.name.clone(), setting.machine.clone());
+    Ok(Job::accepted(directory, key, layer_count, name, machine, recipe.clone()))
 }
 
 fn spool_error(error: &SpoolError) -> CommandError {

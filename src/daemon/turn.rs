@@ -20,7 +20,7 @@ impl Printer {
             let signs = || self.unknown_signs(job, self.device_state.as_ref());
             job.needs_bare_plate() && !(job.told.is_empty() && signs().is_empty())
         };
-        if job.is_to_print() && self.unwanted_light().is_some() {
+        if job.is_to_print() && self.unwanted_light().is_some() || self.awaits_other_device(job).is_some() {
             return;
         }
         if job.awaits_plate || (job.awaits_device && !self.device.connected) || needs_confirmation() {
