@@ -29,7 +29,7 @@ const SHIPPED: [(Folder, &str, &str); 6] = [
 pub struct ConfigText {
     /// Where it came from, for error messages.
     pub path: PathBuf,
-    /// What it says.
+    /// Its content.
     pub text: String,
 }
 
@@ -73,7 +73,7 @@ fn remedy(known: &[String]) -> String {
 /// `$LAYERD_CONFIG_DIR`, `/etc/layerd` and `config`, or the built-in file of that name.
 ///
 /// # Errors
-/// [`FindError::NotFound`] lists where it looked, [`FindError::Unreadable`] says what the system says.
+/// [`FindError::NotFound`] lists the places that were searched; [`FindError::Unreadable`] holds the system's error.
 pub fn find(folder: Folder, name: &str) -> Result<ConfigText, FindError> {
     let read = |path: PathBuf| Ok(ConfigText { text: read_text(&path)?, path });
     let kind = match folder {

@@ -48,12 +48,14 @@ mod pace;
 mod phase;
 mod recovery;
 mod report;
+mod track;
 mod uploads;
 
 use disk::DiskWatch;
 use outbox::Outbox;
 use pace::Pace;
 use phase::{Intent, Phase};
+use track::{AbortOrder, ActWatch, Failures};
 use uploads::Uploads;
 
 use super::{Action, Command, EndOrder, Event, JobPlan, JobState, Record, ResumeChoice, StartPoint, Unconfirmed};
@@ -119,24 +121,10 @@ pub struct Engine {
     /// The operator ordered the end of the job, so it cannot be resumed.
     ordered: bool,
     light_known_off: bool,
-    abort_sessions: u32,
-    /// When the abort went out in the present session.
-    abort_sent_us: u64,
-    /// The device has answered the abort sent last.
-    abort_answered: bool,
-    act_number: u64,
-    act_running: Option<u64>,
-    /// When the act under way was commanded; `None` once the device is known to have it.
-    act_sent_us: Option<u64>,
-    /// When the last act was handed out.
-    act_began_us: u64,
-    /// Least time that act can take, microseconds of the host's clock; 0 if unknown.
-    act_least_us: u64,
+    act: ActWatch,
+    abort_order: AbortOrder,
+    failures: Failures,
     commands_of_layer: u32,
-    losses_in_a_row: u32,
-    misbehaviours_in_a_row: u32,
-    /// Layers still to print until all protocol errors are made up for.
-    layers_of_misbehaviour: u32,
     /// What keeps data from getting through, as reported by the line.
     hindrance: Option<String>,
     /// The highest layer of this job that the device reported as exposed last.
@@ -182,18 +170,10 @@ impl Engine {
             aborting: false,
             ordered: false,
             light_known_off: false,
-            abort_sessions: 0,
-            abort_sent_us: 0,
-            abort_answered: false,
-            act_number: 0,
-            act_running: None,
-            act_sent_us: None,
-            act_began_us: 0,
-            act_least_us: 0,
+            act: ActWatch::default(),
+            abort_order: AbortOrder::default(),
+            failures: Failures::default(),
             commands_of_layer: 0,
-            losses_in_a_row: 0,
-            misbehaviours_in_a_row: 0,
-            layers_of_misbehaviour: 0,
             hindrance: None,
             told_exposed: None,
             went_back: None,
@@ -257,8 +237,8 @@ impl Engine {
                 self.wind_down(self.failed_or_interrupted(), text, now_us);
             }
             Event::ActDone { number, outcome } => {
-                if self.act_running == Some(number) {
-                    self.act_running = None;
+                if self.act.running == Some(number) {
+                    self.act.running = None;
                     self.on_act_done(outcome, now_us);
                 }
             }
@@ -365,16 +345,16 @@ impl Engine {
         self.start_act(Act::Move { position_um, speed_um_s }, phase, now_us + travel_us + ACT_MARGIN_US, now_us);
         // The move may end this much short of its target.
         let least_um = distance_um.saturating_sub(self.plan.position_tolerance_um());
-        self.act_least_us = self.plan.host_us(least_move_us(least_um, speed_um_s));
+        self.act.least_us = self.plan.host_us(least_move_us(least_um, speed_um_s));
     }
 
     fn start_act(&mut self, act: Act, phase: Phase, deadline_us: u64, now_us: u64) {
         self.lifted = false;
-        self.act_number += 1;
-        self.act_running = Some(self.act_number);
-        self.act_sent_us = Some(now_us);
-        (self.act_began_us, self.act_least_us) = (now_us, 0);
-        self.out.act = Some((self.act_number, act));
+        self.act.number += 1;
+        self.act.running = Some(self.act.number);
+        self.act.sent_us = Some(now_us);
+        (self.act.began_us, self.act.least_us) = (now_us, 0);
+        self.out.act = Some((self.act.number, act));
         self.wait_until(phase, deadline_us);
     }
 

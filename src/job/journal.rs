@@ -153,7 +153,7 @@ impl Journal {
     /// Opens a journal to continue it, and returns its history. A half-written record at its end is cut off.
     ///
     /// # Errors
-    /// [`JournalError`] where the file cannot be read, is damaged, or contradicts itself.
+    /// [`JournalError`] if the file cannot be read, is damaged, or contradicts itself.
     pub fn open(path: &Path) -> Result<(Self, History), JournalError> {
         let io = |source| JournalError::Io { what: "open", path: path.into(), source };
         let mut file = disk::open_regular(path, OpenOptions::new().read(true).write(true)).map_err(io)?;

@@ -177,7 +177,7 @@ pub struct History {
     pub traces: Vec<Trace>,
     /// The job ended with its plate clear of the resin.
     pub lifted: bool,
-    /// Light was confirmed, or was ever in doubt.
+    /// The light of a layer was confirmed or in doubt.
     lit: bool,
     /// The device confirmed a layer.
     confirmed: bool,

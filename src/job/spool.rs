@@ -137,7 +137,7 @@ pub struct NewJob<'a> {
 }
 
 impl Spool {
-    /// Opens a spool, creating it where there is none, and deletes what an earlier process left unfinished.
+    /// Opens a spool, or creates it, and deletes what an earlier process left unfinished.
     ///
     /// # Errors
     /// [`SpoolError`]: no access, or in use by another process.
@@ -224,7 +224,7 @@ impl Spool {
     /// All jobs, in order of acceptance.
     ///
     /// # Errors
-    /// [`SpoolError::Io`] where the directory cannot be read.
+    /// [`SpoolError::Io`] if the directory cannot be read.
     pub fn jobs(&self) -> Result<Vec<JobDirectory>, SpoolError> {
         let mut found: Vec<_> =
             self.entries()?.into_iter().filter_map(|path| Some(JobDirectory { id: job_id(&path)?, path })).collect();
@@ -235,7 +235,7 @@ impl Spool {
     /// What is still known of removed jobs, in order of acceptance.
     ///
     /// # Errors
-    /// [`SpoolError::Io`] where the directory cannot be read.
+    /// [`SpoolError::Io`] if the directory cannot be read.
     pub fn forgotten(&self) -> Result<Vec<Forgotten>, SpoolError> {
         let mut found: Vec<_> = self.entries()?.iter().filter_map(|path| Forgotten::of(path)).collect();
         found.sort_by_key(|job| job.id);

@@ -261,10 +261,6 @@ impl LinkDriver {
         u64::try_from(self.start.elapsed().as_micros()).unwrap_or(u64::MAX)
     }
 
-    fn instant(&self, at_us: u64) -> Instant {
-        self.start + Duration::from_micros(at_us)
-    }
-
     async fn rest_after_failure(&mut self) -> bool {
         let pause_us = self.spacing.failed(self.now_us());
         self.rest(pause_us).await
@@ -312,22 +308,13 @@ impl LinkDriver {
             if event.is_none() && self.session.next_timeout_us().is_none() {
                 return Left::Session;
             }
-            let line_free_us = self.pacing.free_us();
-            if written == output.len() && now_us >= line_free_us {
+            if written == output.len() && now_us >= self.pacing.free_us() {
                 output = self.session.transmit(now_us).unwrap_or_default();
                 written = 0;
             }
             let writing = written < output.len();
             self.share_counts(writing, now_us);
-            let timeout_us = self.session.next_timeout_us().unwrap_or(u64::MAX);
-            let wake_us = match (writing, now_us < line_free_us) {
-                // No frame can go out yet, so only the dead-man timer matters: checking it each millisecond is enough.
-                (true, _) => timeout_us.max(now_us + 1_000),
-                // Data may wait without a timer.
-                (false, true) => line_free_us,
-                (false, false) => timeout_us,
-            };
-            let wake = self.instant(wake_us.min(now_us + 1_000_000));
+            let wake = self.wake(writing, now_us);
             tokio::select! {
                 biased;
                 urgent = self.urgents.recv() => match urgent {
@@ -358,6 +345,20 @@ impl LinkDriver {
                 () = sleep_until(wake) => {}
             }
         }
+    }
+
+    /// When the loop of [`Self::run_session`] must run again if nothing else happens.
+    fn wake(&self, writing: bool, now_us: u64) -> Instant {
+        let timeout_us = self.session.next_timeout_us().unwrap_or(u64::MAX);
+        let line_free_us = self.pacing.free_us();
+        let wake_us = match (writing, now_us < line_free_us) {
+            // No frame can go out yet, so only the dead-man timer matters: checking it each millisecond is enough.
+            (true, _) => timeout_us.max(now_us + 1_000),
+            // Data may wait without a timer.
+            (false, true) => line_free_us,
+            (false, false) => timeout_us,
+        };
+        self.start + Duration::from_micros(wake_us.min(now_us + 1_000_000))
     }
 
     fn share_counts(&mut self, writing: bool, now_us: u64) {

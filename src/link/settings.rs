@@ -12,7 +12,7 @@ pub struct LinkSettings {
     pub path: PathBuf,
     /// Line rate, 8N1.
     pub baud: u32,
-    /// Flow control below the credit of the protocol.
+    /// Flow control of the port, below the protocol.
     #[serde(default)]
     pub flow_control: FlowControl,
 }
@@ -21,11 +21,11 @@ pub struct LinkSettings {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FlowControl {
-    /// None: credit alone.
+    /// None: only the credit of the protocol.
     #[default]
     None,
     /// RTS/CTS.
     RtsCts,
-    /// XON/XOFF; the frame codec then escapes both bytes.
+    /// XON/XOFF; both bytes are escaped in frames.
     XonXoff,
 }

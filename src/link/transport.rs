@@ -62,7 +62,7 @@ pub enum OpenError {
         path: PathBuf,
         /// The key in the file.
         key: &'static str,
-        /// What it says.
+        /// The value in the file.
         wanted: String,
         /// What the port has instead, if it says so.
         found: String,
@@ -252,8 +252,7 @@ fn other(path: &Path, reason: &str) -> OpenError {
 mod tests {
     use super::*;
 
-    /// What is told for an error number that the library met. Few of them can be had from the system in a test that runs as
-    /// root.
+    /// The message for an error number that the library reports. A test that runs as root cannot provoke most of them.
     fn told(errno: Errno) -> String {
         let config = LinkSettings { path: "/dev/ttyUSB0".into(), baud: 250_000, flow_control: FlowControl::RtsCts };
         port_error(&config, 188, &serialport::Error::from(errno)).to_string()

@@ -191,7 +191,7 @@ mod tests {
         }
     }
 
-    /// Waits until so many layers were computed; never more, as long as none is taken.
+    /// Waits until `count` layers were computed, and checks that there are no more.
     async fn until(made: &AtomicU32, count: u32) {
         let began = Instant::now();
         while made.load(Ordering::SeqCst) < count {

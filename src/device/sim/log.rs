@@ -41,7 +41,7 @@ pub struct ActLog {
 }
 
 impl ActLog {
-    /// Creates the directory and begins `acts.jsonl` anew.
+    /// Creates the directory and an empty `acts.jsonl`.
     ///
     /// # Errors
     /// What the file system says, with the path.

@@ -1,4 +1,4 @@
-//! A pseudo-terminal under a name of its own: the simulated end of a serial line.
+//! A pseudo-terminal with a symlink as its name: the simulated end of a serial line.
 
 use std::fmt::Write as _;
 use std::io;

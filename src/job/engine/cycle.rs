@@ -97,7 +97,7 @@ impl Engine {
         let light_until_us = now_us + u64::from(duration_ms) * 1000;
         let limit_us = self.light.limit_us().unwrap_or(light_until_us);
         self.start_act(act, Phase::Exposing { light_until_us }, limit_us, now_us);
-        self.act_least_us = self.plan.host_us(least_exposure_us(duration_ms));
+        self.act.least_us = self.plan.host_us(least_exposure_us(duration_ms));
     }
 
     /// Identifies the exposure of the next layer.
@@ -107,10 +107,10 @@ impl Engine {
 
     /// The device has received the act under way. The machine stood still until then.
     pub(super) fn on_act_taken(&mut self, number: u64, now_us: u64) {
-        if self.act_running != Some(number) {
+        if self.act.running != Some(number) {
             return;
         }
-        if let Some(sent_us) = self.act_sent_us.take() {
+        if let Some(sent_us) = self.act.sent_us.take() {
             self.pace.waited(now_us.saturating_sub(sent_us));
         }
         if matches!(self.phase, Phase::Exposing { .. }) {
@@ -151,8 +151,8 @@ impl Engine {
 
     /// Time since the last act was handed out, microseconds, if that act cannot have ended yet; else `None`.
     fn too_soon_us(&self, now_us: u64) -> Option<u64> {
-        let took_us = now_us.saturating_sub(self.act_began_us);
-        (took_us < self.act_least_us).then_some(took_us)
+        let took_us = now_us.saturating_sub(self.act.began_us);
+        (took_us < self.act.least_us).then_some(took_us)
     }
 
     fn time_scale_hint(&self) -> String {
@@ -185,9 +185,9 @@ impl Engine {
         self.stuck = true;
         self.touched = true;
         self.commands_of_layer = 0;
-        self.losses_in_a_row = 0;
-        self.misbehaviours_in_a_row = 0;
-        self.layers_of_misbehaviour = self.layers_of_misbehaviour.saturating_sub(1);
+        self.failures.losses_in_a_row = 0;
+        self.failures.misbehaviours_in_a_row = 0;
+        self.failures.layers_of_misbehaviour = self.failures.layers_of_misbehaviour.saturating_sub(1);
     }
 
     /// The commanded layer certainly had no light.
@@ -290,7 +290,7 @@ impl Engine {
 
     /// A move has not ended in time.
     pub(super) fn on_overdue_move(&mut self, now_us: u64) {
-        let text = if self.act_sent_us.is_some() {
+        let text = if self.act.sent_us.is_some() {
             "the order to move the plate did not reach the device in time: check the line"
         } else {
             &format!(

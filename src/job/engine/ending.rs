@@ -49,7 +49,7 @@ impl Engine {
     /// Withdraws an act that was not handed out yet.
     pub(super) fn withdraw(&mut self, now_us: u64) {
         self.out.act = None;
-        self.act_running = None;
+        self.act.running = None;
         self.light.ended();
         self.deny();
         self.advance(now_us);
@@ -107,7 +107,7 @@ impl Engine {
     fn end(&mut self) {
         self.out.forget_session();
         self.uploads.cancel();
-        self.act_running = None;
+        self.act.running = None;
         self.deadline = None;
         self.phase = Phase::Ending;
         // A part left in the vat keeps the machine, unless the job was aborted.
@@ -219,7 +219,7 @@ impl Engine {
         };
         self.immobile = true;
         self.wind_down(JobState::Interrupted, fault_text(fault), now_us);
-        if self.act_running.is_some() {
+        if self.act.running.is_some() {
             // The device has switched its light off; it must still report the outcome.
             if let Some(deadline) = &mut self.deadline {
                 deadline.no_later_than(now_us + URGENT_US);
@@ -281,7 +281,7 @@ impl Engine {
     /// Light off before anything else.
     pub(super) fn abort(&mut self, now_us: u64) {
         self.out.urgent = Some(Urgent::Abort);
-        self.abort_answered = false;
+        self.abort_order.answered = false;
         if matches!(self.phase, Phase::Ending | Phase::Done) {
             return;
         }
@@ -292,23 +292,23 @@ impl Engine {
         }
         self.out.forget_session();
         self.uploads.cancel();
-        self.act_running = None;
+        self.act.running = None;
         (self.aborting, self.ordered) = (true, true);
         self.out.journal(Record::Ordered(EndOrder::Abort));
-        self.abort_sessions = 1;
+        self.abort_order.sessions = 1;
         self.intent = Intent::End(JobState::Aborted, "aborted by the operator".into());
         self.await_abort(now_us);
     }
 
     /// Waits for the answer to the abort sent in this session.
     fn await_abort(&mut self, now_us: u64) {
-        self.abort_sent_us = now_us;
+        self.abort_order.sent_us = now_us;
         self.wait_until(Phase::AbortSent, now_us + ABORT_OBEYED_US);
     }
 
     /// The abort is not answered yet: polls for light until the answer is overdue.
     fn on_abort_open(&mut self, now_us: u64) {
-        let until_us = self.abort_sent_us + URGENT_US;
+        let until_us = self.abort_order.sent_us + URGENT_US;
         if now_us >= until_us {
             return self.wait_until(Phase::AbortReconnect, now_us + ABORT_RECONNECT_US);
         }
@@ -319,8 +319,8 @@ impl Engine {
     /// The device reported its state during an abort. If it is still lit, the abort is sent again in a new session.
     fn on_state_after_abort(&mut self, state: &DeviceState, now_us: u64) {
         let lit = state.light_on || state.exposing.is_some();
-        let had_time = now_us >= self.abort_sent_us + ABORT_OBEYED_US;
-        if self.line_up && lit && had_time && !self.abort_answered {
+        let had_time = now_us >= self.abort_order.sent_us + ABORT_OBEYED_US;
+        if self.line_up && lit && had_time && !self.abort_order.answered {
             self.line_up = false;
             let why = "the device shows light after an abort that it did not answer; the abort is sent again";
             self.out.end_session = Some(why.into());
@@ -330,37 +330,17 @@ impl Engine {
     pub(super) fn while_aborting(&mut self, event: Event, now_us: u64) {
         match event {
             Event::UrgentDone => {
-                self.abort_answered = true;
+                self.abort_order.answered = true;
                 self.light_is_off();
                 self.wait_until(Phase::AbortReconnect, now_us + ABORT_RECONNECT_US);
             }
             Event::UrgentFailed(text) => {
-                self.abort_answered = true;
+                self.abort_order.answered = true;
                 self.out.notice(format!("the abort had no effect: {text}"));
                 self.wait_until(Phase::AbortReconnect, now_us + ABORT_RECONNECT_US);
             }
             Event::Connected { state, max_position_um } => {
-                let dark = !state.light_on && state.exposing.is_none();
-                let moving = state.moving;
-                self.immobile = state.fault.is_some();
-                self.greet(state, max_position_um);
-                if self.abort_answered && dark {
-                    self.light_is_off();
-                }
-                if self.abort_answered && dark && !moving {
-                    return self.park(now_us);
-                }
-                if self.abort_sessions == MAX_ABORT_SESSIONS {
-                    self.light_known_off = dark;
-                    return self.end_aborted();
-                }
-                self.abort_sessions += 1;
-                // The link repeats an unanswered abort by itself.
-                if self.abort_answered {
-                    self.out.urgent = Some(Urgent::Abort);
-                    self.abort_answered = false;
-                }
-                self.await_abort(now_us);
+                self.on_connected_after_abort(state, max_position_um, now_us)
             }
             Event::State(state) => self.on_state_after_abort(&state, now_us),
             Event::LineLost(_) => self.line_up = false,
@@ -377,6 +357,32 @@ impl Engine {
             }
             _ => {}
         }
+    }
+
+    /// A new session began during an abort. Lifts the plate if the device has answered, is dark and stands still; else the abort goes
+    /// out again.
+    fn on_connected_after_abort(&mut self, state: DeviceState, max_position_um: i32, now_us: u64) {
+        let dark = !state.light_on && state.exposing.is_none();
+        let moving = state.moving;
+        self.immobile = state.fault.is_some();
+        self.greet(state, max_position_um);
+        if self.abort_order.answered && dark {
+            self.light_is_off();
+        }
+        if self.abort_order.answered && dark && !moving {
+            return self.park(now_us);
+        }
+        if self.abort_order.sessions == MAX_ABORT_SESSIONS {
+            self.light_known_off = dark;
+            return self.end_aborted();
+        }
+        self.abort_order.sessions += 1;
+        // The link repeats an unanswered abort by itself.
+        if self.abort_order.answered {
+            self.out.urgent = Some(Urgent::Abort);
+            self.abort_order.answered = false;
+        }
+        self.await_abort(now_us);
     }
 
     fn light_is_off(&mut self) {

@@ -100,7 +100,7 @@ impl Engine {
 
     pub(super) fn on_line_lost(&mut self, reason: String, now_us: u64) {
         self.line_up = false;
-        self.act_running = None;
+        self.act.running = None;
         self.out.forget_session();
         self.uploads.cancel();
         self.loss = reason;
@@ -111,16 +111,16 @@ impl Engine {
 
     /// The device broke the protocol. A new session may help; repeated errors end the job.
     pub(super) fn on_misbehaved(&mut self, text: &str, now_us: u64) {
-        self.misbehaviours_in_a_row += 1;
-        self.layers_of_misbehaviour += LAYERS_PER_MISBEHAVIOUR;
-        if self.misbehaviours_in_a_row > MAX_MISBEHAVIOURS {
+        self.failures.misbehaviours_in_a_row += 1;
+        self.failures.layers_of_misbehaviour += LAYERS_PER_MISBEHAVIOUR;
+        if self.failures.misbehaviours_in_a_row > MAX_MISBEHAVIOURS {
             // Not even the lift is commanded.
             return self.end_unparked(format!("{text}; the plate was not lifted"));
         }
-        if self.misbehaviours_in_a_row == MAX_MISBEHAVIOURS {
+        if self.failures.misbehaviours_in_a_row == MAX_MISBEHAVIOURS {
             let reason = format!("{text} ({MAX_MISBEHAVIOURS} times without a layer printed in between)");
             self.intend_to_end(self.failed_or_interrupted(), reason);
-        } else if self.layers_of_misbehaviour > MAX_MISBEHAVIOURS_OPEN * LAYERS_PER_MISBEHAVIOUR {
+        } else if self.failures.layers_of_misbehaviour > MAX_MISBEHAVIOURS_OPEN * LAYERS_PER_MISBEHAVIOUR {
             let reason = format!(
                 "{text} (it has broken the protocol more than {MAX_MISBEHAVIOURS_OPEN} times, more often than once in \
                  {LAYERS_PER_MISBEHAVIOUR} layers)"
@@ -141,8 +141,8 @@ impl Engine {
     /// Waits for a new session. Nothing is commanded until then.
     pub(super) fn lose(&mut self, now_us: u64) {
         self.pace.break_off();
-        self.losses_in_a_row += 1;
-        if self.losses_in_a_row > MAX_LOSSES {
+        self.failures.losses_in_a_row += 1;
+        if self.failures.losses_in_a_row > MAX_LOSSES {
             let text = format!(
                 "the line was lost {MAX_LOSSES} times without one layer printed in between ({}): check cable and device, \
                  then resume",

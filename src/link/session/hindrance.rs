@@ -78,7 +78,7 @@ impl Watch {
         }
     }
 
-    /// The device acknowledged frames of so many bytes.
+    /// The device acknowledged frames with `bytes` bytes in total.
     pub(super) fn acknowledged(&mut self, bytes: usize, now_us: u64) {
         self.stuck_since_us = Some(now_us);
         if let Some((_, counted)) = &mut self.span {

@@ -73,7 +73,7 @@ impl Hello {
     /// Reads a payload. Version and both limits come first in every version; later versions may append fields.
     ///
     /// # Errors
-    /// [`WireError`] where it is too short, or too long for version 1.
+    /// [`WireError`] if it is too short, or too long for version 1.
     pub fn decode(payload: &[u8]) -> Result<Self, WireError> {
         let mut reader = Reader::new(payload);
         let hello = Self {
@@ -194,7 +194,7 @@ pub fn encode_urgent(urgent: Urgent) -> Vec<u8> {
 /// Reads the payload of an urgent frame.
 ///
 /// # Errors
-/// [`WireError`] where it is not exactly one known code.
+/// [`WireError`] if it is not exactly one known code.
 pub fn decode_urgent(payload: &[u8]) -> Result<Urgent, WireError> {
     let mut reader = Reader::new(payload);
     let code = reader.u8("urgent")?;
