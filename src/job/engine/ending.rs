@@ -340,7 +340,7 @@ impl Engine {
                 self.wait_until(Phase::AbortReconnect, now_us + ABORT_RECONNECT_US);
             }
             Event::Connected { state, max_position_um } => {
-                self.on_connected_after_abort(state, max_position_um, now_us)
+                self.on_connected_after_abort(state, max_position_um, now_us);
             }
             Event::State(state) => self.on_state_after_abort(&state, now_us),
             Event::LineLost(_) => self.line_up = false,
