@@ -204,7 +204,7 @@ fn light_in_a_device_without_a_job_is_put_off() {
             assert!(soon(PATIENCE, ends), "{}", stage.story());
         };
         dark(&stage, 1);
-        stage.assert_noticed(&["told to put", "off"]);
+        stage.assert_noticed(&["ordered to switch", "off"]);
         // Then without any occasion, once the device has been asked after the first time.
         stage.wait_until_said_dark();
         let notices = stage.notices().len();
@@ -293,7 +293,7 @@ fn light_that_a_killed_daemon_left_behind_is_put_off() {
     stage.wait_until_seen("light", 1, |seen| *seen == Seen::Lit(LAYER));
     stage.restart_daemon();
     stage.assert_goes_dark();
-    stage.assert_noticed(&["told to put", "off"]);
+    stage.assert_noticed(&["ordered to switch", "off"]);
     // The time without a daemon is nobody's fault.
     assert!(stage.longest_light_ms() < 2 * LONGEST_LIGHT_MS, "{}", stage.story());
     let job = stage.wait_for(id, &["interrupted"]);
@@ -350,10 +350,16 @@ fn an_abort_is_repeated_until_it_is_dark() {
 /// It goes dark only with its third session, and answers no abort in any.
 #[test]
 fn an_abort_that_is_neither_obeyed_nor_answered_goes_again_in_the_next_session() {
-    let stage = Stage::with(Box::new(|controls, moment| match moment {
-        // Only once the abort came: the order to put the light off must not do its work.
-        Moment::Obeys(Urgent::LightOff, _) => controls.stray = controls.stray.map(|_| Stray { outlasts: 2 }),
-        Moment::Obeys(_, answer) => *answer = None,
+    let mut aborts = 0;
+    let stage = Stage::with(Box::new(move |controls, moment| match moment {
+        // A light-off does nothing.
+        Moment::Obeys(urgent, answer) => {
+            if urgent == Urgent::Abort {
+                aborts += 1;
+                *answer = None;
+            }
+            controls.stray = (aborts < 3).then_some(Stray { outlasts: 2 });
+        }
         moment => begin_stray(2, controls, &moment),
     }));
     let id = stage.print();

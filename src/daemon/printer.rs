@@ -227,6 +227,7 @@ impl Printer {
                     self.notice(format!("{of}{text}"));
                 }
                 Task::EndSession(why) => self.end_session(why, now_us),
+                Task::NewSession(why) => self.renew_session(why, now_us),
                 Task::Finished => self.finish(),
             }
         }
@@ -266,8 +267,15 @@ impl Printer {
         if urgent == Urgent::Abort {
             self.take_back_raise("an abort came first");
             self.last_abort = Some(number);
+            if self.running.is_none() {
+                self.idle.light.abort();
+            }
         }
-        self.with_engine(|running| running.urgent = Some((number, urgent)));
+        // The answer to an abort is awaited, whatever is sent beside it.
+        self.with_engine(|running| match running.urgent {
+            Some((_, Urgent::Abort)) if urgent != Urgent::Abort => {}
+            _ => running.urgent = Some((number, urgent)),
+        });
     }
 
     fn background(&mut self, event: Background) {

@@ -25,6 +25,8 @@ pub(super) enum Task {
     Notice(String),
     /// End the session for this reason, and begin a new one.
     EndSession(String),
+    /// Begin a new session, for that reason; nothing is wrong with the line.
+    NewSession(String),
     /// The job is over.
     Finished,
 }
@@ -134,6 +136,10 @@ impl Running {
                 Action::EndSession(why) => {
                     self.session_ended();
                     return Some(Task::EndSession(why));
+                }
+                Action::NewSession(why) => {
+                    self.session_ended();
+                    return Some(Task::NewSession(why));
                 }
                 Action::Finished { .. } => return Some(Task::Finished),
                 Action::Journal(record) => self.journal(record),

@@ -126,34 +126,49 @@ impl Printer {
             if self.last_abort.take_if(|abort| *abort == number).is_some() {
                 // The abort of a job that does not run: it ended before the device came back, or is interrupted. The device
                 // does nothing more until a new hello.
-                self.lost("the device has obeyed an abort; a new session begins".into(), now_us);
-                self.link.reconnect();
+                let text = if light_on {
+                    "the device answered an abort, but says that its light is still on; a new session begins"
+                } else {
+                    "the device has obeyed an abort; a new session begins"
+                };
+                if light_on {
+                    self.notice(text.into());
+                }
+                self.renew_session(text.into(), now_us);
             }
             self.idle.light.put_off_answered();
             return;
         };
-        running.engine.handle(
-            if light_on {
-                Event::UrgentFailed("the device says that its light is still on".into())
-            } else {
-                Event::UrgentDone
-            },
-            now_us,
-        );
+        running.engine.handle(if light_on { Event::UrgentFailed(urgent) } else { Event::UrgentDone(urgent) }, now_us);
         if urgent == Urgent::Abort {
             self.last_abort = None;
-            // An aborted device does nothing more until a new hello.
-            self.link.reconnect();
+            if !light_on {
+                // An aborted device does nothing more until a new hello. If it is lit, the engine gives it time to go dark.
+                self.link.reconnect();
+            }
         }
     }
 
-    fn lost(&mut self, reason: String, now_us: u64) {
+    /// Begins a new session after an abort. It is no reconnect: nothing is wrong with the line.
+    pub(super) fn renew_session(&mut self, why: String, now_us: u64) {
+        self.session_over(&why, now_us);
+        self.device.connected = false;
+        self.link_changed(LinkState::Connecting, Some(why));
+        self.link.reconnect();
+    }
+
+    /// What was under way in the session is void.
+    fn session_over(&mut self, reason: &str, now_us: u64) {
         self.message = None;
         self.idle.driver = None;
         self.device_state = None;
-        self.raise_lost(&reason);
+        self.raise_lost(reason);
+        self.with_engine(|running| running.line_lost(reason.to_owned(), now_us));
+    }
+
+    fn lost(&mut self, reason: String, now_us: u64) {
+        self.session_over(&reason, now_us);
         self.reconnects += u64::from(std::mem::take(&mut self.device.connected));
-        self.with_engine(|running| running.line_lost(reason.clone(), now_us));
         let state = if self.capabilities.is_some() { LinkState::Lost } else { LinkState::Connecting };
         self.link_changed(state, Some(reason));
     }

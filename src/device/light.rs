@@ -38,6 +38,8 @@ pub struct LightWatch {
     dark_due: Option<Deadline>,
     /// It reported light after that time.
     stays_lit: bool,
+    /// An abort was ordered and no exposure was commanded since: no light is right.
+    aborted: bool,
 }
 
 /// The last commanded exposure, until it is known to have ended.
@@ -69,19 +71,21 @@ impl LightWatch {
     /// An exposure is commanded.
     pub fn command(&mut self, id: ExposureId, duration_ms: u32, now_us: u64) {
         self.exposure = Some(Exposure { id, duration_ms, commanded_us: now_us, taken_us: None, shone: false });
+        self.aborted = false;
     }
 
-    /// The device is known to have received the command.
+    /// The device is known to have received the command. It counts as received 2 s after it was sent at the latest: a device
+    /// that withholds its reply gains no light.
     pub fn taken(&mut self, now_us: u64) {
         if let Some(exposure) = &mut self.exposure {
-            exposure.taken_us.get_or_insert(now_us);
+            exposure.taken_us.get_or_insert(now_us.min(exposure.commanded_us + MAX_ROUND_TRIP_US));
         }
     }
 
     /// An exposure that an earlier process commanded is found under way. It gets its whole commanded time from now. Does nothing if
-    /// this process commanded it.
+    /// this process commanded it, or after an abort.
     pub fn found(&mut self, id: ExposureId, duration_ms: u32, now_us: u64) {
-        if self.exposure.is_none_or(|known| known.id != id) {
+        if !self.aborted && self.exposure.is_none_or(|known| known.id != id) {
             self.exposure =
                 Some(Exposure { id, duration_ms, commanded_us: now_us, taken_us: Some(now_us), shone: true });
         }
@@ -90,6 +94,12 @@ impl LightWatch {
     /// The last commanded exposure has ended.
     pub fn ended(&mut self) {
         self.exposure = None;
+    }
+
+    /// An abort is ordered. From now on no light counts as commanded, until the next [`Self::command`].
+    pub fn abort(&mut self) {
+        self.exposure = None;
+        self.aborted = true;
     }
 
     /// When the last commanded exposure must have ended; `None` if none is under way.

@@ -22,6 +22,7 @@
 //!  Light that was not commanded, or lasts too long: Urgent(LightOff) ──▶ Darkening ──▶ take stock ──▶ Parking ──▶ Ending
 //!
 //!  Abort, from anywhere: Urgent(Abort) ──▶ AbortSent ──▶ AbortReconnect ──▶ Parking ──▶ Ending
+//!  (as long as there is light: Urgent(LightOff) as well, and Urgent(Abort) again in a new session each half second)
 //! ```
 //!
 //! How to drive it: after every [`Engine::handle`], call [`Engine::next_action`] until it returns `None`, and carry out each
@@ -243,7 +244,7 @@ impl Engine {
                 }
             }
             // The device's state tells whether it is dark. It is polled where that matters.
-            Event::UrgentDone | Event::UrgentFailed(_) => self.light.put_off_answered(),
+            Event::UrgentDone(_) | Event::UrgentFailed(_) => self.light.put_off_answered(),
             Event::PlateClear { boot_id, traces } => self.out.journal(Record::PlateClear { boot_id, traces }),
             Event::PlateUnclear(text) => self.end_unparked(text),
             Event::Fault(fault) => self.on_fault(fault.as_ref(), now_us),

@@ -67,10 +67,10 @@ pub enum Event {
         /// How.
         outcome: Outcome,
     },
-    /// The device acknowledged the last [`Action::Urgent`].
-    UrgentDone,
-    /// The device carried out the last [`Action::Urgent`] and says that its light is still on.
-    UrgentFailed(String),
+    /// The device answered the last [`Action::Urgent`] of this kind, and is dark.
+    UrgentDone(Urgent),
+    /// The device answered the last [`Action::Urgent`] of this kind, and says that its light is still on.
+    UrgentFailed(Urgent),
     /// The device has a fault, or its fault is gone (`None`).
     Fault(Option<Fault>),
     /// The record of [`Action::Journal`] is on disk.
@@ -102,11 +102,13 @@ pub enum Command {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Action {
     /// Switch the light off, ahead of everything else. Answer [`Event::UrgentDone`] or [`Event::UrgentFailed`]. After
-    /// [`Urgent::Abort`] the device needs a new session: open one and report [`Event::Connected`].
+    /// [`Event::UrgentDone`] for [`Urgent::Abort`] the device needs a new session: open one and report [`Event::Connected`].
     Urgent(Urgent),
     /// End the session for this reason and begin a new one; report [`Event::Connected`]. Acts and uploads of the old session are
     /// void.
     EndSession(String),
+    /// Begin a new session for this reason, and report [`Event::Connected`]. An abort wants it: nothing is wrong with the line.
+    NewSession(String),
     /// Append to the journal and flush. Answer [`Event::Journalled`] or [`Event::JournalFailed`]. Until then only urgent actions,
     /// ends of sessions and notices come; after 2 s also the move that lifts the plate clear.
     Journal(Record),

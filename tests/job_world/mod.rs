@@ -74,6 +74,10 @@ pub(crate) struct Lies {
     pub(crate) hasty: bool,
     /// So many aborts, one a session, it neither obeys nor answers.
     pub(crate) unheard_aborts: u32,
+    /// It answers aborts with its light on, and does nothing else; a light-off it obeys.
+    pub(crate) deaf_to_aborts: bool,
+    /// It obeys an abort, answers with its light on, and is dark after this time.
+    pub(crate) dark_after_us: Option<u64>,
 }
 
 /// Engine, device, journal and line, with a clock of their own.
@@ -100,6 +104,8 @@ pub(crate) struct World {
     pub(crate) lies: Lies,
     /// The next act's end is not told.
     pub(crate) mute_once: bool,
+    /// When its light goes off by itself.
+    pub(crate) dark_at_us: Option<u64>,
     /// Urgent orders that reached the device, and when.
     pub(crate) urgents: Vec<(u64, Urgent)>,
     pub(crate) notices: Vec<String>,
@@ -132,6 +138,7 @@ impl World {
             acts: Vec::new(),
             lies: Lies::default(),
             mute_once: false,
+            dark_at_us: None,
             urgents: Vec::new(),
             notices: Vec::new(),
             steps: 0,
@@ -265,7 +272,8 @@ impl World {
     }
 
     pub(crate) fn perform(&mut self, action: Action) {
-        let may_overtake = matches!(action, Action::Urgent(_) | Action::EndSession(_) | Action::Notice(_));
+        let may_overtake =
+            matches!(action, Action::Urgent(_) | Action::EndSession(_) | Action::NewSession(_) | Action::Notice(_));
         let clears = matches!(action, Action::Act { act: Act::Move { position_um: CLEAR_UM, .. }, .. });
         let waited =
             self.flushing.as_ref().is_none_or(|(until_us, _)| self.now_us + self.flush_us >= until_us + 2_000_000);
@@ -296,6 +304,7 @@ impl World {
             }
             Action::Urgent(urgent) => self.urgent(urgent),
             Action::EndSession(_) => self.drop_line(100_000),
+            Action::NewSession(_) => self.drop_line(1000),
             Action::Finished { state, reason } => self.finished = Some((state, reason)),
             Action::Notice(text) => self.notices.push(text),
             Action::NeedLayers { .. } => {}
@@ -365,8 +374,21 @@ impl World {
             self.urgent_waits = Some(urgent);
             return;
         }
+        if self.urgent_waits == Some(Urgent::Abort) && urgent == Urgent::LightOff {
+            return;
+        }
+        if urgent == Urgent::Abort
+            && self.device.light_on
+            && let Some(after_us) = self.lies.dark_after_us
+        {
+            (self.dark_at_us, self.device_act) = (Some(self.now_us + after_us), None);
+            return self.engine.handle(Event::UrgentFailed(urgent), self.now_us);
+        }
+        if urgent == Urgent::Abort && self.lies.deaf_to_aborts && self.device.light_on {
+            return self.engine.handle(Event::UrgentFailed(urgent), self.now_us);
+        }
         if self.lies.stays_lit {
-            return self.engine.handle(Event::UrgentFailed("the light is on".into()), self.now_us);
+            return self.engine.handle(Event::UrgentFailed(urgent), self.now_us);
         }
         self.device.light_on = false;
         if let Some(id) = self.device.exposing.take() {
@@ -376,7 +398,7 @@ impl World {
                 self.answer(number, Outcome::Refused(Refusal::CutShort));
             }
         }
-        self.engine.handle(Event::UrgentDone, self.now_us);
+        self.engine.handle(Event::UrgentDone(urgent), self.now_us);
         if urgent == Urgent::Abort {
             self.device.moving = false;
             self.device_act = None;
@@ -415,7 +437,8 @@ impl World {
         let act_us = self.device_act.map(|(at_us, _)| at_us);
         let upload_us = self.upload.map(|(at_us, ..)| at_us);
         let flushed_us = self.flushing.as_ref().map(|(at_us, _)| *at_us);
-        let times = [flushed_us, act_us, upload_us, self.reconnect_at_us, self.engine.next_timeout_us()];
+        let times =
+            [flushed_us, act_us, upload_us, self.reconnect_at_us, self.dark_at_us, self.engine.next_timeout_us()];
         let Some(at_us) = times.iter().flatten().min().copied() else {
             return false;
         };
@@ -423,6 +446,10 @@ impl World {
         if flushed_us == Some(at_us) {
             self.journal.extend(self.flushing.take().map(|(_, record)| record));
             self.tell(Event::Journalled);
+        } else if self.dark_at_us == Some(at_us) {
+            self.dark_at_us = None;
+            self.device.light_on = false;
+            self.device.cut_short = self.device.exposing.take().map(|id| (id, 1));
         } else if act_us == Some(at_us) {
             self.end_act();
         } else if upload_us == Some(at_us) {

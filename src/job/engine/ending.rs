@@ -2,6 +2,7 @@
 
 use super::disk::WAITS_FOR_DISK;
 use super::{Engine, Event, Intent, Phase, SECOND_US};
+use crate::device::Light;
 use crate::job::{EndOrder, JobState, Record};
 use crate::link::message::{DeviceState, Fault, Refusal, Urgent};
 use crate::text::plain_line;
@@ -13,8 +14,8 @@ const SHUTDOWN_EXPOSURE_US: u64 = 30 * SECOND_US;
 pub(super) const URGENT_US: u64 = 5 * SECOND_US;
 /// Longest wait for a new session after an abort. An aborted device accepts one at once, a restarted one within seconds.
 const ABORT_RECONNECT_US: u64 = 10 * SECOND_US;
-/// A device obeys an abort within 100 ms. If it still reports light after this time, it did not obey. It ignores a repeated frame
-/// within the session, so the abort is sent again in a new one. Also the polling interval.
+/// A device is dark 100 ms after an abort; its answer may come before that. If it still reports light after this time, it did not
+/// obey. It ignores a repeated frame within the session, so the abort is sent again in a new one. Also the polling interval.
 const ABORT_OBEYED_US: u64 = SECOND_US / 2;
 /// Sessions in which an abort is tried on a device that does not answer it, or that stays lit or keeps moving.
 const MAX_ABORT_SESSIONS: u32 = 5;
@@ -73,9 +74,9 @@ impl Engine {
         }
     }
 
-    /// The plate cannot be lifted. The operator must know if a part may hang on it.
+    /// The plate cannot be lifted. The operator must know if a part may hang on it, or the job was aborted.
     pub(super) fn unparked(&mut self, why: &str, now_us: u64) {
-        if self.touched {
+        if self.touched || self.aborting {
             let text = format!("the plate was not lifted: {why}");
             match self.intent.clone() {
                 Intent::End(state, _) => self.intend_to_end(state, text),
@@ -282,6 +283,7 @@ impl Engine {
     pub(super) fn abort(&mut self, now_us: u64) {
         self.out.urgent = Some(Urgent::Abort);
         self.abort_order.answered = false;
+        self.light.abort();
         if matches!(self.phase, Phase::Ending | Phase::Done) {
             return;
         }
@@ -308,6 +310,9 @@ impl Engine {
 
     /// The abort is not answered yet: polls for light until the answer is overdue.
     fn on_abort_open(&mut self, now_us: u64) {
+        if self.abort_order.answered {
+            return self.try_abort_again("the device answered an abort with its light still on", now_us);
+        }
         let until_us = self.abort_order.sent_us + URGENT_US;
         if now_us >= until_us {
             return self.wait_until(Phase::AbortReconnect, now_us + ABORT_RECONNECT_US);
@@ -316,33 +321,56 @@ impl Engine {
         self.wait_until(Phase::AbortSent, until_us.min(now_us + ABORT_OBEYED_US));
     }
 
-    /// The device reported its state during an abort. If it is still lit, the abort is sent again in a new session.
-    fn on_state_after_abort(&mut self, state: &DeviceState, now_us: u64) {
-        let lit = state.light_on || state.exposing.is_some();
-        let had_time = now_us >= self.abort_order.sent_us + ABORT_OBEYED_US;
-        if self.line_up && lit && had_time && !self.abort_order.answered {
-            self.line_up = false;
-            let why = "the device shows light after an abort that it did not answer; the abort is sent again";
-            self.out.end_session = Some(why.into());
+    /// The device reported its state during an abort. While it is lit, it is ordered dark by a LightOff as well. If it had its time
+    /// to obey, the abort is sent again in a new session.
+    fn on_state_after_abort(&mut self, state: DeviceState, now_us: u64) {
+        if !self.line_up {
+            return;
         }
+        let lit = self.look_for_light(&state, now_us);
+        self.notice_state(state);
+        if lit && now_us >= self.abort_order.sent_us + ABORT_OBEYED_US {
+            self.try_abort_again("the device shows light after an abort", now_us);
+        }
+    }
+
+    /// Whether the device shows light during an abort. Then it gets a LightOff beside the abort.
+    fn look_for_light(&mut self, state: &DeviceState, now_us: u64) -> bool {
+        let lit = matches!(self.light.observe(state, now_us), Light::Uncommanded(_));
+        if lit {
+            self.light_known_off = false;
+            self.out.urgent.get_or_insert(Urgent::LightOff);
+        }
+        lit
+    }
+
+    /// Begins a new session: only there does the device carry out another abort.
+    fn try_abort_again(&mut self, why: &str, now_us: u64) {
+        self.line_up = false;
+        self.out.new_session = Some(why.to_owned());
+        self.wait_until(Phase::AbortReconnect, now_us + ABORT_RECONNECT_US);
     }
 
     pub(super) fn while_aborting(&mut self, event: Event, now_us: u64) {
         match event {
-            Event::UrgentDone => {
+            Event::UrgentDone(Urgent::Abort) => {
                 self.abort_order.answered = true;
+                self.light.put_off_answered();
                 self.light_is_off();
                 self.wait_until(Phase::AbortReconnect, now_us + ABORT_RECONNECT_US);
             }
-            Event::UrgentFailed(text) => {
+            // Its light may take the rest of the time to go off.
+            Event::UrgentFailed(Urgent::Abort) => {
                 self.abort_order.answered = true;
-                self.out.notice(format!("the abort had no effect: {text}"));
-                self.wait_until(Phase::AbortReconnect, now_us + ABORT_RECONNECT_US);
+                self.light.put_off_answered();
+                self.out.notice("the device answered the abort, but says that its light is still on");
+                self.out.query = true;
+                self.wait_until(Phase::AbortSent, self.abort_order.sent_us + ABORT_OBEYED_US);
             }
             Event::Connected { state, max_position_um } => {
                 self.on_connected_after_abort(state, max_position_um, now_us);
             }
-            Event::State(state) => self.on_state_after_abort(&state, now_us),
+            Event::State(state) => self.on_state_after_abort(state, now_us),
             Event::LineLost(_) => self.line_up = false,
             Event::Misbehaved(text) => {
                 self.line_up = false;
@@ -362,7 +390,7 @@ impl Engine {
     /// A new session began during an abort. Lifts the plate if the device has answered, is dark and stands still; else the abort goes
     /// out again.
     fn on_connected_after_abort(&mut self, state: DeviceState, max_position_um: i32, now_us: u64) {
-        let dark = !state.light_on && state.exposing.is_none();
+        let dark = !self.look_for_light(&state, now_us);
         let moving = state.moving;
         self.immobile = state.fault.is_some();
         self.greet(state, max_position_um);
@@ -382,6 +410,7 @@ impl Engine {
             self.out.urgent = Some(Urgent::Abort);
             self.abort_order.answered = false;
         }
+        self.out.query = true;
         self.await_abort(now_us);
     }
 
@@ -394,10 +423,13 @@ impl Engine {
 
     /// The device did not come to rest after an abort.
     fn end_aborted(&mut self) {
-        let text = if self.light_known_off {
-            "the light is off, but the device did not come back at rest: the plate was not lifted"
-        } else {
-            LIGHT_UNKNOWN
+        let text = match (self.light_known_off, self.line_up) {
+            (false, _) => LIGHT_UNKNOWN,
+            (true, false) => "the light is off, but the device did not come back: the plate was not lifted",
+            (true, true) if self.device.moving => {
+                "the light is off, but the device does not stop moving: the plate was not lifted"
+            }
+            (true, true) => "the light is off, but the device does not answer: the plate was not lifted",
         };
         self.intend_to_end(JobState::Aborted, text.into());
         self.end();

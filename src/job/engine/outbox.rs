@@ -15,6 +15,8 @@ pub(super) struct Outbox {
     pub(super) urgent: Option<Urgent>,
     /// Why the session must end.
     pub(super) end_session: Option<String>,
+    /// Why an abort needs a new session.
+    pub(super) new_session: Option<String>,
     /// A handful at most: a step begins only after the records before it are on disk.
     records: VecDeque<Record>,
     record_in_flight: bool,
@@ -38,6 +40,9 @@ impl Outbox {
         }
         if let Some(why) = self.end_session.take() {
             return Some(Action::EndSession(why));
+        }
+        if let Some(why) = self.new_session.take() {
+            return Some(Action::NewSession(why));
         }
         if let Some(text) = self.notices.pop_front() {
             return Some(Action::Notice(text));
