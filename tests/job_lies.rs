@@ -7,7 +7,7 @@ mod properties;
 use job_world::{CLEAR_UM, KEY, LAYERS, Lies, World, world_exposing};
 use layerd::device::{Act, Dose, Light};
 use layerd::job::{Action, Command, Event, History, JobState, Record, ResumeChoice};
-use layerd::link::message::{DeviceState, ExposureId, Urgent};
+use layerd::link::message::{DeviceState, ExposureId, Refusal, Urgent};
 use proptest::prelude::*;
 
 const SECOND_US: u64 = 1_000_000;
@@ -352,6 +352,110 @@ fn an_exposure_that_ends_too_soon_by_the_hosts_clock_is_in_doubt() {
         let world = ends_after(part_us, time_scale);
         assert_eq!(world.end().0, JobState::Completed, "{part_us} µs, {time_scale}: {:?}", world.end());
     }
+}
+
+#[test]
+fn a_refused_layer_that_had_light_is_in_doubt_and_not_exposed_again() {
+    use Refusal::{
+        AlreadyExposed, BadDuration, BadEncoding, BadLayer, BadMove, Busy, NoSuchLayer, NotHomed, NotReady, SlotBusy,
+        Unknown,
+    };
+    let all = [
+        NotReady,
+        AlreadyExposed,
+        BadDuration,
+        NoSuchLayer,
+        SlotBusy,
+        BadLayer,
+        BadEncoding,
+        BadMove,
+        NotHomed,
+        Busy,
+        Unknown,
+    ];
+    for (refusal, hidden) in all.into_iter().flat_map(|refusal| [(refusal, false), (refusal, true)]) {
+        let mut world = World::new();
+        world.lies.refuses_lit = Some((2, refusal, hidden));
+        assert!(world.run());
+        assert_stopped_safely(&world);
+        assert!(world.end().1.contains("layer 2 is in doubt: the device refused it"), "{refusal:?}: {:?}", world.end());
+        assert_eq!(world.exposed, [0, 1, 2], "{refusal:?}");
+        world.device.cut_short = None;
+        world.resume(ResumeChoice::AssumeExposed);
+        world.finish();
+        assert!(world.end().0 == JobState::Completed && world.all_exposed_once(), "{refusal:?}: {:?}", world.end());
+    }
+}
+
+/// The first layer had light, whatever the device says of it: the plate must not go down to find its zero position.
+#[test]
+fn a_job_never_homes_after_a_layer_that_may_have_had_light() {
+    for known in [true, false] {
+        let mut world = world_exposing(0);
+        if known {
+            // The host is killed before the refusal; the device denies all.
+            world.device_act = None;
+            (world.device.exposing, world.device.light_on) = (None, false);
+            world.crash();
+        } else {
+            world.lies.refuses_lit = Some((0, Refusal::NotReady, false));
+        }
+        while !world.journal.iter().any(|record| matches!(record, Record::NotExposed { .. } | Record::InDoubt { .. })) {
+            assert!(world.next_event());
+        }
+        world.exposed = vec![0];
+        world.device.boot_id += 1;
+        world.device.position_um = None;
+        world.device_act = None;
+        world.device.moving = false;
+        world.crash();
+        if world.finished.is_some() {
+            world.resume(ResumeChoice::Repeat);
+        }
+        let acts = world.acts.len();
+        world.finish();
+        assert_eq!(world.acts.len(), acts, "nothing moves: {:?}", world.acts);
+        assert!(world.end().1.contains("no longer knows where its plate is"), "{:?}", world.end());
+    }
+}
+
+/// An exposure that never left the host is certain to have had no light.
+#[test]
+fn an_exposure_that_was_withdrawn_leaves_the_plate_bare() {
+    let records = |last: Record| {
+        [job_world::accepted(), Record::Started { layer: 0 }, Record::Commanded { layer: 0, boot_id: 1 }, last]
+    };
+    let touched = |last| History::replay(&records(last)).expect("true").touched();
+    assert!(!touched(Record::Withdrawn { layer: 0 }));
+    assert!(touched(Record::NotExposed { layer: 0 }));
+}
+
+#[test]
+fn a_device_that_withholds_its_state_gains_no_more_than_the_longest_round_trip() {
+    let id = ExposureId { job: KEY, layer: 2 };
+    let mut light = layerd::device::LightWatch::default();
+    light.command(id, 6000, 0);
+    light.taken(4_800_000);
+    assert_eq!(light.limit_us(), Some(2 * SECOND_US + 6 * SECOND_US + GRACE_US));
+    light.command(id, 6000, 0);
+    light.taken(100_000);
+    assert_eq!(light.limit_us(), Some(100_000 + 6 * SECOND_US + GRACE_US));
+}
+
+/// Its states do, while the exposure goes on in truth.
+#[test]
+fn a_layer_that_a_state_names_as_exposed_too_soon_is_in_doubt_and_dark() {
+    let mut world = world_exposing(2);
+    let began_us = world.now_us;
+    world.now_us += SECOND_US / 2;
+    let id = ExposureId { job: KEY, layer: 2 };
+    let lie = DeviceState { last_exposed: Some(id), exposing: None, light_on: false, ..world.device.clone() };
+    world.engine.handle(Event::State(lie), world.now_us);
+    world.carry_out();
+    world.finish();
+    assert_eq!(light_off_at_us(&world), Some(began_us + SECOND_US / 2));
+    assert_stopped_safely(&world);
+    assert!(world.end().1.contains("layer 2 is in doubt: the device says that layer 2 had its"), "{:?}", world.end());
 }
 
 /// It says nothing, and names the layer as exposed in the next session.

@@ -62,7 +62,7 @@ use uploads::Uploads;
 use super::{Action, Command, EndOrder, Event, JobPlan, JobState, Record, ResumeChoice, StartPoint, Unconfirmed};
 use crate::deadline::Deadline;
 use crate::device::{Act, LightWatch, least_move_us};
-use crate::link::message::DeviceState;
+use crate::link::message::{DeviceState, Refusal};
 
 const SECOND_US: u64 = 1_000_000;
 
@@ -105,6 +105,10 @@ pub struct Engine {
     unconfirmed: Option<Unconfirmed>,
     /// Set if it is unknown how much light the next layer had; says what is known.
     in_doubt: Option<String>,
+    /// The device refused the commanded exposure. Its state must tell whether there was light all the same.
+    refused: Option<Refusal>,
+    /// A state named the layer as exposed sooner than it can be; describes it.
+    ended_early: Option<String>,
     choice: ResumeChoice,
     /// The job may have had light, so a part may hang on the plate. Homing would crush it.
     touched: bool,
@@ -161,6 +165,8 @@ impl Engine {
             next_layer: start.next_layer,
             unconfirmed: start.unconfirmed,
             in_doubt: start.in_doubt.then(|| "it was not settled before".into()),
+            refused: None,
+            ended_early: None,
             choice: start.choice,
             touched: start.touched,
             confirmed: start.confirmed,

@@ -34,7 +34,7 @@ pub enum Record {
         /// The layer.
         layer: u32,
     },
-    /// The layer was commanded, but certainly not exposed.
+    /// The layer was commanded, and by the device's word not exposed. Whether it had light rests on that word alone.
     NotExposed {
         /// The layer.
         layer: u32,
@@ -77,6 +77,11 @@ pub enum Record {
     },
     /// The plate rests clear of the resin. Written before [`Record::Ended`].
     Lifted,
+    /// The layer was to be commanded, but the order never left the host: it certainly had no light.
+    Withdrawn {
+        /// The layer.
+        layer: u32,
+    },
 }
 
 impl Record {
@@ -92,6 +97,7 @@ impl Record {
             | Self::PlateClear { .. } => false,
             Self::Confirmed { .. }
             | Self::NotExposed { .. }
+            | Self::Withdrawn { .. }
             | Self::InDoubt { .. }
             | Self::Decided { .. }
             | Self::LightOff
@@ -177,7 +183,7 @@ pub struct History {
     pub traces: Vec<Trace>,
     /// The job ended with its plate clear of the resin.
     pub lifted: bool,
-    /// The light of a layer was confirmed or in doubt.
+    /// A layer was commanded, and it is not certain that it had no light.
     lit: bool,
     /// The device confirmed a layer.
     confirmed: bool,
@@ -364,6 +370,11 @@ impl History {
                 self.settle(true);
             }
             Record::NotExposed { layer } => {
+                self.expect_commanded(*layer)?;
+                self.lit = true;
+                self.settle(false);
+            }
+            Record::Withdrawn { layer } => {
                 self.expect_commanded(*layer)?;
                 self.settle(false);
             }

@@ -78,6 +78,9 @@ pub(crate) struct Lies {
     pub(crate) deaf_to_aborts: bool,
     /// It obeys an abort, answers with its light on, and is dark after this time.
     pub(crate) dark_after_us: Option<u64>,
+    /// It exposes this layer and then says that it refused it, for this reason; with `true` its state names the layer as cut short,
+    /// and never as being exposed.
+    pub(crate) refuses_lit: Option<(u32, Refusal, bool)>,
 }
 
 /// Engine, device, journal and line, with a clock of their own.
@@ -344,8 +347,9 @@ impl World {
                     return self.answer(number, Outcome::Refused(Refusal::AlreadyExposed));
                 }
                 assert!(self.device.slots.contains(&Some(id)), "layer {layer} is not on the device");
-                self.device.exposing = Some(id);
-                self.device.light_on = true;
+                let hidden = self.lies.refuses_lit.is_some_and(|(lied, _, hidden)| hidden && lied == layer);
+                self.device.exposing = Some(id).filter(|_| !hidden);
+                self.device.light_on = !hidden;
                 u64::from(duration_ms) * 1000
             }
         };
@@ -491,6 +495,14 @@ impl World {
                 let position_um = ends_at.map_or(position_um, |(_, ends_at_um)| ends_at_um);
                 self.device.position_um = Some(position_um);
                 Outcome::Arrived { position_um }
+            }
+            Act::Expose { layer, .. } if self.lies.refuses_lit.is_some_and(|(lied, ..)| lied == layer) => {
+                let (_, refusal, hidden) = self.lies.refuses_lit?;
+                self.exposed.push(layer);
+                self.device.light_on = false;
+                self.device.exposing = None;
+                self.device.cut_short = hidden.then_some((ExposureId { job: KEY, layer }, 400));
+                Outcome::Refused(refusal)
             }
             Act::Expose { layer, duration_ms, .. } => {
                 self.exposed.push(layer);

@@ -4,7 +4,7 @@ use super::{Engine, Intent, LATE_LIMIT_US, Phase, SECOND_US};
 use crate::deadline::Deadline;
 use crate::device::{Act, Dose, Outcome, least_exposure_us};
 use crate::job::{JobState, Record, Unconfirmed};
-use crate::link::message::ExposureId;
+use crate::link::message::{DeviceState, ExposureId, Refusal};
 
 /// Longest homing. From the largest build height (2 m) at 10 mm/s it takes 200 s.
 const HOMING_US: u64 = 300 * SECOND_US;
@@ -83,6 +83,7 @@ impl Engine {
             return self.wind_down(JobState::Interrupted, text, now_us);
         }
         let boot_id = self.device.boot_id;
+        (self.refused, self.ended_early) = (None, None);
         self.unconfirmed = Some(Unconfirmed { layer: self.next_layer, boot_id });
         self.out.journal(Record::Commanded { layer: self.next_layer, boot_id });
         self.phase = Phase::Commanding;
@@ -149,6 +150,19 @@ impl Engine {
         ))
     }
 
+    /// A state names the layer under way as exposed sooner than it can be: the light goes off, and the layer is in doubt.
+    pub(super) fn look_for_early_end(&mut self, state: &DeviceState, now_us: u64) {
+        let under_way = self.out.act.is_none() && matches!(self.phase, Phase::Exposing { .. } | Phase::CuttingShort);
+        if under_way
+            && self.ended_early.is_none()
+            && state.last_exposed == Some(self.exposure_id())
+            && let Some(text) = self.exposed_too_soon(now_us)
+        {
+            self.ended_early = Some(text);
+            self.cut_short(now_us);
+        }
+    }
+
     /// Time since the last act was handed out, microseconds, if that act cannot have ended yet; else `None`.
     fn too_soon_us(&self, now_us: u64) -> Option<u64> {
         let took_us = now_us.saturating_sub(self.act.began_us);
@@ -190,7 +204,7 @@ impl Engine {
         self.failures.layers_of_misbehaviour = self.failures.layers_of_misbehaviour.saturating_sub(1);
     }
 
-    /// The commanded layer certainly had no light.
+    /// The commanded layer had no light, by the device's word.
     pub(super) fn deny(&mut self) {
         if self.unconfirmed.take().is_some() {
             self.out.journal(Record::NotExposed { layer: self.next_layer });
@@ -225,7 +239,12 @@ impl Engine {
 
     pub(super) fn on_act_done(&mut self, outcome: Outcome, now_us: u64) {
         if matches!(self.phase, Phase::Exposing { .. } | Phase::CuttingShort) {
-            self.light.ended();
+            if !matches!(outcome, Outcome::Refused(refusal) if refusal != Refusal::CutShort) {
+                self.light.ended();
+            }
+            if let Some(text) = self.ended_early.take() {
+                return self.doubt(&text, now_us);
+            }
         }
         match (self.phase, outcome) {
             (Phase::Exposing { .. } | Phase::CuttingShort, Outcome::Exposed { layer, duration_ms })

@@ -52,7 +52,9 @@ impl Engine {
         self.out.act = None;
         self.act.running = None;
         self.light.ended();
-        self.deny();
+        if self.unconfirmed.take().is_some() {
+            self.out.journal(Record::Withdrawn { layer: self.next_layer });
+        }
         self.advance(now_us);
     }
 
@@ -243,9 +245,25 @@ impl Engine {
             Refusal::CutShort => {
                 self.doubt("the device ended its light early (`layerctl device` tells after how long)", now_us);
             }
-            Refusal::AlreadyExposed => {
-                self.out.notice(format!("the device says it exposed layer {layer} before; asking it for its state"));
+            // Its state must agree that there was no light.
+            _ => {
+                if refusal == Refusal::AlreadyExposed {
+                    self.out
+                        .notice(format!("the device says it exposed layer {layer} before; asking it for its state"));
+                }
+                self.refused = Some(refusal);
                 self.ask(now_us);
+            }
+        }
+    }
+
+    /// The device refused to expose the layer, and nothing shows that there was light.
+    pub(super) fn on_refused_unlit(&mut self, refusal: Refusal, now_us: u64) {
+        let layer = self.next_layer;
+        match refusal {
+            Refusal::AlreadyExposed => {
+                self.deny();
+                self.advance(now_us);
             }
             Refusal::NoSuchLayer => {
                 self.out.notice(format!("the device no longer holds layer {layer}; it is sent again"));

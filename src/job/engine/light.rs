@@ -64,8 +64,12 @@ impl Engine {
         if self.light.must_wait() {
             return;
         }
+        if self.unconfirmed.is_some() {
+            // Whether the layer was seen to shine counts there.
+            return self.take_stock(now_us);
+        }
         self.light.ended();
-        if self.unconfirmed.is_some() { self.take_stock(now_us) } else { self.advance(now_us) }
+        self.advance(now_us);
     }
 
     pub(super) fn ask_for_dark(&mut self, until_us: u64, now_us: u64) {

@@ -6,7 +6,7 @@ use super::{
 use crate::deadline::Deadline;
 use crate::device::Light;
 use crate::job::{Fate, JobState, Record, ResumeChoice, fate};
-use crate::link::message::{DeviceState, ExposureId};
+use crate::link::message::{DeviceState, ExposureId, Refusal};
 
 /// Polling interval while the device still moves or exposes.
 const ASK_EVERY_US: u64 = SECOND_US / 2;
@@ -173,6 +173,7 @@ impl Engine {
             return;
         }
         let light = self.light.observe(&state, now_us);
+        self.look_for_early_end(&state, now_us);
         let knew = self.went_back.is_some();
         self.compare_exposed(&state);
         let waits = matches!(self.phase, Phase::Checking | Phase::Asking { .. } | Phase::Darkening { .. });
@@ -277,23 +278,37 @@ impl Engine {
 
     /// Settles what became of the next layer, which was commanded.
     fn settle_commanded(&mut self, choice: ResumeChoice, shone: bool, now_us: u64) {
-        match fate(self.exposure_id(), self.unconfirmed, shone, &self.device) {
+        let refused = self.refused.take();
+        if let Some(text) = self.ended_early.take() {
+            return self.doubt(&text, now_us);
+        }
+        match (fate(self.exposure_id(), self.unconfirmed, shone, &self.device), refused) {
             // The device forgot earlier exposures, so it may have forgotten this one as well.
-            Fate::NotExposed if self.went_back.is_some() => {
+            (Fate::NotExposed, _) if self.went_back.is_some() => {
                 self.doubt("the device denies that it exposed it", now_us);
             }
-            Fate::NotExposed => {
+            (Fate::NotExposed, Some(refusal)) => self.on_refused_unlit(refusal, now_us),
+            (Fate::NotExposed, None) => {
                 self.deny();
                 self.advance(now_us);
             }
-            Fate::Exposed => {
+            (Fate::Exposed, Some(refusal)) if refusal != Refusal::AlreadyExposed => {
+                let text =
+                    format!("the device refused it ({refusal:?}), and says that it exposed it: check its firmware");
+                self.doubt(&text, now_us);
+            }
+            (Fate::Unknown(why), Some(refusal)) => {
+                let text = format!("the device refused it ({refusal:?}), and yet {why}: check its firmware");
+                self.doubt(&text, now_us);
+            }
+            (Fate::Exposed, _) => {
                 self.tell_exposed_whole(choice);
                 match self.unconfirmed.and_then(|_| self.exposed_too_soon(now_us)) {
                     Some(text) => self.doubt(&text, now_us),
                     None => self.confirm(None, now_us),
                 }
             }
-            Fate::Unknown(why) => self.settle_doubt(choice, &why, now_us),
+            (Fate::Unknown(why), None) => self.settle_doubt(choice, &why, now_us),
         }
     }
 
