@@ -11,6 +11,24 @@ use layerd::link::wire::{FrameDecoder, FrameKind, Hello, decode_device_message, 
 use link_pair::{Faults, Pair, capabilities};
 use proptest::prelude::*;
 
+/// An order that is unanswered, and light: the next session must not be delayed.
+#[test]
+fn a_session_is_pressing_while_an_urgent_order_is_open_or_there_is_light() {
+    let mut pair = Pair::new(1, 115_200, 4096, 1024, Faults::default());
+    pair.connect(1_000_000);
+    assert!(!pair.host.is_pressing());
+    for light_on in [true, false] {
+        let number = pair.host.send_urgent(Urgent::Abort, pair.now_us);
+        assert!(pair.host.is_pressing() && pair.host.successor(9, pair.now_us).is_pressing());
+        pair.run_for(50_000);
+        pair.device.urgent_done(number, light_on);
+        while !pair.host_events().iter().any(|event| matches!(event, HostEvent::UrgentDone { .. })) {
+            pair.step();
+        }
+        assert_eq!((pair.host.is_pressing(), pair.host.successor(9, pair.now_us).is_pressing()), (light_on, light_on));
+    }
+}
+
 /// Sends `count` pieces of layer data with a request after every tenth, while the device answers each request.
 /// Returns when all are answered; panics once `limit_us` of virtual time have passed.
 fn transfer(pair: &mut Pair, count: u32, limit_us: u64) {

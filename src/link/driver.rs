@@ -14,7 +14,7 @@ use crate::random;
 
 use super::message::{HostMessage, Urgent};
 use super::pacing::Pacing;
-use super::session::{Hindrance, HostEvent, HostSession, HostSettings, SendError, Statistics};
+use super::session::{HELLO_REPEAT_US, Hindrance, HostEvent, HostSession, HostSettings, SendError, Statistics};
 use super::spacing::Spacing;
 use super::transport::{OpenError, SerialLine};
 
@@ -263,7 +263,9 @@ impl LinkDriver {
 
     async fn rest_after_failure(&mut self) -> bool {
         let pause_us = self.spacing.failed(self.now_us());
-        self.rest(pause_us).await
+        // Light, or an order to end it, does not wait for a long pause.
+        let limit_us = if self.session.is_pressing() { HELLO_REPEAT_US } else { u64::MAX };
+        self.rest(pause_us.min(limit_us)).await
     }
 
     /// Waits before the next try. Returns `true` when the owner is gone. Messages of the old session are dropped. An urgent order is

@@ -47,6 +47,8 @@ pub struct HostSession {
     /// Not yet answered, oldest first; at most [`MAX_URGENTS`].
     urgents: VecDeque<PendingUrgent>,
     last_urgent: u32,
+    /// The device reported light last.
+    lit: bool,
     first_sequence: u32,
     /// The latest time passed in.
     now_us: u64,
@@ -91,6 +93,7 @@ impl HostSession {
             events: VecDeque::new(),
             urgents: VecDeque::new(),
             last_urgent: 0,
+            lit: false,
             first_sequence,
             now_us,
         }
@@ -109,6 +112,7 @@ impl HostSession {
         let mut next = Self::begin(session_id, self.settings, self.line.statistics, self.first_sequence, now_us);
         next.last_urgent = self.last_urgent;
         next.urgents = self.urgents.clone();
+        next.lit = self.lit;
         for pending in &mut next.urgents {
             pending.send_at_us = now_us;
         }
@@ -191,6 +195,7 @@ impl HostSession {
         self.phase = Phase::Open(Box::new(Endpoint::new(&terms, self.now_us)));
         self.layer_slots = capabilities.layer_slots.min(MAX_SLOTS);
         name_every_slot(&mut state, self.layer_slots);
+        self.lit = state.light_on || state.exposing.is_some();
         let (session_id, largest_layer_data_bytes) = (self.session_id, self.largest_layer_data_bytes());
         self.events.push_back(HostEvent::Connected { session_id, capabilities, state, largest_layer_data_bytes });
     }
@@ -212,6 +217,7 @@ impl HostSession {
             // They are in order. Orders before the abort are obsolete; sent again, they would end later acts.
             self.urgents.drain(..place);
         }
+        self.lit = light_on;
         self.events.push_back(HostEvent::UrgentDone { number, light_on });
     }
 
@@ -294,6 +300,7 @@ impl HostSession {
                 }
                 Ok(DeviceMessage::Reply { number, reply: Reply::State(mut state) }) => {
                     name_every_slot(&mut state, self.layer_slots);
+                    self.lit = state.light_on || state.exposing.is_some();
                     let reply = Reply::State(state);
                     return Some(HostEvent::Message(DeviceMessage::Reply { number, reply }));
                 }
@@ -315,6 +322,11 @@ impl HostSession {
     pub fn send(&mut self, message: &HostMessage) -> Result<(), SendError> {
         let Phase::Open(endpoint) = &mut self.phase else { return Err(SendError::NotConnected) };
         endpoint.send(&encode_host_message(message), matches!(message, HostMessage::LayerData(_)))
+    }
+
+    /// Whether the next session must not be delayed: an urgent order is not answered, or the device reported light last.
+    pub fn is_pressing(&self) -> bool {
+        self.lit || !self.urgents.is_empty()
     }
 
     /// What keeps data from getting through although the device is heard; `None` if nothing waits, or not for long.
