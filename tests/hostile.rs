@@ -353,7 +353,7 @@ fn an_abort_that_is_neither_obeyed_nor_answered_goes_again_in_the_next_session()
     let mut aborts = 0;
     let stage = Stage::with(Box::new(move |controls, moment| match moment {
         // A light-off does nothing.
-        Moment::Obeys(urgent, answer) => {
+        Moment::Obeys(urgent, answer) if controls.lied => {
             if urgent == Urgent::Abort {
                 aborts += 1;
                 *answer = None;
