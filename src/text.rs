@@ -84,6 +84,11 @@ pub(crate) fn size_text(bytes: u64) -> String {
     format!("{:.1} {}", bytes as f64 / f64::from(1 << unit.1), unit.0)
 }
 
+/// A plate height, given in micrometres: `10.539 mm`, in one form everywhere.
+pub(crate) fn mm_text(um: impl Into<f64>) -> String {
+    format!("{:.3} mm", um.into() / 1000.0)
+}
+
 /// A count and its noun, with a plural in -s: `1 layer`, `2 layers`.
 pub(crate) fn count_text(count: u64, noun: &str) -> String {
     format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
@@ -133,6 +138,11 @@ mod tests {
         ];
         assert_eq!(sizes, expected);
         assert_eq!([0, 1, 2].map(|count| count_text(count, "layer")), ["0 layers", "1 layer", "2 layers"]);
+    }
+
+    #[test]
+    fn a_plate_height_has_one_form() {
+        assert_eq!([10_539, 30_000, 0].map(mm_text), ["10.539 mm", "30.000 mm", "0.000 mm"]);
     }
 
     #[test]

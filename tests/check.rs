@@ -87,13 +87,27 @@ fn a_part_that_fits_is_said_to_fit_and_the_memory_named_is_just_enough() {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     assert_eq!(found["threads"], cores.min(256));
 
+    assert_eq!(found["problems"], Value::from(Vec::<u32>::new()), "neither thin struts nor missing lifts");
+    // What is left of the budget is for layers computed ahead.
+    let [max_bytes, needed_bytes] =
+        ["memory_max_bytes", "memory_needed_bytes"].map(|figure| found[figure].as_u64().expect("a number"));
+    assert!(needed_bytes < max_bytes && max_bytes <= 64 << 20, "{found}");
+    let told = check(dir.path(), &[]);
+    let told = String::from_utf8_lossy(&told.stdout).into_owned();
+    assert!(
+        told.contains("needs at least ") && told.contains(" of the budget of 64.0 MiB, and takes up to "),
+        "{told}"
+    );
+
     // With less, fewer threads; with less than one thread needs, none.
     let short = check(dir.path(), &["--json", "--budget", "1MiB"]);
     let need_bytes = json(&short)["memory_needed_bytes"].as_u64().expect("a number");
     let fits = check(dir.path(), &["--json", "--budget", &need_bytes.to_string()]);
     assert_eq!((fits.status.code(), &json(&fits)["threads"]), (Some(0), &1.into()));
+    assert_eq!(json(&fits)["memory_max_bytes"], need_bytes, "nothing is left");
     let short = check(dir.path(), &["--json", "--budget", &(need_bytes - 1).to_string()]);
     assert_eq!((short.status.code(), &json(&short)["fits"]), (Some(1), &Value::from(false)));
+    assert_eq!(json(&short)["memory_max_bytes"], Value::Null);
     // What the daemon takes at all.
     let advised_bytes = need_bytes.max(layerd::config::MIN_BUDGET_BYTES);
     let remedy = format!("memory_budget = \"{}MiB\"", advised_bytes.div_ceil(1 << 20));
@@ -138,6 +152,33 @@ fn a_convolution_stands_on_its_lowest_solid_point() {
         assert!(checked.status.success(), "{blend}: {}", stderr(&checked));
         assert_eq!(json(&checked)["dark_bottom_layers"], 0, "{blend}");
     }
+}
+
+#[test]
+fn thin_struts_and_a_recipe_without_a_lift_are_warned_of() {
+    let dir = bench("", &[]);
+    // 40 µm thick, less than a pixel of 60 µm and a layer of 100 µm.
+    fs::write(dir.path().join("part.txt"), "2 0.4\n0 0 0 0 0 2\n0 0 1.9 3 0 1.9 0.02\n").expect("written");
+    assert!(layerctl(dir.path(), &["pack", "part.txt", "--blend", "union", "-o", "part.layerd"]).status.success());
+    let recipe = fs::read_to_string(dir.path().join("recipe.toml")).expect("a recipe");
+    fs::write(dir.path().join("recipe.toml"), recipe.replace("lift_height_um = 3000", "lift_height_um = 0"))
+        .expect("flat");
+    let checked = check(dir.path(), &["--json"]);
+    let found = json(&checked);
+    assert_eq!((checked.status.code(), &found["fits"]), (Some(0), &Value::from(true)), "{found}");
+    let told = check(dir.path(), &[]);
+    let text = String::from_utf8_lossy(&told.stdout).into_owned();
+    assert_eq!(told.status.code(), Some(0), "{text}");
+    let problems: Vec<&str> = found["problems"].as_array().expect("a list").iter().filter_map(Value::as_str).collect();
+    for words in [
+        "the thinnest strut is 40.0 µm thick, 0.67 pixels",
+        "a layer 100 µm: flat struts thinner than a layer may be missing",
+        "lift_height_um = 0 does not peel",
+    ] {
+        assert!(problems.iter().any(|problem| problem.contains(words)), "`{words}` is not in {found}");
+        assert!(text.lines().any(|line| line.starts_with("note ") && line.contains(words)), "`{words}`: {text}");
+    }
+    assert!(text.contains("verdict         fits, but read the notes; "), "{text}");
 }
 
 /// A ball on a spike of 2 µm that no pixel shows.

@@ -25,7 +25,9 @@ fn part_in(directory: &Path) -> String {
 
 #[test]
 fn wrong_usage_is_exit_code_2() {
-    let wrong: [&[&str]; 11] = [
+    let wrong: [&[&str]; 13] = [
+        &["pack", "Cargo.toml", "-o", "x.3MF"],
+        &["generate", "bcc", "--struts", "9", "-o", "/nonexistent/x.txt"],
         &["pack", "Cargo.toml", "-o", "x.layerd", "--scale", "-1"],
         &["pack", "x.txt", "-o", "x.layerd", "--support", "1", "--blend", "union"],
         &["generate", "bcc", "--struts", "0", "-o", "/nonexistent/x.layerd"],
@@ -69,6 +71,31 @@ fn without_a_daemon_every_command_tells_the_remedy() {
         assert_eq!(told.contains("at the mains"), arguments == ["abort"], "what to do by hand: {told}");
         assert!(output.stdout.is_empty(), "{arguments:?}");
     }
+}
+
+#[test]
+fn a_daemon_started_by_hand_is_as_likely_as_a_service_where_no_socket_was_named() {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_layerctl"));
+    let output = command.args(["status"]).env_remove("LAYERD_SOCKET").output().unwrap();
+    let told = stderr(&output);
+    if output.status.success() || told.contains("may not be opened") {
+        eprintln!("skipped: this machine runs a layerd of its own");
+        return;
+    }
+    for words in ["systemctl start layerd", "export LAYERD_SOCKET=PATH", "layerd.toml"] {
+        assert!(told.contains(words), "{told}");
+    }
+}
+
+#[test]
+fn a_build_file_is_not_named_as_a_source() {
+    let directory = tempfile::tempdir().unwrap();
+    let source = directory.path().join("edges.txt").to_str().unwrap().to_owned();
+    let text = "1 0.3 0.45 0\n0 0 0 1 1 1\n";
+    std::fs::write(&source, text).unwrap();
+    let output = layerctl(&["pack", &source, "-o", &source], Path::new("/nonexistent"));
+    assert!(stderr(&output).contains("edges.txt: a build file is named .layerd"), "{}", stderr(&output));
+    assert_eq!(std::fs::read_to_string(&source).unwrap(), text, "the source is untouched");
 }
 
 #[test]

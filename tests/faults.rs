@@ -167,7 +167,8 @@ fn a_build_file_is_never_written_over_its_source() {
     let bench = Bench::prepare(Setup::default());
     let source = "1 0.5 0.15 1\n0 0 0 5 0 5\n";
     fs::write(bench.path("part.txt"), source).expect("part.txt");
-    for output in ["part.txt", "./part.txt"] {
+    std::os::unix::fs::symlink("part.txt", bench.path("link.layerd")).expect("a link");
+    for output in ["link.layerd", "./link.layerd"] {
         let text = refusal(&bench, &["pack", "part.txt", "-o", output]);
         assert!(text.contains("both read and written"), "{text}");
     }

@@ -481,7 +481,7 @@ fn a_plate_that_went_elsewhere_is_lifted_and_the_job_can_go_on() {
         let job = stage.ended(stage.print());
         assert_eq!(job["state"], "interrupted", "{job}\n{}", stage.story());
         for height_um in [wanted_um, found_um] {
-            assert!(reason(&job).contains(&format!("{height_um} µm")), "{job}");
+            assert!(reason(&job).contains(&format!("{:.3} mm", f64::from(*height_um) / 1000.0)), "{job}");
         }
         assert_eq!(stage.plate_um(), Some(CLEAR_UM), "{}", stage.story());
         stage.complete(&job, "no doubt");
@@ -503,7 +503,7 @@ fn a_plate_that_did_not_come_clear_is_told_and_the_job_can_go_on() {
         // Perhaps it was tried once more; if not, the operator must know.
         let is_clear = stage.plate_um() == Some(CLEAR_UM);
         assert!(is_clear || reason(&job).contains("not lifted"), "{job}");
-        assert!(reason(&job).contains(&format!("{found_um} µm")), "{job}");
+        assert!(reason(&job).contains(&format!("{:.3} mm", f64::from(found_um) / 1000.0)), "{job}");
         stage.complete(&job, "no doubt");
         assert_eq!(stage.plate_um(), Some(CLEAR_UM), "{}", stage.story());
     });
@@ -544,7 +544,7 @@ enum End {
 fn every_wait_for_an_answer_ends() {
     let cases: [Case<(Make, End, &str)>; 8] = [
         ("a move's", {
-            (|| answers(|request| moves_to(request, AT_LAYER_UM), Vec::clear), End::Completed, "arrived at 600 µm")
+            (|| answers(|request| moves_to(request, AT_LAYER_UM), Vec::clear), End::Completed, "arrived at 0.600 mm")
         }),
         ("a layer's", {
             (|| answers(|request| sends(request, LAYER + 1), Vec::clear), End::Completed, "whether it holds layer 3")

@@ -481,7 +481,8 @@ fn a_move_that_ends_too_soon_by_the_hosts_clock_stops_the_print() {
         let exposed = world.exposed.len();
         world.finish();
         assert_stopped_safely(&world);
-        let words = format!("its plate arrived at {to_um} µm 1 ms after the order, which is too soon");
+        let to_mm = f64::from(to_um) / 1000.0;
+        let words = format!("its plate arrived at {to_mm:.3} mm 1 ms after the order, which is too soon");
         assert!(world.end().1.contains(&words), "{:?}", world.end());
         assert_eq!(world.exposed.len(), exposed, "nothing more is exposed");
         world.resume(ResumeChoice::None);
@@ -497,6 +498,7 @@ fn a_move_that_ends_too_soon_by_the_hosts_clock_stops_the_print() {
     world.finish();
     assert_eq!(world.end().0, JobState::Interrupted, "{:?}", world.end());
     assert!(world.end().1.contains("the plate was not lifted: the device says so too soon"), "{:?}", world.end());
+    assert_eq!(world.end().1.matches("`time_scale`").count(), 1, "one cause is told once: {:?}", world.end());
     assert!(world.engine.progress().part_in_vat);
 }
 
@@ -508,7 +510,8 @@ fn a_move_that_ends_elsewhere_stops_the_print_with_the_plate_lifted() {
         world.lies.misplaced = Some((to_um, ends_at_um));
         assert!(world.run());
         assert_stopped_safely(&world);
-        let words = format!("the plate is at {ends_at_um} µm instead of {to_um} µm");
+        let [ends_at_mm, to_mm] = [ends_at_um, to_um].map(|um| f64::from(um) / 1000.0);
+        let words = format!("the plate is at {ends_at_mm:.3} mm instead of {to_mm:.3} mm");
         assert!(world.end().1.contains(&words), "{:?}", world.end());
         world.resume(ResumeChoice::None);
         world.finish();
@@ -542,7 +545,7 @@ fn a_plate_moved_by_hand_during_a_layer_stops_the_print() {
     world.carry_out();
     world.finish();
     assert_stopped_safely(&world);
-    assert!(world.end().1.contains("its plate is at 900 µm; it was left at 150 µm"), "{:?}", world.end());
+    assert!(world.end().1.contains("its plate is at 0.900 mm; it was left at 0.150 mm"), "{:?}", world.end());
     assert_eq!(world.exposed, [0, 1, 2], "the exposure under way ends by itself");
 }
 

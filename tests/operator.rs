@@ -93,6 +93,20 @@ fn a_daemon_that_hangs_is_told_after_two_seconds_and_an_abort_waits_for_it() {
 }
 
 #[test]
+fn without_a_terminal_each_state_is_told_once_and_in_order() {
+    let bench = Bench::start(Setup::default());
+    bench.ok(&PART);
+    let output = bench.layerctl(&["start", "part.layerd", "--wait"]);
+    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{told}");
+    let lines = told.lines().filter_map(|line| line.strip_prefix("job 1 ")?.split_once(": "));
+    let states: Vec<&str> = lines.map(|(state, _)| state).collect();
+    let in_order: Vec<&str> =
+        ["queued", "checking", "printing", "completed"].into_iter().filter(|state| states.contains(state)).collect();
+    assert!(states == in_order && states.last() == Some(&"completed"), "{told}");
+}
+
+#[test]
 fn news_that_stop_coming_are_told() {
     let bench = Bench::start(slowly());
     bench.ok(&PART);
@@ -165,7 +179,7 @@ fn layers_have_one_numbering_and_the_job_that_ended_last_is_shown() {
     let share = format!("{count} ({} %), ", 100 * done / 24);
     for command in ["status", "jobs"] {
         let told = bench.ok(&[command]);
-        assert!(told.contains(&share) && told.contains(" s so far"), "`{share}` is not in {told}");
+        assert!(told.contains(&share) && told.contains(" s ago"), "`{share}` is not in {told}");
     }
     assert!(bench.ok(&["device"]).contains(&format!("exposed    layer {} of job 1", done - 1)));
     bench.ok(&["stop"]);

@@ -49,7 +49,7 @@ fn radius_and_support_follow_the_rule() {
     assert_eq!(packed_lattice(&report).blend, Blend::Convolution { support_um: 600.0 });
     assert_eq!(struts.len(), 2, "the reversed duplicate is merged");
     let notes = report.notes.join("\n");
-    assert!(notes.contains("1 exact duplicates") && notes.contains("0.15 mm"), "{notes}");
+    assert!(notes.contains("1 exact duplicate:") && notes.contains("0.15 mm"), "{notes}");
     bench.options.blend = Some(BlendChoice::Convolution { support_mm: Some(0.42) });
     let found = said(bench.text(text));
     assert!(found.contains("in.txt:3") && found.contains("0.42") && found.contains("--support"), "{found}");
@@ -201,14 +201,14 @@ fn a_3mf_is_united_exactly_and_edge_text_is_a_convolution_unless_it_is_said_othe
     let options = PackOptions { blend: Some(BlendChoice::Convolution { support_mm: None }), ..bench.options.clone() };
     let report = packed(&options).expect("is said");
     assert_eq!(packed_lattice(&report).blend, Blend::Convolution { support_um: 1500.0 });
-    assert!(report.notes.iter().any(|note| note.contains("the caps of 1 beams do not apply")), "{:?}", report.notes);
+    assert!(report.notes.iter().any(|note| note.contains("the caps of 1 beam do not apply")), "{:?}", report.notes);
     // Caps do not make a second strut of the same one.
     bench.options = options;
     let twice =
         model("", "", r#"<b:beams><b:beam v1="0" v2="1" cap1="butt"/><b:beam v1="0" v2="1"/></b:beams>"#, "", ITEM);
     let (report, struts) = bench.model(&twice).expect("is fine");
     assert_eq!(struts.len(), 1);
-    assert!(report.notes.join("").contains("1 exact duplicates"), "{:?}", report.notes);
+    assert!(report.notes.join("").contains("1 exact duplicate:"), "{:?}", report.notes);
 }
 
 #[test]
@@ -287,7 +287,7 @@ fn what_is_no_lattice_is_refused_by_name_or_left_out_by_name() {
     let short = r#"<b:beams><b:beam v1="0" v2="1"/><b:beam v1="1" v2="2"/></b:beams>"#;
     let (report, struts) = bench.model(&model("", "", short, "", ITEM).replace("0.001", "9")).expect("is fine");
     assert_eq!(struts.len(), 1);
-    assert!(report.notes.iter().any(|note| note.contains("1 beams shorter")), "{:?}", report.notes);
+    assert!(report.notes.iter().any(|note| note.contains("left out 1 beam shorter")), "{:?}", report.notes);
 }
 
 #[test]
@@ -305,7 +305,7 @@ fn hostile_3mf_is_refused_in_words() {
         (format!("{HEAD}><resources>"), "cut short"),
         ("<!DOCTYPE a [<!ENTITY b 'c'>]><a/>".into(), "document type"),
         (model("", "", r#"<b:beams><b:beam v1="0" v2="9"/></b:beams>"#, "", ITEM), "beam 1: vertex 9; there are 3"),
-        (model("", "", r#"<b:beams><b:beam v1="0" v2="0"/></b:beams>"#, "", ITEM), "begin and end at one vertex"),
+        (model("", "", r#"<b:beams><b:beam v1="0" v2="0"/></b:beams>"#, "", ITEM), "1 beam of no length"),
         (model("", "", r#"<b:beams><b:beam v1="0" v2="1" r1="NaN"/></b:beams>"#, "", ITEM), "r1 = NaN"),
         (model("", "", r#"<b:beams><b:beam v1="0" v2="1" r1="-1"/></b:beams>"#, "", ITEM), "radii -1"),
         (model("", "", "", "", ITEM), "no struts"),

@@ -53,7 +53,7 @@ fn a_new_spool_does_not_print_onto_a_part_it_does_not_know() {
     wait_until("the question", || reason(&bench.job(id)).contains("waits for an empty plate"));
     let told = reason(&bench.job(id));
     assert!(told.contains("the device last exposed layer") && told.contains("does not know"), "{told}");
-    assert!(told.contains("mm above the vat, below the clear height of 30 mm"), "{told}");
+    assert!(told.contains("mm above the vat, below the clear height of 30.000 mm"), "{told}");
     assert!(told.contains(&format!("layerctl resume {id}")), "{told}");
     std::thread::sleep(std::time::Duration::from_millis(500));
     assert_eq!((moves(&bench), bench.exposed_layers().len()), (before, lit), "nothing moves, nothing is lit");
@@ -87,7 +87,7 @@ fn a_layer_cut_short_for_an_unknown_job_is_asked_about_once() {
     bench.start_daemon();
     wait_until("the device", || bench.json(&["device"])["connected"] == true);
     let id = bench.start_job("part.layerd");
-    wait_until("the question", || reason(&bench.job(id)).contains("cut the light of layer 0 short"));
+    wait_until("the question", || reason(&bench.job(id)).contains("cut short the light of layer 0"));
     let told = reason(&bench.job(id));
     assert!(!told.contains("mm above the vat"), "the abort lifted it: {told}");
     bench.ok(&["resume", &id.to_string()]);
@@ -169,7 +169,7 @@ fn a_plate_that_nothing_else_lifts_is_raised_and_its_part_still_asked_for() {
     wait_until("the device", || bench.json(&["device"])["connected"] == true);
     assert_eq!(bench.job(1)["state"], "failed", "{}", bench.job(1));
     let told = bench.ok(&["raise"]);
-    assert!(told.contains("30 mm above the vat"), "{told}");
+    assert!(told.contains("30.000 mm above the vat"), "{told}");
     wait_until("the plate above", || plate_um(&bench) == Some(CLEAR_UM));
     wait_until("its end", || bench.json(&["device"])["state"]["position_um"] == CLEAR_UM);
     assert!(bench.ok(&["raise"]).contains("already clear of the resin"));
@@ -257,7 +257,8 @@ fn an_abort_stops_a_plate_that_is_raised() {
     bench.ok(&["raise"]);
     wait_until("the move", || bench.json(&["device"])["state"]["moving"] == true);
     let text = refusal(&bench, &["abort"]);
-    assert!(text.contains("no job is active"), "{text}");
+    assert!(text.contains("no job is active") && text.contains("go dark at once"), "{text}");
+    assert!(text.contains("`layerctl device`"), "{text}");
     wait_until("the stop", || bench.acts().iter().any(|act| act["event"] == "moved" && act["reason"] == "stopped"));
     assert!(plate_um(&bench) < Some(CLEAR_UM), "{:?}", plate_um(&bench));
     wait_until("the device again", || bench.json(&["device"])["state"]["moving"] == false);

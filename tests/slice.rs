@@ -201,6 +201,13 @@ fn a_part_outside_the_volume_is_refused_with_axis_excess_and_remedy() {
     assert!(text.contains("along y") && text.contains("0.120 mm") && text.contains("--rotate 0,0,90"), "{text}");
     let text = refused(&[strut([0, 0, 0], [0, 0, 100_000], 10, 10)]);
     assert!(text.contains("along z") && text.contains("at most 0.499 times as large"), "{text}");
+    assert!(!text.contains("along x") && !text.contains("along y"), "{text}");
+    // Every axis that is too long is named: the one that decides is not always the first.
+    let text = refused(&[strut([0, 0, 0], [2980, 0, 100_000], 10, 10)]);
+    for words in ["3.000 mm along x, 1.000 mm more than the build volume's 2.000 mm", "along z", "at most 0.499 times"]
+    {
+        assert!(text.contains(words), "`{words}` is not in {text}");
+    }
     let text = refused(&[strut([0, 0, 0], [0, 0, 100_000_000], 10, 10)]);
     assert!(text.contains("more than a thousand times too large"), "{text}");
     let mut placed = header(&[strut([0, 0, 0], [500, 0, 0], 10, 10)], Blend::Union);

@@ -11,6 +11,7 @@ use super::progress::PackProgress;
 use super::sort::{self, Merge};
 use super::store::{BodySettings, EXPECTED_STRUT_BYTES, WriteError, Writer, WriterSettings};
 use crate::output::{self, Output};
+use crate::text::count_text;
 
 /// What packing did.
 #[derive(Clone, Debug, PartialEq)]
@@ -124,7 +125,8 @@ fn write(
     report(total);
     if duplicates > 0 {
         notes.push(format!(
-            "{duplicates} exact duplicates of struts were merged: counted twice they would print thicker"
+            "merged {}: a strut that counts twice would print thicker",
+            count_text(duplicates, "exact duplicate")
         ));
     }
     Ok(writer.finish()?)

@@ -75,6 +75,8 @@ struct Size {
     /// Threads that the cores and the memory budget allow.
     threads: usize,
     memory_needed_bytes: u64,
+    /// The most that a print takes of the budget, to compute layers ahead; `None` if the budget is not enough.
+    memory_max_bytes: Option<u64>,
     memory_budget_bytes: u64,
     device_ms_normal_layer: f64,
     /// If the device never waits.
@@ -157,10 +159,12 @@ fn judge(
         peak_active_struts: file.peak_active(),
         threads,
         memory_needed_bytes,
+        memory_max_bytes: (memory_needed_bytes <= budget).then(|| memory.max_bytes(budget)),
         memory_budget_bytes: budget,
         device_ms_normal_layer: device_ms(&recipe, plan.layer_count),
         print_time_s: ((0..plan.layer_count).map(|layer| device_ms(&recipe, layer)).sum::<f64>() / 1e3) as u64,
     };
+    let warnings = warnings(&file, &plan, &recipe);
     drop(file);
     tell_size(&size);
     if memory_needed_bytes > budget {
@@ -179,8 +183,37 @@ fn judge(
     let late = (!late_layers.is_empty()).then(|| late_text(&late_layers));
     let loose = footing.problem(plan.layer_count);
     let fits = loose.is_none();
-    let problems = loose.into_iter().chain(late).collect();
+    let problems = loose.into_iter().chain(late).chain(warnings).collect();
     Ok(Findings { fits, problems, size: Some(size), times: Some(times(&samples, dark, late_layers)) })
+}
+
+/// What may spoil a print that fits: struts that the raster or the layers are too coarse for, and layers that are not peeled off.
+fn warnings(file: &BuildFile, plan: &SlicePlan, recipe: &Recipe) -> Vec<String> {
+    let header = file.header();
+    let radii = header.lattices().map(|lattice| f64::from(lattice.radius_range[0]));
+    let thinnest_um = 2.0 * header.quantum_um * radii.fold(f64::INFINITY, f64::min);
+    let [x_um, y_um] = plan.raster.pixel_um;
+    let pixel_um = x_um.max(y_um);
+    let mut warnings = Vec::new();
+    if thinnest_um < pixel_um {
+        warnings.push(format!(
+            "the thinnest strut is {thinnest_um:.1} µm thick, {:.2} pixels: struts thinner than 1 pixel ({pixel_um} µm) may print \
+             broken",
+            thinnest_um / pixel_um
+        ));
+    }
+    if thinnest_um < plan.layer_height_um {
+        warnings.push(format!(
+            "the thinnest strut is {thinnest_um:.1} µm thick, and a layer {} µm: flat struts thinner than a layer may be missing",
+            plan.layer_height_um
+        ));
+    }
+    if recipe.lift_height_um == 0 {
+        warnings.push(
+            "the recipe's lift_height_um = 0 does not peel a layer off the bottom of the vat: the plate stays where it is".into(),
+        );
+    }
+    warnings
 }
 
 fn times(samples: &[Sample], dark_bottom_layers: u32, late_layers: Vec<[u32; 2]>) -> Times {
@@ -293,16 +326,23 @@ fn size_lines(size: &Size) -> String {
     [
         format!("layers          {}", size.layer_count),
         format!("active struts   {} at most in one layer", size.peak_active_struts),
-        format!(
-            "memory          {} of a budget of {}, computing on {}",
-            size_text(size.memory_needed_bytes),
-            size_text(size.memory_budget_bytes),
-            count_text(size.threads as u64, "thread")
-        ),
+        memory_line(size),
         format!("device          {:.1} ms a normal layer", size.device_ms_normal_layer),
         format!("print time      {}, where the device never waits", duration_text(size.print_time_s)),
     ]
     .join("\n")
+}
+
+fn memory_line(size: &Size) -> String {
+    let ahead = size
+        .memory_max_bytes
+        .map_or_else(String::new, |max_bytes| format!(", and takes up to {} to compute ahead", size_text(max_bytes)));
+    format!(
+        "memory          needs at least {} of the budget of {}{ahead}; computes on {}",
+        size_text(size.memory_needed_bytes),
+        size_text(size.memory_budget_bytes),
+        count_text(size.threads as u64, "thread")
+    )
 }
 
 fn verdict_text(findings: &Findings) -> String {
@@ -320,18 +360,17 @@ fn verdict_text(findings: &Findings) -> String {
         ));
         lines.push(format!("line            {:.1} ms a layer, at most {:.1}", times.line_ms_mean, times.line_ms_max));
     }
-    if findings.fits {
-        // Otherwise the problem is reported as the command's error.
-        lines.extend(findings.problems.iter().map(|problem| format!("note            {problem}")));
-    }
-    lines.push(format!(
-        "verdict         {}",
-        match (findings.fits, findings.times.as_ref()) {
-            (true, Some(times)) if !times.late_layers.is_empty() => "fits; the device will wait for some layers",
-            (true, _) => "fits; the device never waits",
-            (false, Some(_)) => "would not hold to the plate",
-            (false, None) => "does not fit",
+    // The first problem of a print that does not fit is reported as the command's error.
+    let notes = findings.problems.iter().skip(usize::from(!findings.fits));
+    lines.extend(notes.map(|problem| format!("note            {problem}")));
+    let but = if findings.problems.is_empty() { "" } else { ", but read the notes" };
+    lines.push(match (findings.fits, findings.times.as_ref()) {
+        (true, Some(times)) if !times.late_layers.is_empty() => {
+            format!("verdict         fits{but}; the device will wait for some layers")
         }
-    ));
+        (true, _) => format!("verdict         fits{but}; the device never waits"),
+        (false, Some(_)) => "verdict         would not hold to the plate".into(),
+        (false, None) => "verdict         does not fit".into(),
+    });
     lines.join("\n")
 }

@@ -9,10 +9,7 @@ use crate::daemon::socket::MAX_PATH_BYTES;
 #[derive(Debug, thiserror::Error)]
 pub enum ClientError {
     /// No process listens on the socket.
-    #[error(
-        "no layerd answers at {}: {}, or name the socket of another one (--socket PATH or LAYERD_SOCKET=PATH)",
-        socket.display(), start_text(socket)
-    )]
+    #[error("no layerd answers at {}: {}, or {}", socket.display(), start_text(socket), other_text(socket))]
     NoDaemon {
         /// The socket.
         socket: PathBuf,
@@ -78,6 +75,15 @@ pub(super) fn start_text(socket: &Path) -> &'static str {
         "start it (systemctl start layerd)"
     } else {
         "start it (layerd --config FILE)"
+    }
+}
+
+/// How to name the socket of another daemon. The default socket means that none was named.
+fn other_text(socket: &Path) -> &'static str {
+    if socket == Path::new(DEFAULT_SOCKET) {
+        "name the socket of one that was started by hand (`export LAYERD_SOCKET=PATH`, where PATH is its `socket` in layerd.toml)"
+    } else {
+        "name the socket of another one (--socket PATH or LAYERD_SOCKET=PATH)"
     }
 }
 

@@ -234,7 +234,7 @@ fn compare(directory: &Path, part: &Path, layers: u32) -> anyhow::Result<()> {
             bail!("{name}: what was exposed is not what `layerctl slice` says; both are in {}", directory.display());
         }
     }
-    super::print(&format!("compared all {layers} pictures are, pixel by pixel, those of `layerctl slice`"))
+    super::print(&format!("all {layers} exposed pictures match those of `layerctl slice`, pixel by pixel"))
 }
 
 #[cfg(test)]

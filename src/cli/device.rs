@@ -5,7 +5,7 @@ use clap::Args;
 use super::client::Client;
 use super::{block_on, print, print_json};
 use crate::daemon::api::{DeviceInfo, DeviceStateView, DeviceView};
-use crate::text::{count_text, size_text};
+use crate::text::{count_text, mm_text, size_text};
 
 /// Show what the device is, and where light and plate are.
 #[derive(Debug, Args)]
@@ -43,7 +43,7 @@ pub(super) fn run(args: &DeviceArgs) -> anyhow::Result<()> {
 fn print_info(info: &DeviceInfo) -> anyhow::Result<()> {
     print(&format!("device     {} ({})", info.name, info.kind))?;
     let [x, y] = info.pixel_um;
-    print(&format!("picture    {} x {} pixels of {x} x {y} um", info.width_px, info.height_px))?;
+    print(&format!("picture    {} x {} pixels of {x} x {y} µm", info.width_px, info.height_px))?;
     print(&format!("encodings  {}", info.encodings.join(", ")))?;
     print(&format!(
         "receives   {} ahead, {} unacknowledged, frames up to {}",
@@ -51,13 +51,13 @@ fn print_info(info: &DeviceInfo) -> anyhow::Result<()> {
         size_text(info.window_bytes.into()),
         size_text(info.largest_frame_bytes.into())
     ))?;
-    print(&format!("limits     exposure {} ms, plate {} um", info.max_exposure_ms, info.max_position_um))
+    print(&format!("limits     exposure {} ms, plate {}", info.max_exposure_ms, mm_text(info.max_position_um)))
 }
 
 fn print_state(state: &DeviceStateView, is_connected: bool) -> anyhow::Result<()> {
     let when = if is_connected { "" } else { ", when last heard of" };
     print(&format!("light      {}{when}", if state.light_on { "ON" } else { "off" }))?;
-    let plate = state.position_um.map_or_else(|| "not homed".into(), |position| format!("{position} um"));
+    let plate = state.position_um.map_or_else(|| "not homed".into(), mm_text);
     print(&format!("plate      {plate}{}", if state.moving { ", moving" } else { "" }))?;
     if let Some(last) = &state.last_exposed {
         print(&format!("exposed    layer {} of job {}", last.layer, last.job))?;

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::info::Summary;
-use super::pack::{BAR, numbers};
+use super::pack::{BAR, check_output, numbers};
 use super::progress_bar;
 use crate::buildfile::{self, BuildFile, GenerateOptions, Height, Kind};
 
@@ -55,6 +55,7 @@ enum KindArg {
 /// Names the option that is out of range, or what the file system refused.
 pub fn run(args: GenerateArgs) -> anyhow::Result<()> {
     let GenerateArgs { kind, struts, box_mm, footprint, active, radius, seed, output } = args;
+    check_output(&output)?;
     let kind = match kind {
         KindArg::Bcc => Kind::Bcc,
         KindArg::Octet => Kind::Octet,

@@ -60,10 +60,14 @@ fn lines(job: &JobView, link: LinkState) -> Vec<String> {
 pub(super) fn notes(job: &JobView) -> Vec<String> {
     let mut notes: Vec<String> = job.reason.iter().cloned().collect();
     if let (Some(layer), JobState::Interrupted) = (job.in_doubt, job.state) {
-        let id = &job.id;
-        notes.push(format!(
-            "layer {layer} may or may not have been exposed: layerctl resume {id} --in-doubt exposed|repeat"
-        ));
+        notes.push(format!("layer {layer} may or may not have been exposed: {}", doubt_commands(&job.id)));
     }
     notes
+}
+
+/// The two commands that settle a layer in doubt, each whole: a shell would take `exposed|repeat` for a pipe.
+pub(super) fn doubt_commands(id: &str) -> String {
+    format!(
+        "`layerctl resume {id} --in-doubt exposed` if it was, or `layerctl resume {id} --in-doubt repeat` if it was not"
+    )
 }

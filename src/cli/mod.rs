@@ -306,13 +306,15 @@ fn layers_text(job: &JobView) -> String {
     format!("{layers_done} of {} done{share}", count_text(u64::from(*layers_total), "layer"))
 }
 
-/// Progress of a job, the same for every command: layers and time so far; and if known, the remaining time and the time of the end,
-/// as `1 min 35 s to go, until about 2026-01-31 08:05 UTC`.
+/// Progress of a job, the same for every command: its layers, and how long ago it began or how long it took, pauses included; and if
+/// known, the remaining time and the time of the end, as `1 min 35 s to go, until about 2026-01-31 08:05 UTC`.
 fn progress_lines(job: &JobView, now: SystemTime) -> Vec<String> {
     let now_ms = now.duration_since(SystemTime::UNIX_EPOCH).map_or(0, |now| now.as_millis() as u64);
     let took = job.started_ms.map_or_else(String::new, |started_ms| {
-        let took = duration_text(job.ended_ms.unwrap_or(now_ms).saturating_sub(started_ms) / 1000);
-        if job.state.is_final() { format!(" in {took}") } else { format!(", {took} so far") }
+        // An interrupted job has an end for now, but may go on.
+        let until_ms = job.ended_ms.filter(|_| job.state.is_final()).unwrap_or(now_ms);
+        let took = duration_text(until_ms.saturating_sub(started_ms) / 1000);
+        if job.state.is_final() { format!(" in {took}") } else { format!(", begun {took} ago") }
     });
     let mut lines = vec![format!("{}{took}", layers_text(job))];
     lines.extend(job.eta_s.map(|eta_s| {
@@ -393,12 +395,18 @@ mod tests {
         let now = SystemTime::UNIX_EPOCH + Duration::from_secs(1_767_225_600 + 3900);
         assert_eq!(
             progress_lines(&job, now),
-            ["812 of 3000 layers done (27 %), 1 h 05 min so far", "1 min 35 s to go, until about 2026-01-01 01:06 UTC"]
+            [
+                "812 of 3000 layers done (27 %), begun 1 h 05 min ago",
+                "1 min 35 s to go, until about 2026-01-01 01:06 UTC"
+            ]
         );
         without_eta(&mut job, LinkState::Connected);
         assert_eq!(job.eta_s, Some(95));
         without_eta(&mut job, LinkState::Lost);
         assert_eq!(progress_lines(&job, now).len(), 1);
+        // Interrupted or not, the time is counted in one way.
+        (job.state, job.ended_ms) = (crate::job::JobState::Interrupted, Some(1_767_225_612_000));
+        assert_eq!(progress_lines(&job, now), ["812 of 3000 layers done (27 %), begun 1 h 05 min ago"]);
         (job.state, job.ended_ms) = (crate::job::JobState::Stopped, Some(1_767_225_612_000));
         assert_eq!(progress_lines(&job, now), ["812 of 3000 layers done (27 %) in 12 s"]);
         (job.layers_done, job.layers_total, job.started_ms) = (0, 1, None);

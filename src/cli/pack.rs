@@ -85,6 +85,7 @@ pub fn run(args: PackArgs) -> anyhow::Result<()> {
             return Err(PackError::Option(text.into()).into());
         }
     };
+    check_output(&output)?;
     let options = PackOptions {
         lattice_only,
         blend,
@@ -103,6 +104,16 @@ pub fn run(args: PackArgs) -> anyhow::Result<()> {
         super::eprint(&format!("note: {note}"));
     }
     super::print(&super::info::Summary::of(BuildFile::open(&output)?)?.to_string())
+}
+
+/// Refuses an output under the name of another kind of file: it could replace a source, and would later be taken for one.
+pub(super) fn check_output(output: &Path) -> Result<(), PackError> {
+    let extension = output.extension().unwrap_or_default();
+    if ["3mf", "txt"].iter().any(|other| extension.eq_ignore_ascii_case(other)) {
+        let text = format!("--output {}: a build file is named .layerd", output.display());
+        return Err(PackError::Option(text));
+    }
+    Ok(())
 }
 
 /// Template of the progress bar while a build file is made.

@@ -4,6 +4,7 @@ use clap::Args;
 
 use super::client::Client;
 use super::{block_on, print, print_json};
+use crate::text::mm_text;
 
 /// Lift the plate clear of the resin while no job runs; also while one is interrupted.
 #[derive(Debug, Args)]
@@ -28,11 +29,11 @@ pub(super) fn run(args: &RaiseArgs) -> anyhow::Result<()> {
     if let Some(warning) = &raise.warning {
         super::eprint(&format!("warning: {warning}"));
     }
-    let [from_mm, to_mm] = [raise.from_um, raise.to_um].map(|um| f64::from(um) / 1000.0);
+    let [from, to] = [raise.from_um, raise.to_um].map(mm_text);
     if raise.from_um == raise.to_um {
         return print(&format!(
-            "the plate is already clear of the resin, {to_mm} mm above the vat; a part may still hang on it"
+            "the plate is already clear of the resin, {to} above the vat; a part may still hang on it"
         ));
     }
-    print(&format!("the plate lifts clear of the resin, from {from_mm} mm to {to_mm} mm above the vat"))
+    print(&format!("the plate lifts clear of the resin, from {from} to {to} above the vat"))
 }

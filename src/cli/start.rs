@@ -10,10 +10,11 @@ use tokio::signal::unix::{SignalKind, signal};
 use tokio::time::{Instant, timeout};
 
 use super::client::{Client, ClientError, Events, NewJob};
+use super::jobs::doubt_commands;
 use super::{Ending, block_on, duration_text, print, print_json, progress_bar, progress_lines, without_eta};
 use crate::buildfile::BuildFile;
 use crate::config::{ConfigText, Folder, Recipe, find};
-use crate::daemon::api::{Event, JobView, LinkState, LinkView};
+use crate::daemon::api::{Event, JobView, LinkState, LinkView, Status};
 use crate::job::JobState;
 use crate::text::count_text;
 
@@ -173,6 +174,7 @@ pub(super) async fn wait(
     let mut told = String::new();
     let mut lines = Lines::default();
     let mut link = LinkState::Connected;
+    let mut is_back = false;
     loop {
         without_eta(&mut job, link);
         show(bar, &job);
@@ -193,9 +195,17 @@ pub(super) async fn wait(
         let Ok(news) = timeout(LINE_INTERVAL, events.next()).await else { continue };
         match news {
             Ok(Some(Event::Job(changed))) if changed.id == job.id => job = *changed,
+            // The job of this very moment: what `client.job` answers may be newer than the next events, which would then go back.
             Ok(Some(Event::Status(status))) => {
                 link = status.link.state;
-                job = client.job(&job.id).await?;
+                let Status { active, queue, last, .. } = *status;
+                match active.into_iter().chain(queue).chain(last).find(|found| found.id == job.id) {
+                    Some(found) => job = found,
+                    // It ended while the daemon was away, and another one after it.
+                    None if is_back => job = client.job(&job.id).await?,
+                    // It was submitted after this moment.
+                    None => {}
+                }
             }
             Ok(Some(Event::Lagged { .. })) => job = client.job(&job.id).await?,
             Ok(Some(Event::Link(changed))) => link = changed.state,
@@ -217,7 +227,7 @@ pub(super) async fn wait(
                     ));
                     return Ok((job, Ending::Interrupted));
                 };
-                events = again;
+                (events, is_back) = (again, true);
             }
         }
     }
@@ -289,13 +299,37 @@ fn summarise(job: &JobView) {
         ));
     }
     if job.state == JobState::Interrupted {
-        super::eprint(&format!("it can go on: `layerctl resume {}`", job.id));
+        super::eprint(&remedy(job));
+    }
+}
+
+/// How an interrupted job goes on. A layer in doubt needs the operator's choice.
+fn remedy(job: &JobView) -> String {
+    let id = &job.id;
+    match job.in_doubt {
+        None => format!("it can go on: `layerctl resume {id}`"),
+        Some(layer) => format!("look whether layer {layer} was exposed; then {}", doubt_commands(id)),
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_interrupted_job_names_a_command_that_is_taken() {
+        let text = r#"{"id": "18", "name": "a", "state": "interrupted", "recipe": "r", "layers_done": 8, "layers_total": 30,
+            "layer": null, "eta_s": null, "late_layers": 0, "late_ms_total": 0, "submitted_ms": 1, "started_ms": null,
+            "ended_ms": null, "reason": null, "in_doubt": null}"#;
+        let mut job: JobView = serde_json::from_str(text).unwrap();
+        assert_eq!(remedy(&job), "it can go on: `layerctl resume 18`");
+        job.in_doubt = Some(8);
+        let told = remedy(&job);
+        for command in ["`layerctl resume 18 --in-doubt exposed`", "`layerctl resume 18 --in-doubt repeat`"] {
+            assert!(told.contains(command), "{told}");
+        }
+        assert!(told.contains("layer 8") && !told.contains("`layerctl resume 18`"), "{told}");
+    }
 
     #[test]
     fn a_line_is_due_once_a_minute_and_when_the_state_changes() {

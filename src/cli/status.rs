@@ -88,7 +88,10 @@ pub(super) fn figures(status: &Status) -> Vec<String> {
         lines.push(format!("         round trip {round_trip_ms:.1} ms"));
     }
     if let Some(busy_share) = line.busy_share {
-        lines.push(format!("         busy {:.1} % of the time there was data to send", 100.0 * busy_share));
+        lines.push(format!(
+            "         while there was data to send, the line was busy {:.1} % of the time",
+            100.0 * busy_share
+        ));
     }
     if line.unknown_reports > 0 {
         lines.push(format!("         {} of an unknown kind, ignored", count_text(line.unknown_reports, "report")));

@@ -14,7 +14,8 @@ impl Printer {
         }
         let Some((id, exposure, commanded)) = self.open_exposure() else { return };
         let layer = exposure.layer;
-        let why = match fate(exposure, Some(commanded), self.idle.light.has_shone(exposure), state) {
+        let exposure_ms = self.jobs.commanded_ms(exposure, commanded.boot_id);
+        let why = match fate(exposure, Some(commanded), exposure_ms, self.idle.light.has_shone(exposure), state) {
             Fate::Unknown(why) => Some(why),
             Fate::Exposed | Fate::NotExposed => None,
         };

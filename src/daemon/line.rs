@@ -6,7 +6,7 @@ use tokio::task::JoinHandle;
 use crate::link::LinkSettings;
 use crate::link::driver::{LinkEvent, LinkHandle, link};
 use crate::link::message::{HostMessage, Urgent};
-use crate::link::session::{Hindrance, HostEvent, Statistics};
+use crate::link::session::{Hindrance, HostEvent, LostReason, Statistics};
 
 /// Events from the line, and messages to it.
 pub(super) struct Line {
@@ -16,13 +16,23 @@ pub(super) struct Line {
     session_id: Option<u32>,
     piece_bytes: usize,
     urgents: u32,
+    /// What kept data from getting through when the last session was ended from here, until the next one begins.
+    hindered: Option<Hindrance>,
 }
 
 impl Line {
     /// Starts the task that opens the port and keeps a session with the device until [`Line::close`].
     pub(super) fn start(config: LinkSettings) -> Self {
         let (handle, events, driver) = link(config);
-        Self { handle, events, task: tokio::spawn(driver.run()), session_id: None, piece_bytes: 0, urgents: 0 }
+        Self {
+            handle,
+            events,
+            task: tokio::spawn(driver.run()),
+            session_id: None,
+            piece_bytes: 0,
+            urgents: 0,
+            hindered: None,
+        }
     }
 
     /// The next event of the line. Cancel-safe.
@@ -32,6 +42,7 @@ impl Line {
             Some(LinkEvent::Session(HostEvent::Connected { session_id, largest_layer_data_bytes, .. })) => {
                 self.session_id = Some(*session_id);
                 self.piece_bytes = *largest_layer_data_bytes;
+                self.hindered = None;
             }
             Some(LinkEvent::Session(HostEvent::Message(_) | HostEvent::UrgentDone { .. })) => {}
             _ => self.session_id = None,
@@ -64,14 +75,27 @@ impl Line {
         self.urgents
     }
 
+    /// Why a session ended, as operators read it. A device that was heard a moment ago is switched on: what kept data from getting
+    /// through then also keeps a new session from beginning.
+    pub(super) fn lost_text(&self, reason: LostReason) -> String {
+        match (reason, self.hindered) {
+            (LostReason::NoAnswer { garbage_frames: 0 }, Some(hindrance)) => {
+                format!("{hindrance}; a new session has no answer either")
+            }
+            _ => reason.to_string(),
+        }
+    }
+
     /// Ends the session and begins a new one at once.
     pub(super) fn reconnect(&mut self) {
+        self.hindered = self.hindrance().or(self.hindered);
         self.session_id = None;
         self.handle.renew();
     }
 
     /// Ends a session that cannot go on; the next begins after a pause.
     pub(super) fn give_up(&mut self) {
+        self.hindered = self.hindrance().or(self.hindered);
         self.session_id = None;
         self.handle.give_up();
     }

@@ -78,8 +78,12 @@ impl Printer {
         }
         // There may be light even without a job.
         self.send_urgent(Urgent::Abort);
-        let text = "no job is active, so there is nothing to abort; the device is told to go dark all the same, as soon as it \
-                    answers";
+        let text = if self.device.connected {
+            "no job is active, so there is nothing to abort; the device is told to go dark at once all the same: `layerctl device` \
+             shows its light"
+        } else {
+            "no job is active, so there is nothing to abort; the device is told to go dark all the same, as soon as it answers"
+        };
         Err(CommandError::new(409, text))
     }
 

@@ -103,6 +103,18 @@ impl PrintMemory {
     pub(crate) fn need_bytes(&self) -> u64 {
         self.slicer_bytes.saturating_add(self.buffer_bytes + self.min_queue_bytes)
     }
+
+    /// Size of the queue of computed layers within a budget that is enough, bytes.
+    fn queue_bytes(&self, limit_bytes: u64) -> u64 {
+        let room_bytes = limit_bytes.saturating_sub(self.need_bytes()).saturating_add(self.min_queue_bytes);
+        room_bytes.min(MAX_QUEUE_BYTES.max(self.min_queue_bytes))
+    }
+
+    /// The most that a print takes of a budget that is enough, bytes: the queue of computed layers takes what is left, up to its
+    /// own limit.
+    pub(crate) fn max_bytes(&self, limit_bytes: u64) -> u64 {
+        self.need_bytes() - self.min_queue_bytes + self.queue_bytes(limit_bytes)
+    }
 }
 
 /// A build file placed on a machine.
@@ -136,9 +148,8 @@ impl Part {
         if need_bytes > limit_bytes {
             return Err(Unprintable::Memory { need_bytes, limit_bytes });
         }
-        let PrintMemory { threads, buffer_bytes, min_queue_bytes, .. } = memory;
-        let room_bytes = limit_bytes - need_bytes + min_queue_bytes;
-        let queue_bytes = room_bytes.min(MAX_QUEUE_BYTES.max(min_queue_bytes));
+        let queue_bytes = memory.queue_bytes(limit_bytes);
+        let PrintMemory { threads, buffer_bytes, .. } = memory;
         Ok(Self { path: path.into(), plan, threads, queue_bytes, buffer_bytes })
     }
 

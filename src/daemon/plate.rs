@@ -16,6 +16,7 @@ use super::orders::Step;
 use super::printer::Printer;
 use crate::job::{Event, Trace};
 use crate::link::message::{DeviceState, ExposureId};
+use crate::text::mm_text;
 
 /// A plate this far below the clear height still counts as clear, micrometres: axes report positions to some ten micrometres.
 pub(super) const CLEAR_TOLERANCE_UM: i32 = 100;
@@ -91,7 +92,7 @@ impl fmt::Display for Sign {
             Self::Exposure { trace: Trace::Lit { layer, .. } | Trace::Held { layer, .. }, seen, job } => {
                 match seen {
                     Seen::LastExposed => write!(f, "the device last exposed layer {layer}")?,
-                    Seen::CutShort => write!(f, "the device cut the light of layer {layer} short")?,
+                    Seen::CutShort => write!(f, "the device cut short the light of layer {layer}")?,
                     Seen::Exposing => write!(f, "the device is exposing layer {layer}")?,
                     Seen::InSlot => write!(f, "the device holds layer {layer}")?,
                 }
@@ -102,15 +103,13 @@ impl fmt::Display for Sign {
             }
             Self::Low { position_um, clear_um, .. } => write!(
                 f,
-                "the plate is {} mm above the vat, below the clear height of {} mm (`layerctl raise` lifts it)",
-                f64::from(*position_um) / 1000.0,
-                f64::from(*clear_um) / 1000.0
+                "the plate is {} above the vat, below the clear height of {} (`layerctl raise` lifts it)",
+                mm_text(*position_um),
+                mm_text(*clear_um)
             ),
-            Self::Raised { from_um } => write!(
-                f,
-                "the plate was raised from {} mm above the vat, and may carry a part",
-                f64::from(*from_um) / 1000.0
-            ),
+            Self::Raised { from_um } => {
+                write!(f, "the plate was raised from {} above the vat, and may carry a part", mm_text(*from_um))
+            }
             Self::Left { job, .. } => write!(f, "no record says that the plate was lifted at the end of job {job}"),
         }
     }

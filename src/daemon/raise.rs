@@ -10,6 +10,7 @@ use crate::deadline::Deadline;
 use crate::device::{Act, Outcome, check_capabilities};
 use crate::job::ACT_MARGIN_US;
 use crate::link::message::DeviceState;
+use crate::text::mm_text;
 
 /// A move of the plate that is ordered.
 #[derive(Debug)]
@@ -143,11 +144,12 @@ impl Printer {
                 }
                 if position_um.abs_diff(to_um) > CLEAR_TOLERANCE_UM as u32 {
                     format!(
-                        "the plate was to be raised to {to_um} µm, and the device says it is at {position_um} µm: check \
-                         the axis"
+                        "the plate was to be raised to {}, and the device says it is at {}: check the axis",
+                        mm_text(to_um),
+                        mm_text(position_um)
                     )
                 } else {
-                    return self.tell(format!("the plate is raised: it is at {position_um} µm"));
+                    return self.tell(format!("the plate is raised: it is at {}", mm_text(position_um)));
                 }
             }
             Outcome::Refused(refusal) => {

@@ -36,7 +36,7 @@ impl Printer {
             LinkEvent::Session(HostEvent::UrgentDone { number, light_on }) => {
                 self.urgent_done(number, light_on, now_us);
             }
-            LinkEvent::Session(HostEvent::Lost(reason)) => self.lost(reason.to_string(), now_us),
+            LinkEvent::Session(HostEvent::Lost(reason)) => self.lost(self.link.lost_text(reason), now_us),
             LinkEvent::Session(HostEvent::Refused(refusal)) => self.lost(refusal.to_string(), now_us),
             LinkEvent::NotOpen(error) => self.lost(error.to_string(), now_us),
             LinkEvent::NotSent(error) => {

@@ -14,6 +14,7 @@ use crate::deadline::Deadline;
 use crate::link::message::{
     DeviceMessage, DeviceState, Encoding, ExposureId, Fault, HostMessage, Refusal, Reply, Report, Request,
 };
+use crate::text::mm_text;
 
 /// Time limit for the reply to a State request. It holds while the device decodes a layer or moves, too.
 const STATE_TIMEOUT_US: u64 = 5_000_000;
@@ -306,7 +307,7 @@ fn nonsense(request: &str, reply: &Reply) -> DriverEvent {
         Reply::Exposed { id, duration_ms } => {
             format!("an exposure of {duration_ms} ms of layer {} of job {:016x}", id.layer, id.job)
         }
-        Reply::Moved { position_um } => format!("a move to {position_um} µm"),
+        Reply::Moved { position_um } => format!("a move to {}", mm_text(*position_um)),
         Reply::Refused(refusal) => format!("a refusal ({refusal:?})"),
     };
     DriverEvent::Misbehaved(format!("the device was asked for {request} and replied with {reply}: check its firmware"))

@@ -15,13 +15,20 @@ pub enum Fate {
 }
 
 /// Judges the layer `id` by the state of a device at rest. `commanded` is its command, unless the journal has the layer in doubt
-/// already. `shone` says that a state showed the layer being exposed.
-pub fn fate(id: ExposureId, commanded: Option<Unconfirmed>, shone: bool, device: &DeviceState) -> Fate {
+/// already; `exposure_ms` is its time of light, if that is known. `shone` says that a state showed the layer being exposed.
+pub fn fate(
+    id: ExposureId,
+    commanded: Option<Unconfirmed>,
+    exposure_ms: Option<u32>,
+    shone: bool,
+    device: &DeviceState,
+) -> Fate {
     if device.last_exposed == Some(id) {
         return Fate::Exposed;
     }
     if let Some((_, light_ms)) = device.cut_short.filter(|(cut, _)| *cut == id) {
-        return Fate::Unknown(format!("its light was cut short after {light_ms} ms"));
+        let whole = exposure_ms.map_or_else(String::new, |exposure_ms| format!(" of {exposure_ms} ms"));
+        return Fate::Unknown(format!("its light was cut short after {light_ms} ms{whole}"));
     }
     if device.last_exposed.is_some_and(|last| last.job == id.job && last.layer > id.layer) {
         return Fate::Unknown("the device says it exposed a later layer".into());

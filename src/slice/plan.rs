@@ -127,12 +127,21 @@ fn check_volume(raster: &Raster, low_um: [f64; 3], high_um: [f64; 3], corner_um:
     let volume = [area_x, area_y, raster.build_height_um];
     let size = [0, 1, 2].map(|axis| high_um[axis] - low_um[axis]);
     let outside = |text: String| Err(PlanError::OutsideVolume(text));
+    let mut too_long = Vec::new();
     for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
         let excess = size[axis] - volume[axis];
         // Not a number is outside, too.
         if excess <= TOLERANCE_UM {
             continue;
         }
+        too_long.push(format!(
+            "{:.3} mm along {name}, {:.3} mm more than the build volume's {:.3} mm",
+            size[axis] / 1000.0,
+            excess / 1000.0,
+            volume[axis] / 1000.0
+        ));
+    }
+    if !too_long.is_empty() {
         let remedy = if let Some(turn) = turn_that_fits(size, volume) {
             format!("it fits turned: pack it with `--rotate {turn}`")
         } else {
@@ -142,12 +151,7 @@ fn check_volume(raster: &Raster, low_um: [f64; 3], high_um: [f64; 3], corner_um:
                 scale => format!("pack it at most {scale:.3} times as large as now (`--scale`)"),
             }
         };
-        return outside(format!(
-            "the part measures {:.3} mm along {name}, the build volume {:.3} mm: {:.3} mm too much; {remedy}",
-            size[axis] / 1000.0,
-            volume[axis] / 1000.0,
-            excess / 1000.0
-        ));
+        return outside(format!("the part measures {}; {remedy}", too_long.join(", and ")));
     }
     for (axis, name) in ["x", "y"].into_iter().enumerate() {
         let below = corner_um[axis] - low_um[axis];

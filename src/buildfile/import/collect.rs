@@ -13,6 +13,7 @@ use crate::buildfile::progress::PackProgress;
 use crate::buildfile::sort::{self, Sorter};
 use crate::buildfile::store::EXPECTED_STRUT_BYTES;
 use crate::solid::{LARGEST_RADIUS, LARGEST_RADIUS_SHARE};
+use crate::text::count_text;
 
 /// R as a multiple of the mean radius beyond which it is told: a strut's field then falls so slowly (to 0.7 C at twice its
 /// radius) that all within R of it swells it.
@@ -351,13 +352,14 @@ impl<'a> Collector<'a> {
         }
         if short_count > 0 {
             self.notes.push(format!(
-                "{short_count} struts shorter than the file's resolution of {quantum_mm} mm were left out"
+                "left out {} shorter than the file's resolution of {quantum_mm} mm",
+                count_text(short_count, "strut")
             ));
         }
         if capped_count > 0 && blend != Blend::Union {
             self.notes.push(format!(
-                "the caps of {capped_count} beams do not apply: a convolution surface rounds its ends by itself; \
-                 --blend union has them"
+                "the caps of {} do not apply: a convolution surface rounds its ends by itself; --blend union has them",
+                count_text(capped_count, "beam")
             ));
         }
         // What the file's resolution hides needs no word.

@@ -3,7 +3,7 @@
 use std::time::{Duration, SystemTime};
 
 use ratatui::Frame;
-use ratatui::layout::{Constraint, Layout};
+use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style};
 use ratatui::text::Line;
 use ratatui::widgets::{Gauge, Paragraph, Wrap};
@@ -12,7 +12,7 @@ use tokio::time::Instant;
 use super::view::View;
 use crate::cli::{duration_text, layers_text, status, with_socket, without_eta};
 use crate::daemon::api::{DeviceView, JobView};
-use crate::text::plain;
+use crate::text::{count_text, mm_text, plain};
 
 /// Fits 40 columns.
 const KEYS: &str = "p pause r resume s stop a abort q leave";
@@ -27,7 +27,7 @@ pub(super) fn draw(frame: &mut Frame<'_>, view: &View, now: Instant) {
     let age = view.age(now);
     let width = frame.area().width;
     let (prompt, colour) = match &view.question {
-        Some(question) => (question.text(&view.reading.status), Color::Red),
+        Some(question) => (question.text(), Color::Red),
         None => (KEYS.into(), Color::Reset),
     };
     let prompt = Paragraph::new(shown(&prompt)).style(Style::new().fg(colour)).wrap(Wrap { trim: false });
@@ -71,9 +71,22 @@ pub(super) fn draw(frame: &mut Frame<'_>, view: &View, now: Instant) {
     let rest = shown(
         &[status::work(&status, read_at), status::machine(&status), status::figures(&status)].concat().join("\n"),
     );
-    frame.render_widget(Paragraph::new(rest).style(dimmed(Style::new(), age)).wrap(Wrap { trim: false }), rest_area);
+    draw_rest(frame, &rest, dimmed(Style::new(), age), rest_area);
     frame.render_widget(note, note_area);
     frame.render_widget(prompt, prompt_area);
+}
+
+/// Draws the text, and in the last row how much of it finds no room. A single row goes to the text.
+fn draw_rest(frame: &mut Frame<'_>, text: &str, style: Style, area: Rect) {
+    let text = Paragraph::new(text).style(style).wrap(Wrap { trim: false });
+    let hidden_rows = (text.line_count(area.width) + 1).saturating_sub(usize::from(area.height));
+    if area.height < 2 || hidden_rows < 2 {
+        return frame.render_widget(text, area);
+    }
+    let [text_area, more_area] = Layout::vertical([Constraint::Fill(1), Constraint::Length(1)]).areas(area);
+    frame.render_widget(text, text_area);
+    let more = format!("… {}: enlarge the window", count_text(hidden_rows as u64, "more row"));
+    frame.render_widget(Line::styled(more, style), more_area);
 }
 
 /// The text as it is safe to show in a terminal.
@@ -94,7 +107,7 @@ fn dimmed(style: Style, age: Option<Duration>) -> Style {
 fn light(device: &DeviceView, age: Option<Duration>) -> Line<'static> {
     let Some(state) = &device.state else { return Line::raw("light unknown: no device has answered yet") };
     let is_present = age.is_none() && device.connected;
-    let plate = state.position_um.map_or_else(|| "not homed".into(), |um| format!("{:.3} mm", f64::from(um) / 1000.0));
+    let plate = state.position_um.map_or_else(|| "not homed".into(), mm_text);
     let moving = if state.moving { ", moving" } else { "" };
     if is_present {
         let (light, style) = if state.light_on {
@@ -106,8 +119,8 @@ fn light(device: &DeviceView, age: Option<Duration>) -> Line<'static> {
     }
     let light = if state.light_on { "ON" } else { "off" };
     let text = match age {
-        Some(age) => format!("light ? ({light} {} ago), plate {}", coarse(age), coarse_plate(state.position_um)),
-        None => format!("light ? (was {light}), plate was {}", coarse_plate(state.position_um)),
+        Some(age) => format!("light? ({light} {} ago) plate {plate}", coarse(age)),
+        None => format!("light? (was {light}) plate was {plate}"),
     };
     Line::styled(text, Style::new().fg(Color::DarkGray))
 }
@@ -119,10 +132,6 @@ fn coarse(age: Duration) -> String {
         s @ 60..3600 => format!("{} min", s / 60),
         s => format!("{} h", s / 3600),
     }
-}
-
-fn coarse_plate(position_um: Option<i32>) -> String {
-    position_um.map_or_else(|| "not homed".into(), |um| format!("{:.1} mm", f64::from(um) / 1000.0))
 }
 
 fn warning(view: &View, age: Duration) -> String {
@@ -223,7 +232,10 @@ mod tests {
             assert_shown(&screen(&view, 40, height, view.reading.at).0, words);
         }
         for (question, words) in [
-            (Question::Abort, ["Abort job 7 now?", "any other key does not (part.layerd)"]),
+            (
+                Question::Abort { id: "7".into(), name: "part.layerd".into() },
+                ["Abort job 7 now?", "any other key does not (part.layerd)"],
+            ),
             (Question::Stop { id: "7".into() }, ["End job 7", "any other key does not"]),
             (
                 Question::PlateEmpty { id: "8".into(), name: "next.layerd".into() },
@@ -238,13 +250,24 @@ mod tests {
     }
 
     #[test]
+    fn a_small_screen_says_that_there_is_more() {
+        let view = view();
+        let small = screen(&view, 40, 12, view.reading.at).0;
+        assert_shown(&small, &["LIGHT ON", "7 part.layerd: printing", "more rows: enlarge the window"]);
+        assert!(!small.contains("traffic"), "{small}");
+        let large = screen(&view, 90, 30, view.reading.at).0;
+        assert_shown(&large, &["traffic", "the line was busy 99.0 %"]);
+        assert!(!large.contains("enlarge"), "{large}");
+    }
+
+    #[test]
     fn without_the_daemon_nothing_looks_live() {
         let mut view = view();
         view.silence = Some(format!("no layerd answers at /run/x: {}", "do what helps ".repeat(10)));
         let later = view.reading.at + Duration::from_secs(14);
         for (width, height) in [(80, 24), (40, 12), (40, 5)] {
             let (shown, buffer) = screen(&view, width, height, later);
-            assert_shown(&shown, &["light ? (ON 14 s ago)", "NOT LIVE", "14 s old", "3 of 12 layers done"]);
+            assert_shown(&shown, &["light? (ON 14 s ago)", "NOT LIVE", "14 s old", "3 of 12 layers done"]);
             assert!(!shown.contains("LIGHT ON") && !shown.contains("to go"), "{shown}");
             for cell in &buffer.content {
                 assert!(![Color::Cyan, Color::Yellow].contains(&cell.fg), "{cell:?} looks live in:\n{shown}");
@@ -253,11 +276,11 @@ mod tests {
         // Nor does the time that a print has taken go on: 86 s and not 100.
         let now_ms = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap().as_millis() as u64;
         view.reading.status.active.as_mut().unwrap().started_ms = Some(now_ms - 100_000);
-        assert_shown(&screen(&view, 80, 24, later).0, &["(25 %), 1 min 2"]);
+        assert_shown(&screen(&view, 80, 24, later).0, &["(25 %), begun 1 min 2"]);
         // A device that does not answer is no more alive than a daemon.
         let mut view = self::view();
         view.reading.device.connected = false;
-        assert_shown(&screen(&view, 80, 24, view.reading.at).0, &["light ? (was ON)"]);
+        assert_shown(&screen(&view, 80, 24, view.reading.at).0, &["light? (was ON)"]);
     }
 
     #[test]
@@ -268,7 +291,7 @@ mod tests {
         for (width, height) in [(80, 24), (40, 12)] {
             let shown = screen(&view, width, height, view.reading.at).0;
             assert!(!shown.contains("to go"), "{shown}");
-            assert_shown(&shown, &["light ? (was ON), plate was 1.2 mm", "3 of 12 layers done (25 %)"]);
+            assert_shown(&shown, &["light? (was ON) plate was 1.250 mm", "3 of 12 layers done (25 %)"]);
         }
     }
 
@@ -286,7 +309,7 @@ mod tests {
             view.note = note.clone();
             view.noted_at = later;
             for (width, height) in [(80, 24), (40, 12), (40, 8)] {
-                assert_shown(&screen(&view, width, height, later).0, &["light ? (ON 14 s ago)", &note]);
+                assert_shown(&screen(&view, width, height, later).0, &["light? (ON 14 s ago)", &note]);
             }
         }
     }

@@ -50,23 +50,36 @@ pub(super) type JobThen = (String, JobState);
 /// A question that must be answered with `y` before an order is given.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Question {
-    Abort,
-    Stop { id: String },
-    PlateEmpty { id: String, name: String },
+    Abort {
+        id: String,
+        name: String,
+    },
+    /// No job holds the machine.
+    GoDark,
+    Stop {
+        id: String,
+    },
+    PlateEmpty {
+        id: String,
+        name: String,
+    },
 }
 
 impl Question {
-    /// The question's text. An abort is for the job that holds the machine when the order arrives.
-    pub(super) fn text(&self, status: &Status) -> String {
+    /// The question before an abort of the job that holds the machine.
+    fn of_abort(active: Option<&JobView>) -> Self {
+        active.map_or(Self::GoDark, |JobView { id, name, .. }| Self::Abort { id: id.clone(), name: name.clone() })
+    }
+
+    /// The question's text. The question stays with its job, even if that job ends meanwhile.
+    pub(super) fn text(&self) -> String {
         match self {
-            Self::Abort => match &status.active {
-                Some(JobView { id, name, .. }) => {
-                    format!("Abort job {id} now? y aborts it, any other key does not ({})", short_name(name))
-                }
-                None => {
-                    "No job holds the machine. Put the light off all the same? y does, any other key does not".into()
-                }
-            },
+            Self::Abort { id, name } => {
+                format!("Abort job {id} now? y aborts it, any other key does not ({})", short_name(name))
+            }
+            Self::GoDark => {
+                "No job holds the machine. Put the light off all the same? y does, any other key does not".into()
+            }
             Self::Stop { id } => format!("End job {id} after this layer, for good? y ends it, any other key does not"),
             // The name comes last: it may be long, and the end is cut off first.
             Self::PlateEmpty { id, name } => format!(
@@ -79,7 +92,7 @@ impl Question {
     /// The note if the answer is not `y`.
     fn declined(&self) -> &'static str {
         match self {
-            Self::Abort => "not aborted",
+            Self::Abort { .. } | Self::GoDark => "not aborted",
             Self::Stop { .. } => "not stopped",
             Self::PlateEmpty { .. } => "not begun",
         }
@@ -155,13 +168,20 @@ impl View {
                 self.note(question.declined());
                 return None;
             }
-            return Some(match question {
-                Question::Abort => Order { id: None, order: "abort" },
-                Question::Stop { id } => Order { id: Some(id), order: "stop" },
-                Question::PlateEmpty { id, .. } => Order { id: Some(id), order: "resume" },
-            });
+            return match question {
+                // The order would be for a job that took the machine since the question.
+                Question::GoDark if self.reading.status.active.is_some() => {
+                    self.question = Some(Question::of_abort(self.reading.status.active.as_ref()));
+                    None
+                }
+                Question::GoDark => Some(Order { id: None, order: "abort" }),
+                Question::Abort { id, .. } => Some(Order { id: Some(id), order: "abort" }),
+                Question::Stop { id } => Some(Order { id: Some(id), order: "stop" }),
+                Question::PlateEmpty { id, .. } => Some(Order { id: Some(id), order: "resume" }),
+            };
         }
         let active = self.reading.status.active.as_ref().map(|job| job.id.clone());
+        let of_abort = Question::of_abort(self.reading.status.active.as_ref());
         let mut ask = |question| {
             self.note.clear();
             self.question = Some(question);
@@ -169,7 +189,7 @@ impl View {
         };
         match (key, active) {
             // Without a job the device is told to go dark all the same.
-            (KeyCode::Char('a'), _) => ask(Question::Abort),
+            (KeyCode::Char('a'), _) => ask(of_abort),
             (KeyCode::Char('s'), Some(id)) => ask(Question::Stop { id }),
             (KeyCode::Char('p'), Some(id)) => Some(Order { id: Some(id), order: "pause" }),
             (KeyCode::Char('r'), Some(id)) => Some(Order { id: Some(id), order: "resume" }),
@@ -219,7 +239,7 @@ pub(super) mod tests {
     #[test]
     fn stop_and_abort_ask_first() {
         for (key, order, declined) in
-            [('a', ordered(None, "abort"), "not aborted"), ('s', ordered(Some("7"), "stop"), "not stopped")]
+            [('a', ordered(Some("7"), "abort"), "not aborted"), ('s', ordered(Some("7"), "stop"), "not stopped")]
         {
             let mut view = view();
             assert_eq!(view.press(KeyCode::Char(key)), None);
@@ -227,7 +247,7 @@ pub(super) mod tests {
             assert_eq!(view.press(KeyCode::Char(key)), None);
             assert_eq!((view.question.as_ref(), view.note.as_str()), (None, declined));
             view.press(KeyCode::Char(key));
-            let question = view.question.as_ref().unwrap().text(&view.reading.status);
+            let question = view.question.as_ref().unwrap().text();
             assert!(question.contains("job 7 "), "an order that ends a job names it: {question}");
             assert_eq!(view.press(KeyCode::Char('y')), order);
         }
@@ -240,7 +260,7 @@ pub(super) mod tests {
         assert_eq!(view.press(KeyCode::Char('r')), ordered(Some("7"), "resume"));
         view.reading.status.active = None;
         assert_eq!(view.press(KeyCode::Char('r')), None);
-        let question = view.question.as_ref().unwrap().text(&view.reading.status);
+        let question = view.question.as_ref().unwrap().text();
         assert!(
             question.contains("is the plate empty")
                 && question.ends_with("begins job 8; any other key does not (next.layerd)"),
@@ -255,11 +275,29 @@ pub(super) mod tests {
     }
 
     #[test]
+    fn a_question_stays_with_its_job() {
+        let mut view = view();
+        view.press(KeyCode::Char('a'));
+        // Job 7 ends, and job 8 takes the machine.
+        let next = view.reading.status.queue.remove(0);
+        view.reading.status.active = Some(next);
+        assert!(view.question.as_ref().unwrap().text().starts_with("Abort job 7 now?"));
+        assert_eq!(view.press(KeyCode::Char('y')), ordered(Some("7"), "abort"));
+        // Without a job: a job that takes the machine is asked about by its number first.
+        let next = view.reading.status.active.take();
+        view.press(KeyCode::Char('a'));
+        view.reading.status.active = next;
+        assert_eq!(view.press(KeyCode::Char('y')), None);
+        assert!(view.question.as_ref().unwrap().text().starts_with("Abort job 8 now?"));
+        assert_eq!(view.press(KeyCode::Char('y')), ordered(Some("8"), "abort"));
+    }
+
+    #[test]
     fn without_a_job_an_abort_is_ordered_all_the_same() {
         let mut view = view();
         view.reading.status.active = None;
         assert_eq!(view.press(KeyCode::Char('a')), None);
-        let question = view.question.as_ref().unwrap().text(&view.reading.status);
+        let question = view.question.as_ref().unwrap().text();
         assert!(question.starts_with("No job holds the machine"), "{question}");
         assert_eq!(view.press(KeyCode::Char('y')), ordered(None, "abort"));
     }

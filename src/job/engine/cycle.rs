@@ -5,6 +5,7 @@ use crate::deadline::Deadline;
 use crate::device::{Act, Dose, Outcome, least_exposure_us};
 use crate::job::{JobState, Record, Unconfirmed};
 use crate::link::message::{DeviceState, ExposureId, Refusal};
+use crate::text::mm_text;
 
 /// Longest homing. From the largest build height (2 m) at 10 mm/s it takes 200 s.
 const HOMING_US: u64 = 300 * SECOND_US;
@@ -170,11 +171,12 @@ impl Engine {
     }
 
     fn time_scale_hint(&self) -> String {
-        format!(
-            " (a simulated device with `--time-scale` needs the same `time_scale` in the machine file, where it is {} now, and a \
-             restart of layerd)",
+        let hint = format!(
+            " (is the device simulated? Set `time_scale` in the machine file, now {}, to its `--time-scale`, and restart layerd)",
             self.plan.time_scale
-        )
+        );
+        // One cause leads to several reports.
+        if self.end_reason().contains(&hint) { String::new() } else { hint }
     }
 
     /// The device says that it exposed the commanded layer. `light_ms` is the reported light time, if it names one.
@@ -296,9 +298,8 @@ impl Engine {
     /// that lift, or the plate is already up, the job ends with the plate where it is.
     fn on_moved_too_soon(&mut self, took_us: u64, now_us: u64) {
         let text = format!(
-            "the device says that its plate arrived at {} µm {} ms after the order, which is too soon for the way and the speed: \
-             check the axis and the device{}",
-            self.target_um,
+            "the device says that its plate arrived at {} {} ms after the order, which is too soon: check the axis and the device{}",
+            mm_text(self.target_um),
             took_us / 1000,
             self.time_scale_hint()
         );
@@ -313,8 +314,8 @@ impl Engine {
             "the order to move the plate did not reach the device in time: check the line"
         } else {
             &format!(
-                "the device did not say in time that its plate arrived at {} µm: check the axis and the device",
-                self.target_um
+                "the device did not say in time that its plate arrived at {}: check the axis and the device",
+                mm_text(self.target_um)
             )
         };
         self.on_misbehaved(&self.with_cause(text), now_us);
@@ -333,7 +334,8 @@ impl Engine {
     /// where it is.
     fn on_misplaced(&mut self, position_um: i32, now_us: u64) {
         let target_um = self.target_um;
-        let text = format!("the plate is at {position_um} µm instead of {target_um} µm: check the axis, then resume");
+        let [position, target] = [position_um, target_um].map(mm_text);
+        let text = format!("the plate is at {position} instead of {target}: check the axis, then resume");
         self.intend_to_end(self.failed_or_interrupted(), text);
         if self.phase != Phase::Parking {
             return self.advance(now_us);
@@ -360,10 +362,11 @@ impl Engine {
             return;
         }
         self.position_um = found_um;
-        let found =
-            found_um.map_or("at a position that it no longer knows".into(), |found_um| format!("at {found_um} µm"));
+        let found = found_um
+            .map_or("at a position that it no longer knows".into(), |found_um| format!("at {}", mm_text(found_um)));
         let text = format!(
-            "the device says its plate is {found}; it was left at {left_um} µm. Look at the machine, then resume"
+            "the device says its plate is {found}; it was left at {}. Look at the machine, then resume",
+            mm_text(left_um)
         );
         self.wind_down(self.failed_or_interrupted(), text, now_us);
     }

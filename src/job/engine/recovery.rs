@@ -7,6 +7,7 @@ use crate::deadline::Deadline;
 use crate::device::Light;
 use crate::job::{Fate, JobState, Record, ResumeChoice, fate};
 use crate::link::message::{DeviceState, ExposureId, Refusal};
+use crate::text::mm_text;
 
 /// Polling interval while the device still moves or exposes.
 const ASK_EVERY_US: u64 = SECOND_US / 2;
@@ -80,8 +81,9 @@ impl Engine {
         let height_um = f64::from(self.plan.layer_count) * self.plan.recipe.layer_height_um;
         if height_um > f64::from(self.max_position_um) {
             let text = format!(
-                "the part needs the plate {height_um} µm above the vat, the device goes up to {} µm: choose a lower part",
-                self.max_position_um
+                "the part needs the plate {} above the vat, the device goes up to {}: choose a lower part",
+                mm_text(height_um),
+                mm_text(self.max_position_um)
             );
             return self.end_unbegun(&text);
         }
@@ -90,8 +92,9 @@ impl Engine {
         }
         if self.plan.clear_height_um > f64::from(self.max_position_um) {
             self.out.notice(format!(
-                "the plate cannot lift to the machine's clear_height_um of {}: the device goes up to {} µm, and it rests there",
-                self.plan.clear_height_um, self.max_position_um
+                "the plate cannot lift to the machine's clear height of {}: the device goes up to {}, and it rests there",
+                mm_text(self.plan.clear_height_um),
+                mm_text(self.max_position_um)
             ));
         }
         self.out.journal(Record::Started { layer: self.next_layer });
@@ -282,7 +285,8 @@ impl Engine {
         if let Some(text) = self.ended_early.take() {
             return self.doubt(&text, now_us);
         }
-        match (fate(self.exposure_id(), self.unconfirmed, shone, &self.device), refused) {
+        let exposure_ms = self.plan.recipe.layer_exposure_ms(self.next_layer);
+        match (fate(self.exposure_id(), self.unconfirmed, Some(exposure_ms), shone, &self.device), refused) {
             // The device forgot earlier exposures, so it may have forgotten this one as well.
             (Fate::NotExposed, _) if self.went_back.is_some() => {
                 self.doubt("the device denies that it exposed it", now_us);

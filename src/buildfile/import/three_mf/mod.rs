@@ -30,6 +30,7 @@ use crate::buildfile::error::PackError;
 use crate::buildfile::import::collect::Collector;
 use crate::buildfile::options::PackOptions;
 use crate::buildfile::progress::PackProgress;
+use crate::text::count_text;
 
 /// Reads one package.
 ///
@@ -77,11 +78,13 @@ pub(super) fn import(
     let LatticeReader { short_count, pointless_count, .. } = reader;
     if short_count > 0 {
         collector.note(format!(
-            "{root}: {short_count} beams shorter than their lattice's minlength were left out, as 3MF asks"
+            "{root}: left out {} shorter than the lattice's minlength, as 3MF asks",
+            count_text(short_count, "beam")
         ));
     }
     if pointless_count > 0 {
-        collector.note(format!("{root}: {pointless_count} beams that begin and end at one vertex were left out"));
+        let pointless = count_text(pointless_count, "beam");
+        collector.note(format!("{root}: left out {pointless} of no length, from a vertex to itself"));
     }
     Ok(())
 }

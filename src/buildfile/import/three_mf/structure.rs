@@ -16,6 +16,7 @@ use super::resources::{LeftOut, Object, ObjectId, Resources};
 use super::space::Space;
 use super::xml::{Element, Xml, quote};
 use crate::buildfile::error::PackError;
+use crate::text::count_text;
 
 /// Most model parts that are read: each is opened twice, and slicing programs write one for each object of a plate.
 const PART_LIMIT: usize = 1024;
@@ -216,9 +217,15 @@ impl Reader {
         let assembly = Assembly::new(&self.resources, items)?;
         let mut unprinted = LeftOut::default();
         self.resources.unprinted.iter().for_each(|&id| unprinted.add(|| self.resources.name(id)));
-        notes.extend(unprinted.note(|count| format!("{count} build items marked printable=\"0\" are not printed")));
+        notes.extend(
+            unprinted
+                .note(|count| format!("left out {} marked printable=\"0\"", count_text(count as u64, "build item"))),
+        );
         notes.extend(assembly.others.note(|count| {
-            format!("{count} objects of type `other`, which 3MF does not print, are left out with their components")
+            format!(
+                "left out {} of type `other`, which 3MF does not print, with all components",
+                count_text(count as u64, "object")
+            )
         }));
         Ok(Structure { resources: self.resources, units_mm: self.units_mm, notes, assembly })
     }
