@@ -75,11 +75,14 @@ impl LightWatch {
     }
 
     /// The device is known to have received the command. It counts as received 2 s after it was sent at the latest: a device
-    /// that withholds its reply gains no light.
+    /// that withholds its reply gains no light. If the time limit passed without the host acting on it, the host stood still: then
+    /// the exposure gets its whole commanded time from now, so that the device is not blamed.
     pub fn taken(&mut self, now_us: u64) {
-        if let Some(exposure) = &mut self.exposure {
-            exposure.taken_us.get_or_insert(now_us.min(exposure.commanded_us + MAX_ROUND_TRIP_US));
-        }
+        let host_acts = self.put_off != PutOff::Settled;
+        let Some(exposure) = self.exposure.as_mut().filter(|exposure| exposure.taken_us.is_none()) else { return };
+        let host_stood_still = !host_acts && now_us > exposure.limit_us();
+        let latest_us = exposure.commanded_us + MAX_ROUND_TRIP_US;
+        exposure.taken_us = Some(if host_stood_still { now_us } else { now_us.min(latest_us) });
     }
 
     /// An exposure that an earlier process commanded is found under way. It gets its whole commanded time from now. Does nothing if
