@@ -99,7 +99,8 @@ fn without_a_terminal_each_state_is_told_once_and_in_order() {
     let output = bench.layerctl(&["start", "part.layerd", "--wait"]);
     let told = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(output.status.success(), "{told}");
-    let lines = told.lines().filter_map(|line| line.strip_prefix("job 1 ")?.split_once(": "));
+    let progress = told.lines().filter(|line| line.contains(" layers done"));
+    let lines = progress.filter_map(|line| line.strip_prefix("job 1 ")?.split_once(": "));
     let states: Vec<&str> = lines.map(|(state, _)| state).collect();
     let in_order: Vec<&str> =
         ["queued", "checking", "printing", "completed"].into_iter().filter(|state| states.contains(state)).collect();
