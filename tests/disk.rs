@@ -190,10 +190,7 @@ fn an_abort_lifts_the_plate_though_the_disk_hangs_and_is_written_when_it_answers
 #[test]
 fn a_plate_is_raised_though_the_disk_hangs_and_the_note_is_written_when_it_answers() {
     let Some(mut bench) = bench(Setup { exposure_ms: 2000, time_scale: 20, ..Setup::default() }, &[]) else { return };
-    let id = bench.start_job("part.layerd");
-    wait_until("some layers", || bench.job(id)["layers_done"].as_u64() >= Some(2));
-    bench.kill_daemon();
-    wait_until("the silence", || bench.acts().iter().any(|act| act["event"] == "host_silent"));
+    bench.start_and_kill();
     start_daemon(&mut bench, &[]);
     wait_until("the device", || bench.json(&["device"])["connected"] == true);
     hang(&bench);
@@ -210,10 +207,7 @@ fn a_plate_is_raised_though_the_disk_hangs_and_the_note_is_written_when_it_answe
 #[test]
 fn an_abort_takes_back_a_plate_that_is_not_raised_yet() {
     let Some(mut bench) = bench(Setup { exposure_ms: 2000, time_scale: 20, ..Setup::default() }, &[]) else { return };
-    let id = bench.start_job("part.layerd");
-    wait_until("some layers", || bench.job(id)["layers_done"].as_u64() >= Some(2));
-    bench.kill_daemon();
-    wait_until("the silence", || bench.acts().iter().any(|act| act["event"] == "host_silent"));
+    bench.start_and_kill();
     fs::remove_dir_all(bench.path("spool")).expect("the spool");
     start_daemon(&mut bench, &[]);
     wait_until("the device", || bench.json(&["device"])["connected"] == true);

@@ -36,10 +36,7 @@ fn limited(bench: &Bench) -> Command {
 fn interrupted() -> Bench {
     let mut bench = Bench::start(Setup { exposure_ms: 2000, time_scale: 20, ..Setup::default() });
     bench.ok(&SMALL);
-    let id = bench.start_job("part.layerd");
-    wait_until("some layers", || bench.job(id)["layers_done"].as_u64() >= Some(2));
-    bench.kill_daemon();
-    wait_until("the silence", || bench.acts().iter().any(|act| act["event"] == "host_silent"));
+    bench.start_and_kill();
     bench
 }
 

@@ -203,6 +203,14 @@ impl Bench {
         daemon.wait().expect("waited");
     }
 
+    /// Starts `part.layerd`, kills the daemon once some layers are done, and waits until the device has noticed.
+    pub(crate) fn start_and_kill(&mut self) {
+        let id = self.start_job("part.layerd");
+        wait_until("some layers", || self.job(id)["layers_done"].as_u64() >= Some(2));
+        self.kill_daemon();
+        wait_until("the silence", || self.acts().iter().any(|act| act["event"] == "host_silent"));
+    }
+
     /// SIGTERM to the daemon; returns once it has ended, with its exit code.
     pub(crate) fn terminate_daemon(&mut self) -> Option<i32> {
         signal(self.daemon_pid(), "TERM");
