@@ -230,20 +230,22 @@ impl Writer {
         let Some(next) = self.to_come.pop() else {
             return Err(self.refused("it has no more bodies than its settings said".into()));
         };
-        let next = Growing::new(next, self.header.quantum_um);
-        self.end_body(next)
+        self.end_body()?;
+        self.body = Growing::new(next, self.header.quantum_um);
+        Ok(())
     }
 
-    fn end_body(&mut self, next: Growing) -> Result<(), WriteError> {
+    /// Writes what is pending of the body under way and adds it to the header.
+    fn end_body(&mut self) -> Result<(), WriteError> {
         if !self.pending.is_empty() {
             self.flush()?;
         }
         while self.write_oldest().map_err(|source| WriteError::Io { path: self.path.clone(), source })?.is_some() {}
-        let Growing { mut lattice, profile, nodes, lowest, .. } = std::mem::replace(&mut self.body, next);
+        let Growing { lattice, profile, nodes, lowest, .. } = &self.body;
         if lattice.total() == 0 {
             return Err(self.refused(format!("body {} has no struts", self.header.bodies.len())));
         }
-        lattice.node_count = nodes.total();
+        let lattice = Lattice { node_count: nodes.total(), ..lattice.clone() };
         profile.append_to(&mut self.profiles);
         let quantum_um = self.header.quantum_um;
         self.bottoms_um.push(match lattice.blend {
@@ -264,8 +266,7 @@ impl Writer {
         if !self.to_come.is_empty() {
             return Err(self.refused(format!("{} of its bodies are missing", self.to_come.len())));
         }
-        let none = Growing::new(BodySettings::Lattice { blend: Blend::Union, largest_radius: 0 }, 1.0);
-        self.end_body(none)?;
+        self.end_body()?;
         self.header.bottom_um = least(&self.bottoms_um);
         if let Err(problem) = format::check_header(&self.header) {
             return Err(self.refused(problem));
