@@ -1,11 +1,14 @@
 //! Orders that keys give, and the notes on their results.
 
-use super::view::JobThen;
 use crate::cli::client::Client;
 use crate::cli::client_error::ClientError;
 use crate::cli::commands::{absence, answer};
 use crate::cli::patience::BY_HAND;
 use crate::daemon::api::{JobView, ResumeBody};
+use crate::job::JobState;
+
+/// A job's id and state at one moment.
+pub(super) type JobThen = (String, JobState);
 
 /// An order for a job; without an id, for the job that holds the machine.
 #[derive(Debug, PartialEq, Eq)]
@@ -56,7 +59,6 @@ fn not_taken(order: &str, error: &ClientError) -> String {
 mod tests {
     use super::super::view::tests::view;
     use super::*;
-    use crate::job::JobState;
 
     #[test]
     fn an_order_that_is_not_on_disk_says_so() {

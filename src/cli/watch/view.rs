@@ -5,7 +5,7 @@ use std::time::Duration;
 use ratatui::crossterm::event::KeyCode;
 use tokio::time::Instant;
 
-use super::order::Order;
+use super::order::{JobThen, Order};
 use crate::cli::patience::BY_HAND;
 use crate::daemon::api::{DeviceView, JobView, Status};
 use crate::job::JobState;
@@ -43,9 +43,6 @@ pub(super) struct View {
     noted_job: Option<JobThen>,
     pub(super) question: Option<Question>,
 }
-
-/// A job's id and state at one moment.
-pub(super) type JobThen = (String, JobState);
 
 /// A question that must be answered with `y` before an order is given.
 #[derive(Clone, Debug, PartialEq, Eq)]
