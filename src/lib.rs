@@ -14,7 +14,7 @@
 //! | [`buildfile`] | the build file: import, sort out of core, write, stream, seek     |
 //! | [`solid`]     | what is inside at a point: convolution struts, exact union        |
 //! | [`layer`]     | one layer as pixels, the grid it is made for, export as PNG       |
-//! | [`mod@slice`] | the sweep plane: active set, strips, drawing → a layer            |
+//! | [`mod@slice`] | a part as a stream of layers, drawn body by body                  |
 //! | [`stream`]    | computing ahead: thread, memory budget, queue of finished layers  |
 //! | [`link`]      | the wire: frames, reliable session with credit, serial transport  |
 //! | [`device`]    | drivers, layer encodings and the simulated devices                |

@@ -1,4 +1,5 @@
-//! The build file (`.layerd`): a part as struts in ascending z, compressed in chunks that can be read in one forward stream.
+//! The build file (`.layerd`): a part as bodies, each of struts in ascending z, compressed in chunks that are read in one forward
+//! stream.
 //!
 //! [`pack`] imports 3MF and edge text and sorts them out of core, [`Writer`] writes, [`BuildFile`] reads: forward, or from any
 //! layer by the index, which also bounds the active set of every layer before a single chunk is read.

@@ -35,8 +35,7 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use time::OffsetDateTime;
 
-use crate::buildfile::Blend;
-use crate::buildfile::PackError;
+use crate::buildfile::{Blend, PackError};
 use crate::config::{ConfigText, Folder, Machine, find};
 use crate::daemon::api::{JobView, LinkState};
 use crate::text::{count_text, is_hidden, plain, shell_word};

@@ -6,8 +6,8 @@ use super::background::Background;
 use super::printer::Printer;
 use crate::job::Spool;
 
-/// Pause before a note that could not be written is tried again: a full disk may get room at any time, and each try is a line in
-/// no log.
+/// Pause before a note that could not be written is tried again: a full disk may get room at any time, and a failed try
+/// writes nothing to the log.
 const RETRY_US: u64 = 10_000_000;
 
 /// The note.

@@ -1,8 +1,8 @@
-//! The sweep plane: which struts a layer cuts, and what its pixels are.
+//! Slicing: what the pixels of each layer of a part are.
 //!
-//! A [`SlicePlan`] places a part on a machine's raster; a [`Slicer`] moves the plane upwards through a [`StrutSource`], keeps
-//! the active set and draws layer after layer, band by band, on as many threads as it is given. A layer depends on part and
-//! plan alone: not on threads, on which of a processor's instruction sets is used, or on the layer the sweep began with.
+//! A [`SlicePlan`] places a part on a machine's raster. A [`Slicer`] moves a plane upwards through the bodies of the part, each read
+//! from a [`BodySource`], and draws layer after layer, band by band, on as many threads as it is given. A layer depends on part and
+//! plan alone: not on the number of threads, the instruction set, or the layer that the slicer began with.
 
 mod band;
 mod body;

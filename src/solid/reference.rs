@@ -1,4 +1,4 @@
-//! The field in plain `f64`, as the formulas read: the measure for every faster way.
+//! The field in plain `f64`, as the formulas read: every faster way is measured against it.
 //!
 //! Liu et al. 2021, §3: `F(p) = Σ w ∫ (1 − |p−x|²/R²)² dx` over the part of each strut within R of p. The closed form was
 //! derived anew from that integral.

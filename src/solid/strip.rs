@@ -60,8 +60,8 @@ impl std::iter::Sum for Effort {
     }
 }
 
-/// Entries before and after those of [`Strip::touched`] that nobody writes: lists of several threads lie behind one another in memory,
-/// and a cache line (up to 128 bytes, fetched in pairs) that two threads write goes back and forth between them.
+/// Unused entries before and after those of [`Strip::touched`]. They keep the lists of two threads on different cache lines (at
+/// most 128 bytes, fetched in pairs): a line that two threads write moves back and forth between them.
 const APART: usize = 256;
 
 /// Some rows of cells, `halo` more columns on each side than the grid has.

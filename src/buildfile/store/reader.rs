@@ -120,8 +120,8 @@ impl BuildFile {
         })
     }
 
-    /// Reads every chunk once and compares what the header and the profile say with its struts: whoever prints the file wants
-    /// to know of damage in the middle before the first layer. Takes about as long as reading the file.
+    /// Reads every chunk once and compares header and profile with the struts, so that damage in the middle of a file is found before
+    /// the first layer. Takes about as long as reading the file.
     ///
     /// # Errors
     /// [`BuildFileError`] names the first damaged chunk, or what the struts contradict.
