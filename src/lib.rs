@@ -21,11 +21,13 @@
 //! | [`job`]       | the life of a job: states, journal, resume                        |
 //! | [`config`]    | machines, recipes and the daemon's own settings                   |
 //! | [`codec`]     | small values as bytes: bincode, under a limit                     |
+//! | [`api`]       | the control API's types, for daemon and clients                   |
 //! | [`daemon`]    | control API, systemd, wiring the above together                   |
 //! | [`cli`]       | `layerctl`                                                        |
 //!
 //! `ARCHITECTURE.md` states the invariants and where to start reading.
 
+pub mod api;
 pub mod buildfile;
 pub mod cli;
 pub mod codec;

@@ -14,8 +14,9 @@ const MAY_KNOW: &[(&str, &[&str])] = &[
     ("config", &["layer", "link"]),
     ("device", &["layer", "link", "config"]),
     ("job", &["link", "config", "device"]),
-    ("daemon", &["layer", "buildfile", "slice", "stream", "link", "config", "device", "job"]),
-    ("cli", &["layer", "solid", "buildfile", "slice", "stream", "link", "config", "device", "job", "daemon"]),
+    ("api", &["job"]),
+    ("daemon", &["layer", "buildfile", "slice", "stream", "link", "config", "device", "job", "api"]),
+    ("cli", &["layer", "solid", "buildfile", "slice", "stream", "link", "config", "device", "job", "api", "daemon"]),
 ];
 
 /// Small tools that know none of the above; every module may use them.

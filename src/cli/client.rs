@@ -16,9 +16,10 @@ pub use self::events::Events;
 pub use self::submit::NewJob;
 pub use super::client_error::ClientError;
 use super::patience::{Listener, Wait};
+use crate::api::percent;
+use crate::api::{JobList, JobView, RaiseView, RemovedView, ResumeBody, Status};
 use crate::config::DEFAULT_SOCKET;
-use crate::daemon::api::{JobList, JobView, RaiseView, RemovedView, ResumeBody, Status};
-use crate::daemon::{percent_encode, socket};
+use crate::daemon::http::socket;
 
 /// How often an abort is tried: on a crowded socket the daemon may close a connection before it has read the request.
 const ABORT_TRIES: usize = 3;
@@ -75,7 +76,7 @@ impl Client {
     /// # Errors
     /// [`ClientError`]; status 404 if there is none.
     pub async fn job(&self, id: &str) -> Result<JobView, ClientError> {
-        self.get(&format!("/v1/jobs/{}", percent_encode(id))).await
+        self.get(&format!("/v1/jobs/{}", percent::encode(id))).await
     }
 
     /// Reads `path`, such as `/v1/device`.
@@ -105,7 +106,7 @@ impl Client {
     /// # Errors
     /// [`ClientError`]; status 409 if the job's state does not allow it.
     pub async fn order(&self, id: &str, order: &str) -> Result<JobView, ClientError> {
-        let path = format!("/v1/jobs/{}/{order}", percent_encode(id));
+        let path = format!("/v1/jobs/{}/{order}", percent::encode(id));
         if order == "abort" { self.post_abort(&path).await } else { self.post(Wait::Order, &path, Bytes::new()).await }
     }
 
@@ -115,7 +116,7 @@ impl Client {
     /// [`ClientError`]; status 409 if a layer is in doubt and `body` does not say what happened to it.
     pub async fn resume(&self, id: &str, body: ResumeBody) -> Result<JobView, ClientError> {
         let bytes = serde_json::to_vec(&body).map_err(ClientError::broken)?;
-        self.post(Wait::Order, &format!("/v1/jobs/{}/resume", percent_encode(id)), bytes.into()).await
+        self.post(Wait::Order, &format!("/v1/jobs/{}/resume", percent::encode(id)), bytes.into()).await
     }
 
     /// Aborts the job that holds the machine; the light goes off even if there is none.
@@ -160,7 +161,7 @@ impl Client {
     /// # Errors
     /// [`ClientError`]; status 409 if the job is not over.
     pub async fn remove(&self, id: &str) -> Result<RemovedView, ClientError> {
-        let request = request(Method::DELETE, &format!("/v1/jobs/{}", percent_encode(id)));
+        let request = request(Method::DELETE, &format!("/v1/jobs/{}", percent::encode(id)));
         let request = request.body(Either::Left(Full::default())).map_err(ClientError::broken)?;
         self.ask(Wait::Order, request).await
     }
@@ -178,7 +179,7 @@ impl Client {
         read(exchange(&self.socket, request).await?).await
     }
 
-    /// Events from now on; the first is [`Event::Status`](crate::daemon::api::Event::Status).
+    /// Events from now on; the first is [`Event::Status`](crate::api::Event::Status).
     ///
     /// # Errors
     /// [`ClientError`].

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::config::DEFAULT_SOCKET;
-use crate::daemon::socket::MAX_PATH_BYTES;
+use crate::daemon::http::socket::MAX_PATH_BYTES;
 
 /// Why a request to the daemon failed.
 #[derive(Debug, thiserror::Error)]

@@ -9,7 +9,7 @@ use tokio::time::{Instant, sleep};
 use super::client::{Client, ClientError};
 use super::patience::BY_HAND;
 use super::{block_on, print, print_json};
-use crate::daemon::api::{InDoubt, JobList, JobView, LinkState, ResumeBody, Status};
+use crate::api::{InDoubt, JobList, JobView, LinkState, ResumeBody, Status};
 use crate::job::JobState;
 use crate::text::short_name;
 

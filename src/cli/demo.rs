@@ -13,7 +13,7 @@ use self::processes::{Children, run_self, spawn_self};
 use super::client::{Client, NewJob};
 use super::start::wait;
 use super::{block_on, duration_text};
-use crate::daemon::api::{JobView, LinkState, Status};
+use crate::api::{JobView, LinkState, Status};
 use crate::job::JobState;
 use crate::text::{count_text, size_text};
 

@@ -4,7 +4,7 @@ use clap::Args;
 
 use super::client::Client;
 use super::{block_on, print, print_json};
-use crate::daemon::api::{DeviceInfo, DeviceStateView, DeviceView};
+use crate::api::{DeviceInfo, DeviceStateView, DeviceView};
 use crate::text::{count_text, mm_text, size_text};
 
 /// Show what the device is, and where light and plate are.

@@ -6,7 +6,7 @@ use clap::Args;
 
 use super::client::Client;
 use super::{age_text, block_on, print, print_json, progress_lines, without_eta};
-use crate::daemon::api::{JobList, JobView, LinkState};
+use crate::api::{JobList, JobView, LinkState};
 use crate::job::JobState;
 use crate::text::short_name;
 

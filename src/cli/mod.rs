@@ -35,9 +35,9 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use time::OffsetDateTime;
 
+use crate::api::{JobView, LinkState};
 use crate::buildfile::{Blend, PackError};
 use crate::config::{ConfigText, Folder, Machine, find};
-use crate::daemon::api::{JobView, LinkState};
 use crate::text::{count_text, is_hidden, plain, shell_word};
 
 /// Prepares lattices for printing, and tells the daemon layerd to print them.

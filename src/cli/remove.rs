@@ -4,7 +4,7 @@ use clap::Args;
 
 use super::client::{Client, ClientError};
 use super::{Ending, block_on, print, print_json, report};
-use crate::daemon::api::RemovedView;
+use crate::api::RemovedView;
 use crate::text::size_text;
 
 /// Delete jobs that are over, with their parts and records.

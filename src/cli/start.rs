@@ -12,9 +12,9 @@ use tokio::time::{Instant, timeout};
 use super::client::{Client, ClientError, Events, NewJob};
 use super::jobs::doubt_commands;
 use super::{Ending, block_on, duration_text, print, print_json, progress_bar, progress_lines, without_eta};
+use crate::api::{Event, JobView, LinkState, LinkView, Status};
 use crate::buildfile::BuildFile;
 use crate::config::{ConfigText, Folder, Recipe, find};
-use crate::daemon::api::{Event, JobView, LinkState, LinkView, Status};
 use crate::job::JobState;
 use crate::text::count_text;
 

@@ -7,7 +7,7 @@ use clap::Args;
 use super::client::Client;
 use super::jobs::notes;
 use super::{age_text, block_on, print, print_json, progress_lines, time_text, without_eta};
-use crate::daemon::api::{JobView, Status};
+use crate::api::{JobView, Status};
 use crate::text::{count_text, short_name, size_text};
 
 /// Show machine, line, jobs, memory and traffic.

@@ -3,10 +3,10 @@
 use serde::Serialize;
 use tokio::sync::{broadcast, mpsc, oneshot, watch};
 
-use super::api::{BudgetView, DeviceView, Event, InDoubt, JobView, LineView, LinkView, RaiseView, RemovedView, Status};
-use super::caller::Caller;
-use super::fit::Fit;
-use super::upload;
+use crate::api::{BudgetView, DeviceView, Event, InDoubt, JobView, LineView, LinkView, RaiseView, RemovedView, Status};
+use crate::daemon::http::caller::Caller;
+use crate::daemon::http::upload;
+use crate::daemon::jobs::fit::Fit;
 use crate::job::JobState;
 use crate::text::short_name;
 

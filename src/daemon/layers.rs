@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use tokio::task::JoinHandle;
 
-use super::part::{EncodedLayer, Part};
+use crate::daemon::part::{EncodedLayer, Part};
 use crate::device::encoding::Choice;
 use crate::stream::{Ahead, Finished, MemoryBudget};
 

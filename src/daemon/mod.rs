@@ -1,54 +1,29 @@
 //! The daemon: control API on a Unix socket, systemd, and the wiring of everything else.
+//!
+//! | module    | owns                                                                       |
+//! |-----------|----------------------------------------------------------------------------|
+//! | `start`   | from the command line to a running daemon; the checks before that          |
+//! | `orders`  | what operators order: which the state allows, and how each is carried out  |
+//! | `printer` | the loop: line, device, running job, results of work in the background     |
+//! | `jobs`    | the jobs and the queue                                                     |
+//! | `http`    | the sockets, and HTTP on them                                              |
+//! | `handle`  | what `http` and `printer` share: orders one way, a snapshot the other      |
+//! | `host`    | log, clocks, systemd                                                       |
 
-pub mod api;
-mod arguments;
-mod background;
-mod body;
-pub mod caller;
-mod check;
-mod clock;
-mod connections;
-mod descriptors;
-mod doubt;
-mod faults;
-mod fit;
 pub mod handle;
-mod idle;
-mod job;
+mod host;
+pub mod http;
 mod jobs;
 mod layers;
-mod line;
-mod log;
-mod notify;
-mod opened;
 mod orders;
 mod part;
-mod past;
-mod percent;
-mod plate;
 mod printer;
-mod publish;
-mod raise;
-mod raised;
-mod remove;
-mod run;
-mod running;
-pub mod server;
-mod session;
 mod setting;
-mod settle;
-pub mod socket;
-mod submit;
-mod turn;
-mod unwritten;
-mod upload;
-mod view;
+mod start;
 
-pub use arguments::Arguments;
-pub(crate) use body::ChannelBody;
-pub use check::{Findings, check};
-pub use fit::Fit;
+pub use jobs::fit::Fit;
 pub(crate) use part::PrintMemory;
-pub(crate) use percent::encode as percent_encode;
-pub use run::run;
 pub use setting::Setting;
+pub use start::arguments::Arguments;
+pub use start::check::{Findings, check};
+pub use start::run::run;

@@ -5,8 +5,8 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use layerd::api::{Event, LayerExposed};
 use layerd::cli::client::Client;
-use layerd::daemon::api::{Event, LayerExposed};
 use layerd::link::message::{Request, Urgent};
 use serde_json::Value;
 use tokio::sync::oneshot;

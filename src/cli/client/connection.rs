@@ -12,10 +12,9 @@ use serde::de::DeserializeOwned;
 use tokio::net::UnixStream;
 use tokio::time::sleep;
 
+use crate::api::{ChannelBody, ErrorBody};
 use crate::cli::client_error::ClientError;
-use crate::daemon::ChannelBody;
-use crate::daemon::api::ErrorBody;
-use crate::daemon::socket::MAX_PATH_BYTES;
+use crate::daemon::http::socket::MAX_PATH_BYTES;
 
 /// Largest answer, and largest single event, bytes. The API sends nothing larger; a wrong socket must not fill memory.
 pub(super) const MAX_ANSWER_BYTES: usize = 16 << 20;

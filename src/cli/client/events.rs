@@ -7,9 +7,9 @@ use hyper::body::{Bytes, Frame, Incoming};
 use tokio::time::{Instant, timeout_at};
 
 use super::connection::{Connection, MAX_ANSWER_BYTES};
+use crate::api::Event;
 use crate::cli::client_error::ClientError;
 use crate::cli::patience::{Listener, TELL_AFTER};
-use crate::daemon::api::Event;
 
 /// How long the stream may be silent. The daemon sends something every second.
 const MAX_SILENCE: Duration = Duration::from_secs(20);

@@ -14,10 +14,9 @@ use tokio::time::{Instant, timeout};
 
 use super::Client;
 use super::connection::{Answer, exchange, read, request};
+use crate::api::{ChannelBody, JobView, NAME_HEADER, RECIPE_HEADER, RECIPE_NAME_HEADER, percent};
 use crate::cli::client_error::ClientError;
 use crate::cli::patience::{TELL_AFTER, Wait};
-use crate::daemon::api::{JobView, NAME_HEADER, RECIPE_HEADER, RECIPE_NAME_HEADER};
-use crate::daemon::{ChannelBody, percent_encode};
 
 /// How long the daemon may check a submitted part: reading ten gigabytes from a slow disk takes some minutes.
 const MAX_CHECK_TIME: Duration = Duration::from_secs(900);
@@ -77,11 +76,11 @@ impl Client {
     pub async fn submit(&self, job: &NewJob, progress: impl FnMut(u64, u64)) -> Result<JobView, ClientError> {
         let part = Part::open(&job.part).await?;
         let mut request = request(Method::POST, "/v1/jobs")
-            .header(NAME_HEADER, percent_encode(&job.name))
+            .header(NAME_HEADER, percent::encode(&job.name))
             .header(header::CONTENT_LENGTH, part.total_bytes);
         if let Some((name, text)) = &job.recipe {
             request =
-                request.header(RECIPE_NAME_HEADER, percent_encode(name)).header(RECIPE_HEADER, percent_encode(text));
+                request.header(RECIPE_NAME_HEADER, percent::encode(name)).header(RECIPE_HEADER, percent::encode(text));
         }
         let (parts, body) = ChannelBody::new();
         let request = request.body(Either::Right(body)).map_err(ClientError::broken)?;

@@ -1,10 +1,10 @@
 //! Orders that keys give, and the notes on their results.
 
+use crate::api::{JobView, ResumeBody};
 use crate::cli::client::Client;
 use crate::cli::client_error::ClientError;
 use crate::cli::commands::{absence, answer};
 use crate::cli::patience::BY_HAND;
-use crate::daemon::api::{JobView, ResumeBody};
 use crate::job::JobState;
 
 /// A job's id and state at one moment.

@@ -10,8 +10,8 @@ use ratatui::widgets::{Gauge, Paragraph, Wrap};
 use tokio::time::Instant;
 
 use super::view::View;
+use crate::api::{DeviceView, JobView};
 use crate::cli::{duration_text, layers_text, status, with_socket, without_eta};
-use crate::daemon::api::{DeviceView, JobView};
 use crate::text::{count_text, mm_text, plain};
 
 /// Fits 40 columns.
@@ -172,8 +172,8 @@ mod tests {
     use super::super::view::Question;
     use super::super::view::tests::view;
     use super::*;
+    use crate::api::LinkState;
     use crate::cli::patience::BY_HAND;
-    use crate::daemon::api::LinkState;
 
     fn screen(view: &View, width: u16, height: u16, now: Instant) -> (String, Buffer) {
         let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();

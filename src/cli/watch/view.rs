@@ -6,8 +6,8 @@ use ratatui::crossterm::event::KeyCode;
 use tokio::time::Instant;
 
 use super::order::{JobThen, Order};
+use crate::api::{DeviceView, JobView, Status};
 use crate::cli::patience::BY_HAND;
-use crate::daemon::api::{DeviceView, JobView, Status};
 use crate::job::JobState;
 use crate::text::short_name;
 

@@ -1,0 +1,289 @@
+//! The control API: HTTP and JSON on a Unix socket, with server-sent events. A second socket beside it takes only aborts.
+//! There is no log-in: a user who may open a socket may print.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::body::Body;
+use axum::extract::{Extension, Path as UrlPath, Request, State};
+use axum::http::{HeaderMap, Method, StatusCode, Uri, header};
+use axum::response::{IntoResponse, Response};
+use axum::routing::{get, post};
+use axum::{Json, Router};
+use tokio::net::UnixListener;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, broadcast, mpsc, watch};
+use tokio::time::timeout;
+
+use super::caller::Caller;
+use super::connections::{Door, HEAD_TIMEOUT, MAX_CONNECTIONS, MAX_CROWD, ending};
+use super::upload;
+use crate::api::ChannelBody;
+use crate::api::{ErrorBody, Event, JobList, ResumeBody};
+use crate::daemon::handle::{Command, CommandError, Handle};
+
+/// Subscribers to events at once. Fewer than connections, so that they leave room for orders.
+const MAX_SUBSCRIBERS: usize = 24;
+/// Uploads at once. Each holds a file in the spool.
+const MAX_UPLOADS: usize = 2;
+/// Head of a request, bytes. It may carry a recipe of 16 KiB, which is up to 48 KiB percent-encoded.
+const MAX_HEAD_BYTES: usize = 64 << 10;
+/// Head of a request on the socket for aborts, bytes. The least that hyper allows.
+const MAX_ABORT_HEAD_BYTES: usize = 8 << 10;
+/// JSON body of an order, bytes.
+const MAX_ORDER_BYTES: usize = 4 << 10;
+/// A subscriber gets at least a comment this often, so that both ends notice a broken connection.
+const KEEP_ALIVE: Duration = Duration::from_secs(1);
+/// File descriptors that both sockets use at most: their connections, and for each socket one connection that is being closed.
+pub(crate) const MAX_DESCRIPTORS: u64 = (MAX_CONNECTIONS + 2 * (MAX_CROWD + 1)) as u64;
+
+/// Serves the API until `shutdown` becomes true or its sender is dropped. Uploads are written to the directory `incoming`, which
+/// must be on the spool's file system. Opening the spool removes what a crash left there.
+pub async fn serve(listener: UnixListener, handle: Handle, incoming: PathBuf, shutdown: watch::Receiver<bool>) {
+    let shared = Shared {
+        handle,
+        incoming,
+        subscribers: Arc::new(Semaphore::new(MAX_SUBSCRIBERS)),
+        uploads: Arc::new(Semaphore::new(MAX_UPLOADS)),
+        shutdown: shutdown.clone(),
+    };
+    let shared = Arc::new(shared);
+    let everything = Some(router(Arc::clone(&shared)));
+    let aborts = abort_router(shared.handle.clone(), no_place);
+    Door { listener, everything, aborts, max_head_bytes: MAX_HEAD_BYTES }.serve(shutdown).await;
+}
+
+/// Serves the socket for aborts until `shutdown` becomes true or its sender is dropped.
+pub async fn serve_aborts(listener: UnixListener, handle: Handle, shutdown: watch::Receiver<bool>) {
+    let aborts = abort_router(handle, only_aborts);
+    let max_head_bytes = MAX_ABORT_HEAD_BYTES;
+    Door { listener, everything: None, aborts, max_head_bytes }.serve(shutdown).await;
+}
+
+struct Shared {
+    handle: Handle,
+    incoming: PathBuf,
+    subscribers: Arc<Semaphore>,
+    uploads: Arc<Semaphore>,
+    shutdown: watch::Receiver<bool>,
+}
+
+impl Shared {
+    /// Reserves a place for an upload if the queue has room for it and for the uploads under way.
+    fn begin_upload(&self) -> Result<OwnedSemaphorePermit, CommandError> {
+        let place = Arc::clone(&self.uploads)
+            .try_acquire_owned()
+            .map_err(|_| CommandError::new(503, format!("{MAX_UPLOADS} uploads are under way already; try again")))?;
+        let others = MAX_UPLOADS - 1 - self.uploads.available_permits();
+        self.handle.snapshot().check_queue(others)?;
+        Ok(place)
+    }
+}
+
+type App = State<Arc<Shared>>;
+type Answer = Result<Response, CommandError>;
+
+/// Routes for aborts alone; `otherwise` answers everything else.
+fn abort_router<F>(handle: Handle, otherwise: fn(Body) -> F) -> Router
+where
+    F: Future<Output = CommandError> + Send + 'static,
+{
+    Router::new()
+        .route("/v1/abort", post(abort_active))
+        .route("/v1/jobs/{id}/abort", post(abort_job))
+        .fallback(otherwise)
+        .method_not_allowed_fallback(otherwise)
+        .with_state(handle)
+}
+
+fn router(shared: Arc<Shared>) -> Router {
+    Router::new()
+        .route("/v1/status", get(status))
+        .route("/v1/jobs", get(jobs).post(submit))
+        .route("/v1/jobs/{id}", get(job).delete(remove))
+        .route("/v1/jobs/{id}/{order}", post(order_job))
+        .route("/v1/abort", post(abort))
+        .route("/v1/raise", post(raise))
+        .route("/v1/device", get(device))
+        .route("/v1/events", get(events))
+        .fallback(no_such_path)
+        .method_not_allowed_fallback(no_such_method)
+        .with_state(shared)
+}
+
+impl IntoResponse for CommandError {
+    fn into_response(self) -> Response {
+        let status = StatusCode::from_u16(self.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
+        (status, Json(ErrorBody { error: self.message })).into_response()
+    }
+}
+
+async fn status(State(shared): App) -> Response {
+    Json(shared.handle.snapshot().status()).into_response()
+}
+
+async fn jobs(State(shared): App) -> Response {
+    Json(JobList { jobs: shared.handle.snapshot().jobs.clone() }).into_response()
+}
+
+async fn job(State(shared): App, UrlPath(id): UrlPath<String>) -> Answer {
+    let found = shared.handle.snapshot().job(&id).cloned();
+    found
+        .map(|job| Json(job).into_response())
+        .ok_or_else(|| CommandError::new(404, format!("there is no job `{id}`; `layerctl jobs` lists them")))
+}
+
+async fn device(State(shared): App) -> Response {
+    Json(shared.handle.snapshot().device.clone()).into_response()
+}
+
+async fn submit(
+    State(shared): App,
+    Extension(caller): Extension<Caller>,
+    headers: HeaderMap,
+    mut body: Body,
+) -> Answer {
+    let (jobs_ended, fit) = {
+        let snapshot = shared.handle.snapshot();
+        (snapshot.jobs_ended, snapshot.fit.clone())
+    };
+    let received = match shared.begin_upload() {
+        // Held until the job is in the queue: several uploads together cannot overfill it.
+        Ok(place) => upload::receive(&shared.incoming, &headers, &mut body, jobs_ended, fit, place).await,
+        Err(refusal) => Err(refusal),
+    };
+    let (submission, _place) = match received {
+        Ok(received) => received,
+        Err(refusal) => {
+            upload::drain(&mut body).await;
+            return Err(refusal);
+        }
+    };
+    let job = shared.handle.order(Command::Submit(submission), caller).await?;
+    Ok((StatusCode::CREATED, Json(job)).into_response())
+}
+
+async fn order_job(
+    State(shared): App,
+    Extension(caller): Extension<Caller>,
+    UrlPath((id, order)): UrlPath<(String, String)>,
+    request: Request,
+) -> Answer {
+    let command = match order.as_str() {
+        "pause" => Command::Pause(id),
+        "resume" => Command::Resume { id, in_doubt: resume_body(request).await?.in_doubt },
+        "stop" => Command::Stop(id),
+        "abort" => Command::Abort(Some(id)),
+        _ => {
+            let message = format!("there is no order `{order}`; a job takes pause, resume, stop and abort");
+            return Err(CommandError::new(404, message));
+        }
+    };
+    Ok(Json(shared.handle.order(command, caller).await?).into_response())
+}
+
+async fn abort(State(shared): App, caller: Extension<Caller>) -> Answer {
+    abort_active(State(shared.handle.clone()), caller).await
+}
+
+async fn abort_active(State(handle): State<Handle>, Extension(caller): Extension<Caller>) -> Answer {
+    Ok(Json(handle.order(Command::Abort(None), caller).await?).into_response())
+}
+
+async fn abort_job(
+    State(handle): State<Handle>,
+    Extension(caller): Extension<Caller>,
+    UrlPath(id): UrlPath<String>,
+) -> Answer {
+    Ok(Json(handle.order(Command::Abort(Some(id)), caller).await?).into_response())
+}
+
+async fn no_place(mut body: Body) -> CommandError {
+    upload::drain(&mut body).await;
+    CommandError::new(503, format!("{MAX_CONNECTIONS} connections are open already; only an abort is accepted now"))
+}
+
+async fn only_aborts(mut body: Body) -> CommandError {
+    upload::drain(&mut body).await;
+    let message = "this socket takes only POST /v1/abort and POST /v1/jobs/{id}/abort; use the one without `.abort`";
+    CommandError::new(404, message)
+}
+
+async fn remove(State(shared): App, Extension(caller): Extension<Caller>, UrlPath(id): UrlPath<String>) -> Answer {
+    Ok(Json(shared.handle.order(Command::Remove(id), caller).await?).into_response())
+}
+
+async fn raise(State(shared): App, Extension(caller): Extension<Caller>) -> Answer {
+    Ok(Json(shared.handle.order(Command::Raise, caller).await?).into_response())
+}
+
+async fn resume_body(request: Request) -> Result<ResumeBody, CommandError> {
+    let read = timeout(HEAD_TIMEOUT, axum::body::to_bytes(request.into_body(), MAX_ORDER_BYTES));
+    let bytes = read
+        .await
+        .map_err(|_| CommandError::new(408, "the body did not arrive"))?
+        .map_err(|error| CommandError::new(400, format!("the body cannot be read: {error}")))?;
+    if bytes.is_empty() {
+        return Ok(ResumeBody::default());
+    }
+    serde_json::from_slice(&bytes).map_err(|error| {
+        CommandError::new(
+            400,
+            format!("the body is not {{\"in_doubt\": \"exposed\"}} or {{\"in_doubt\": \"repeat\"}}: {error}"),
+        )
+    })
+}
+
+async fn no_such_path(uri: Uri) -> CommandError {
+    CommandError::new(404, format!("there is no path {}; docs/control-api.md lists all paths", uri.path()))
+}
+
+async fn no_such_method(method: Method, uri: Uri) -> CommandError {
+    CommandError::new(405, format!("{} does not allow {method}; docs/control-api.md lists what it allows", uri.path()))
+}
+
+async fn events(State(shared): App) -> Answer {
+    let Ok(permit) = Arc::clone(&shared.subscribers).try_acquire_owned() else {
+        return Err(CommandError::new(503, format!("{MAX_SUBSCRIBERS} subscribers listen already")));
+    };
+    // Subscribed before the status is read: nothing falls between the two.
+    let news = shared.handle.subscribe();
+    let first = Event::Status(Box::new(shared.handle.snapshot().status()));
+    let (parts, body) = ChannelBody::new();
+    tokio::spawn(tell(first, news, parts, shared.shutdown.clone(), permit));
+    let headers = [(header::CONTENT_TYPE, "text/event-stream"), (header::CACHE_CONTROL, "no-store")];
+    Ok((headers, Body::new(body)).into_response())
+}
+
+/// Writes events to one subscriber until it or the daemon ends.
+async fn tell(
+    first: Event,
+    mut news: broadcast::Receiver<Event>,
+    parts: mpsc::Sender<hyper::body::Bytes>,
+    mut shutdown: watch::Receiver<bool>,
+    _permit: OwnedSemaphorePermit,
+) {
+    let mut part = server_sent(&first);
+    loop {
+        // A subscriber that stops reading holds its connection only until the daemon ends or it hangs up.
+        tokio::select! {
+            sent = parts.send(part.into()) => if sent.is_err() { return },
+            () = ending(&mut shutdown) => return,
+        }
+        part = tokio::select! {
+            heard = timeout(KEEP_ALIVE, news.recv()) => match heard {
+                Ok(Ok(event)) => server_sent(&event),
+                Ok(Err(broadcast::error::RecvError::Lagged(missed))) => server_sent(&Event::Lagged { missed }),
+                Ok(Err(broadcast::error::RecvError::Closed)) => return,
+                Err(_) => ": still here\n\n".into(),
+            },
+            () = parts.closed() => return,
+            () = ending(&mut shutdown) => return,
+        };
+    }
+}
+
+fn server_sent(event: &Event) -> String {
+    let data = serde_json::to_string(event).expect("an event is plain data");
+    format!("event: {}\ndata: {data}\n\n", event.name())
+}

@@ -1,0 +1,59 @@
+//! Whether the connected device can print a job by its recipe: checked before the part is sent, and again when it has arrived.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use super::job::Job;
+use crate::config::Recipe;
+use crate::daemon::handle::CommandError;
+use crate::daemon::printer::Printer;
+use crate::daemon::setting::Setting;
+use crate::device::{Misfit, check_fit};
+use crate::link::message::Capabilities;
+
+/// What a new job's recipe is checked against.
+#[derive(Clone, Debug)]
+pub struct Fit {
+    setting: Arc<Setting>,
+    /// `None` without a device; the check then happens when the job begins.
+    device: Option<Capabilities>,
+}
+
+impl Fit {
+    /// A check against this machine, and against the device if one is connected.
+    pub(crate) fn new(setting: Arc<Setting>, device: Option<Capabilities>) -> Self {
+        Self { setting, device }
+    }
+
+    /// Checks a recipe, or the default one if `text` is `None`; returns it.
+    ///
+    /// # Errors
+    /// 422 for a recipe that is wrong or that the device cannot print, 409 for a device that is another machine.
+    pub(crate) fn check(&self, text: Option<&str>, name: Option<&str>) -> Result<Recipe, CommandError> {
+        let place = Path::new(name.unwrap_or("recipe"));
+        let recipe = Recipe::parse(place, text.unwrap_or(&self.setting.recipe_text))
+            .map_err(|error| CommandError::new(422, error.to_string()))?;
+        if let Some(device) = &self.device {
+            check_fit(&self.setting.machine, &recipe, device).map_err(|misfit| {
+                // 409 calls for another device, 422 for another recipe.
+                let status = if matches!(misfit, Misfit::Machine(_)) { 409 } else { 422 };
+                CommandError::new(status, misfit.to_string())
+            })?;
+        }
+        Ok(recipe)
+    }
+}
+
+impl Printer {
+    /// Why the connected device cannot print this job; `None` if it can, or if that is not known yet.
+    pub(crate) fn misfit_of(&self, job: &Job) -> Option<String> {
+        let device = self.capabilities.as_ref().filter(|_| self.device.connected)?;
+        let (machine, recipe) = &**job.made_for.as_ref()?;
+        check_fit(machine, recipe, device).err().map(|misfit| misfit.to_string())
+    }
+
+    /// The same of a job that has not begun: it waits for a device that fits.
+    pub(crate) fn awaits_other_device(&self, job: &Job) -> Option<String> {
+        (job.is_to_print() && !job.has_begun()).then(|| self.misfit_of(job)).flatten()
+    }
+}

@@ -1,0 +1,249 @@
+//! One job as the daemon knows it: what operators see of it, and what it waits for.
+
+use super::past::Past;
+use crate::api::JobView;
+use crate::config::{Machine, Recipe};
+use crate::daemon::host::clock::unix_ms;
+use crate::daemon::printer::background::Reply;
+use crate::daemon::printer::plate::Sign;
+use crate::job::{
+    Command, EndOrder, Entry as JournalEntry, Forgotten, History, JobDirectory, JobState, Progress, Record,
+    ResumeChoice, read_journal,
+};
+
+/// One job.
+#[derive(Debug)]
+pub(crate) struct Job {
+    /// Its place in the spool.
+    pub directory: JobDirectory,
+    /// Names its exposures; 0 where the journal could not be read.
+    pub key: u64,
+    /// Exposure time of the layer that was commanded and not confirmed when the daemon started, milliseconds.
+    pub unconfirmed_ms: Option<u32>,
+    /// Machine and recipe it is printed with; `None` for a job that is over, or if its files cannot be read.
+    pub made_for: Option<Box<(Machine, Recipe)>>,
+    /// What operators see.
+    pub view: JobView,
+    /// Its light and plate so far.
+    pub past: Past,
+    /// What it gets the machine for.
+    pub take_up: TakeUp,
+    /// Whether the operator must confirm first that the plate is empty, whatever device and spool show.
+    pub awaits_plate: bool,
+    /// Whether it gets the machine only once a device answers: to carry out an order to end from before a crash or a lost device.
+    pub awaits_device: bool,
+    /// Signs of a part that the operator was told of and has not confirmed.
+    pub told: Vec<Sign>,
+    /// Signs that the operator has confirmed.
+    pub cleared: Vec<Sign>,
+    /// Why the unconfirmed layer is in doubt, and the view's reason before that was added.
+    pub doubt: Option<(String, Option<String>)>,
+    /// Whether an order is being checked against its journal or written there. Until that is done, other orders are refused.
+    pub ordered: bool,
+    /// Aborts that came meanwhile; they are next.
+    pub aborts: Vec<Reply>,
+}
+
+/// What a job gets the machine for.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum TakeUp {
+    /// To print; holds the operator's choice for a layer in doubt.
+    Print(ResumeChoice),
+    /// To end with the light off and the plate clear: by a stop or an abort.
+    End(Command),
+}
+
+impl From<EndOrder> for Command {
+    fn from(order: EndOrder) -> Self {
+        match order {
+            EndOrder::Stop => Self::Stop,
+            EndOrder::Abort => Self::Abort,
+        }
+    }
+}
+
+impl TakeUp {
+    /// The job's state until its engine reports one: stopping or aborting, else `otherwise`.
+    pub(crate) fn state_before(self, otherwise: JobState) -> JobState {
+        match self {
+            Self::Print(_) => otherwise,
+            Self::End(Command::Abort) => JobState::Aborting,
+            Self::End(_) => JobState::Stopping,
+        }
+    }
+}
+
+impl Job {
+    /// A job just accepted.
+    pub(crate) fn accepted(
+        directory: JobDirectory,
+        key: u64,
+        layer_count: u32,
+        name: String,
+        machine: Machine,
+        recipe: Recipe,
+    ) -> Self {
+        let mut view = blank_view(&directory);
+        view.name = name;
+        view.recipe.clone_from(&recipe.name);
+        view.layers_total = layer_count;
+        view.submitted_ms = unix_ms();
+        let made_for = Some(Box::new((machine, recipe)));
+        Self { made_for, ..Self::new(directory, key, view, Past::default(), false) }
+    }
+
+    fn new(directory: JobDirectory, key: u64, view: JobView, past: Past, awaits_plate: bool) -> Self {
+        Self {
+            directory,
+            key,
+            unconfirmed_ms: None,
+            made_for: None,
+            view,
+            past,
+            take_up: TakeUp::Print(ResumeChoice::None),
+            awaits_plate,
+            awaits_device: false,
+            told: Vec::new(),
+            cleared: Vec::new(),
+            doubt: None,
+            ordered: false,
+            aborts: Vec::new(),
+        }
+    }
+
+    /// Reads a job of the spool.
+    pub(crate) fn load(directory: JobDirectory, awaits_plate: bool) -> Self {
+        let mut view = blank_view(&directory);
+        let (key, past) = match read_journal(&directory.journal()) {
+            Ok((entries, history)) => {
+                fill_view(&mut view, &entries, &history);
+                (history.key, Past::from(&history))
+            }
+            Err(error) => {
+                tracing::error!(job = directory.id, "{error}");
+                // The journal may become readable again; until then its part may be on the plate.
+                view.state = if error.may_be_mended() { JobState::Interrupted } else { JobState::Failed };
+                view.reason = Some(format!("{error}. If its part is on the plate, take it off"));
+                (0, Past::unknown())
+            }
+        };
+        let recipe = Recipe::load(&directory.recipe()).ok();
+        let unconfirmed_ms =
+            past.unconfirmed.and_then(|commanded| Some(recipe.as_ref()?.layer_exposure_ms(commanded.layer)));
+        view.recipe = recipe.as_ref().map_or_else(String::new, |recipe| recipe.name.clone());
+        let made_for = recipe
+            .filter(|_| !view.state.is_final())
+            .and_then(|recipe| Some(Box::new((Machine::load(&directory.machine()).ok()?, recipe))));
+        let awaits_plate = awaits_plate && view.state == JobState::Queued;
+        Self { unconfirmed_ms, made_for, ..Self::new(directory, key, view, past, awaits_plate) }
+    }
+
+    /// What must stay known of it when its record is deleted.
+    pub(crate) fn forgotten(&self) -> Forgotten {
+        Forgotten { id: self.directory.id, key: self.key, plate: self.past.plate_after() }
+    }
+
+    /// Whether it may ever have had the machine, so that plate and light may be its own.
+    pub(crate) fn has_begun(&self) -> bool {
+        // Key 0: its journal could not be read, so it may have.
+        self.view.started_ms.is_some() || self.key == 0
+    }
+
+    /// Copies the engine's progress into the view. Returns whether anything changed.
+    pub(crate) fn update(&mut self, progress: &Progress) -> bool {
+        let before = self.view.clone();
+        let view = &mut self.view;
+        view.state = progress.state;
+        view.layers_done = progress.layers_done;
+        view.layers_total = progress.layers_total;
+        view.layer = progress.state.is_active().then_some(progress.layer);
+        // Whole seconds, so that the view does not change every millisecond.
+        view.eta_s = progress.eta_ms.map(|eta_ms| eta_ms.div_ceil(1000));
+        view.late_layers = progress.late_layers;
+        view.late_ms_total = progress.late_ms_total;
+        view.in_doubt = progress.in_doubt;
+        view.reason = Some(progress.reason.clone()).filter(|reason| !reason.is_empty());
+        // While it is checked, nothing is commanded.
+        if view.started_ms.is_none() && progress.state.is_active() && progress.state != JobState::Checking {
+            view.started_ms = Some(unix_ms());
+        }
+        if !progress.state.is_active() && view.ended_ms.is_none() {
+            view.ended_ms = Some(unix_ms());
+        }
+        if progress.state.is_active() {
+            view.ended_ms = None;
+        }
+        *view != before
+    }
+
+    /// Sets why the commanded layer is in doubt, or that it is not. Returns whether that changed.
+    pub(crate) fn set_doubt(&mut self, layer: u32, why: Option<String>) -> bool {
+        if self.doubt.as_ref().map(|(why, _)| why) == why.as_ref() {
+            return false;
+        }
+        if let Some((_, before)) = self.doubt.take() {
+            self.view.reason = before;
+        }
+        self.view.in_doubt = why.as_ref().map(|_| layer);
+        if let Some(why) = why {
+            let before = self.view.reason.take();
+            let known = before.as_ref().map_or_else(String::new, |before| format!("{before}; "));
+            self.view.reason = Some(format!("{known}layer {layer} is in doubt: {why}. Look at the part"));
+            self.doubt = Some((why, before));
+        }
+        true
+    }
+
+    /// Notes that the job ended without an engine.
+    pub(crate) fn end(&mut self, state: JobState, reason: Option<String>) {
+        self.view.state = state;
+        self.view.reason = reason;
+        self.view.layer = None;
+        self.view.eta_s = None;
+        self.view.ended_ms = Some(unix_ms());
+        self.log_end();
+    }
+
+    /// Writes into the log how and why the job ended.
+    pub(crate) fn log_end(&self) {
+        let JobView { id, state, layers_done, layers_total, reason, .. } = &self.view;
+        let reason = reason.as_deref().unwrap_or("every layer is exposed");
+        tracing::info!("job {id} ended: {state} after {layers_done} of {layers_total} layers: {reason}");
+    }
+}
+
+fn blank_view(directory: &JobDirectory) -> JobView {
+    JobView {
+        id: directory.id.to_string(),
+        name: String::new(),
+        state: JobState::Queued,
+        recipe: String::new(),
+        layers_done: 0,
+        layers_total: 0,
+        layer: None,
+        eta_s: None,
+        late_layers: 0,
+        late_ms_total: 0,
+        submitted_ms: 0,
+        started_ms: None,
+        ended_ms: None,
+        reason: None,
+        in_doubt: None,
+        warning: None,
+    }
+}
+
+fn fill_view(view: &mut JobView, entries: &[JournalEntry], history: &History) {
+    let first_at = |wanted: fn(&Record) -> bool| entries.iter().find(|entry| wanted(&entry.record));
+    view.name.clone_from(&history.name);
+    view.state = history.state;
+    view.layers_done = history.next_layer;
+    view.layers_total = history.layer_count;
+    view.submitted_ms = entries.first().map_or(0, |entry| entry.at_unix_ms);
+    view.started_ms = first_at(|record| matches!(record, Record::Started { .. })).map(|entry| entry.at_unix_ms);
+    if history.state != JobState::Queued {
+        view.ended_ms = entries.last().map(|entry| entry.at_unix_ms);
+    }
+    view.reason = Some(history.reason.clone()).filter(|reason| !reason.is_empty());
+    view.in_doubt = history.in_doubt.is_some().then_some(history.next_layer);
+}

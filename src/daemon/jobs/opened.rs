@@ -1,0 +1,89 @@
+//! A job that is read from the spool when its turn comes.
+
+use std::sync::Arc;
+
+use super::job::TakeUp;
+use crate::config::{Machine, Recipe};
+use crate::daemon::host::clock::unix_ms;
+use crate::daemon::part::{Part, Unprintable, spool_text};
+use crate::job::{JobDirectory, JobState, Journal, Record, StartPoint};
+
+/// A job read from the spool, ready to run.
+#[derive(Debug)]
+pub(crate) struct Opened {
+    /// Open for appending.
+    pub journal: Journal,
+    /// Names its exposures.
+    pub key: u64,
+    /// Where the engine begins.
+    pub start: StartPoint,
+    /// As it was when the job was accepted.
+    pub recipe: Recipe,
+    /// As it was when the job was accepted.
+    pub machine: Machine,
+    /// The part, placed on that machine.
+    pub part: Arc<Part>,
+}
+
+/// A job that cannot be printed.
+#[derive(Debug)]
+pub(crate) struct Unopened {
+    /// Why.
+    pub text: String,
+    /// Its state from now on: interrupted if its part may be on the plate, else failed.
+    pub state: JobState,
+}
+
+impl Opened {
+    /// Opens a job of the spool: journal, recipe, machine and part as they were when it was accepted. `has_begun` says
+    /// whether it ever had the machine. Blocks.
+    ///
+    /// # Errors
+    /// What is missing or does not fit. The job's end is written to its journal if possible.
+    pub(crate) fn open(
+        job: &JobDirectory,
+        take_up: TakeUp,
+        has_begun: bool,
+        threads: usize,
+        limit_bytes: u64,
+    ) -> Result<Self, Unopened> {
+        let (mut journal, history) = Journal::open(&job.journal()).map_err(|error| {
+            // A journal that cannot be read may become readable; a damaged one stays damaged.
+            let state = if has_begun && error.may_be_mended() { JobState::Interrupted } else { JobState::Failed };
+            Unopened { text: error.to_string(), state }
+        })?;
+        // A job whose part is on the plate stays resumable: the fault may be mended.
+        let state = if history.touched() { JobState::Interrupted } else { JobState::Failed };
+        let start = match take_up {
+            TakeUp::Print(choice) => history.start(choice),
+            TakeUp::End(_) => history.start_to_end(),
+        };
+        let start = start.map_err(|error| Unopened { text: error.to_string(), state })?;
+        let open = || -> Result<_, String> {
+            let recipe = Recipe::load(&job.recipe()).map_err(|error| error.to_string())?;
+            let machine = Machine::load(&job.machine()).map_err(|error| error.to_string())?;
+            let part =
+                Part::open(&job.part(), &machine, &recipe, threads, limit_bytes).map_err(|error| match error {
+                    Unprintable::File(error) => spool_text(&error),
+                    _ => error.to_string(),
+                })?;
+            if part.layer_count() != history.layer_count {
+                let (found, accepted) = (part.layer_count(), history.layer_count);
+                return Err(format!(
+                    "the part in the spool has {found} layers, the one accepted had {accepted}: it was replaced"
+                ));
+            }
+            if matches!(take_up, TakeUp::Print(_)) && start.next_layer == 0 && !start.touched {
+                part.check_footing(&recipe, limit_bytes)?;
+            }
+            Ok((recipe, machine, Arc::new(part)))
+        };
+        match open() {
+            Ok((recipe, machine, part)) => Ok(Self { journal, key: history.key, start, recipe, machine, part }),
+            Err(text) => {
+                let ended = journal.append(Record::Ended { state, reason: text.clone() }, unix_ms());
+                Err(Unopened { text: ended.map_or_else(|error| error.to_string(), |_| text), state })
+            }
+        }
+    }
+}

@@ -1,0 +1,293 @@
+//! Operators' orders: which the state allows, and how they are carried out.
+
+pub(crate) mod raise;
+pub(crate) mod raised;
+pub(crate) mod remove;
+pub(crate) mod settle;
+pub(crate) mod submit;
+pub(crate) mod unwritten;
+
+use self::settle::Change;
+use self::unwritten::Unwritten;
+use crate::api::{InDoubt, JobView};
+use crate::daemon::handle::{Answer, Command, CommandError, Order};
+use crate::daemon::http::upload;
+use crate::daemon::jobs::job::{Job, TakeUp};
+use crate::daemon::printer::Printer;
+use crate::daemon::printer::publish::RESUME_LATER;
+use crate::job::{Command as EngineCommand, EndOrder, JobState, ResumeChoice, ResumeError};
+use crate::link::message::Urgent;
+
+/// What is left to do for an order before it is answered.
+pub(crate) enum Step {
+    /// Nothing; the job's view is the answer.
+    Done(u32),
+    /// The engine carries it out; its record must reach the disk.
+    Unwritten(u32, EndOrder),
+    /// Another order for the job is being written; this one is next.
+    Next(u32),
+    /// It must be checked against the job's journal and written there.
+    Change(u32, Change),
+}
+
+impl Printer {
+    /// Carries an order out and answers it.
+    pub(crate) fn order(&mut self, order: Order) {
+        let Order { command, reply } = order;
+        if self.shutting_down && matches!(command, Command::Submit(_) | Command::Resume { .. } | Command::Remove(_)) {
+            let text = match command {
+                Command::Resume { .. } => RESUME_LATER,
+                _ => "the daemon is shutting down and begins nothing new",
+            };
+            let _ = reply.send(Err(CommandError::new(503, text)));
+            if let Command::Submit(submission) = command {
+                upload::discard(submission);
+            }
+            return;
+        }
+        let step = match command {
+            Command::Submit(submission) => return self.submit(submission, reply),
+            Command::Remove(id) => return self.remove(&id, reply),
+            Command::Raise => return self.raise(reply),
+            Command::Pause(id) => self.steer(&id, EngineCommand::Pause),
+            Command::Stop(id) => self.steer(&id, EngineCommand::Stop),
+            Command::Resume { id, in_doubt } => self.resume(&id, in_doubt),
+            Command::Abort(Some(id)) => self.steer(&id, EngineCommand::Abort),
+            Command::Abort(None) => self.abort_active(),
+        };
+        let answer = match step {
+            Ok(Step::Change(id, change)) => return self.change(id, change, reply),
+            Ok(Step::Next(id)) => {
+                if let Some(job) = self.jobs.get_mut(id) {
+                    job.aborts.push(reply);
+                }
+                return;
+            }
+            Ok(Step::Unwritten(job, order)) => {
+                let unwritten = Unwritten::new(job, order, reply, self.clock.now_us());
+                return self.unwritten.push(unwritten);
+            }
+            Ok(Step::Done(id)) => {
+                // Before the answer: a client that asks again at once must not see the old state.
+                self.publish_job(id);
+                self.view(id, None)
+            }
+            Err(error) => Err(error),
+        };
+        // The client may be gone.
+        let _ = reply.send(answer);
+    }
+
+    /// Aborts the job that holds the machine; without one the device is told to go dark.
+    fn abort_active(&mut self) -> Result<Step, CommandError> {
+        if let Some(id) = self.holder().or_else(|| self.jobs.interrupted()).or_else(|| self.jobs.ending()) {
+            return self.steer(&id.to_string(), EngineCommand::Abort);
+        }
+        // There may be light even without a job.
+        self.send_urgent(Urgent::Abort);
+        let text = if self.device.connected {
+            "no job is active, so there is nothing to abort; the device is told to go dark at once all the same: `layerctl device` \
+             shows its light"
+        } else {
+            "no job is active, so there is nothing to abort; the device is told to go dark all the same, as soon as it answers"
+        };
+        Err(CommandError::new(409, text))
+    }
+
+    /// Pause, stop or abort.
+    fn steer(&mut self, id: &str, command: EngineCommand) -> Result<Step, CommandError> {
+        let id = self.find(id)?;
+        let end = match command {
+            EngineCommand::Abort => Some(EndOrder::Abort),
+            EngineCommand::Stop => Some(EndOrder::Stop),
+            EngineCommand::Pause | EngineCommand::Resume => None,
+        };
+        if self.command_running(id, command)? {
+            return Ok(end.map_or(Step::Done(id), |order| Step::Unwritten(id, order)));
+        }
+        let (is_opening, holder) = (self.opening == Some(id), self.holder());
+        let job = self.known(id)?;
+        let state = job.view.state;
+        let ends = match command {
+            EngineCommand::Abort => !state.is_final(),
+            EngineCommand::Stop => !state.is_final() && state != JobState::Aborting,
+            EngineCommand::Pause | EngineCommand::Resume => false,
+        };
+        let Some(order) = end.filter(|_| ends) else { return Err(wrong_state(id, state, command)) };
+        if is_opening {
+            job.take_up = TakeUp::End(command);
+            job.view.state = job.take_up.state_before(state);
+        }
+        let is_abort = order == EndOrder::Abort;
+        let (comes_next, has_begun) = (is_abort && job.ordered, job.has_begun());
+        if is_abort && has_begun && holder.is_none_or(|holder| holder == id) {
+            // The light goes off first, before any disk access.
+            self.send_urgent(Urgent::Abort);
+        }
+        if is_opening {
+            return Ok(Step::Unwritten(id, order));
+        }
+        if comes_next {
+            return Ok(Step::Next(id));
+        }
+        if self.shutting_down {
+            return Err(CommandError::new(503, "the daemon is shutting down; end the job when it runs again"));
+        }
+        self.waiting(id)?;
+        Ok(Step::Change(id, Change::End(order)))
+    }
+
+    fn resume(&mut self, id: &str, in_doubt: Option<InDoubt>) -> Result<Step, CommandError> {
+        let id = self.find(id)?;
+        if in_doubt.is_some() {
+            self.check_doubt(id)?;
+        }
+        if self.command_running(id, EngineCommand::Resume)? {
+            return Ok(Step::Done(id));
+        }
+        let stays = self.cannot_go_on(id);
+        let is_unfit = self.jobs.get(id).is_some_and(|job| self.awaits_other_device(job).is_some());
+        let choice = match in_doubt {
+            None => ResumeChoice::None,
+            Some(InDoubt::Exposed) => ResumeChoice::AssumeExposed,
+            Some(InDoubt::Repeat) => ResumeChoice::Repeat,
+        };
+        let confirms = self.setting.machine.confirm_plate;
+        let job = self.waiting(id)?;
+        if let (Some(order), false) = (job.past.ordered, job.view.state.is_final()) {
+            return Err(refused(id, &ResumeError::Ordered(order)));
+        }
+        let (state, needs_confirmation) = (job.view.state, confirms || job.awaits_plate || !job.told.is_empty());
+        match state {
+            JobState::Queued if needs_confirmation || is_unfit => self.plate_is_clear(id),
+            JobState::Interrupted => {
+                if let Some(text) = stays {
+                    return Err(CommandError::new(409, text));
+                }
+                if let (Some((why, _)), Some(layer), ResumeChoice::None) = (&job.doubt, job.view.in_doubt, choice) {
+                    return Err(refused(id, &ResumeError::InDoubt { layer, why: why.clone() }));
+                }
+                job.clear_told();
+                Ok(Step::Change(id, Change::Resume(choice)))
+            }
+            state => Err(wrong_state(id, state, EngineCommand::Resume)),
+        }
+    }
+
+    /// Why an interrupted job cannot go on with the device that is connected; `None` if it can, or if that is not known yet.
+    fn cannot_go_on(&self, id: u32) -> Option<String> {
+        let job = self.jobs.get(id).filter(|job| job.view.state == JobState::Interrupted)?;
+        if let Some(misfit) = self.misfit_of(job) {
+            return Some(format!("job {id} cannot go on with this device: {misfit}"));
+        }
+        let is_lost = self.device_state.as_ref().is_some_and(|state| state.position_um.is_none() && !state.moving);
+        (is_lost && job.past.touched).then(|| {
+            format!(
+                "job {id} cannot be resumed: the device does not know where its plate is, and homing would drive the part into the \
+                 vat's bottom. `layerctl abort {id}`, take the part off, and start it again"
+            )
+        })
+    }
+
+    /// Refuses a decision on a layer in doubt if it is known that no layer of the job is.
+    fn check_doubt(&self, id: u32) -> Result<(), CommandError> {
+        let Some(job) = self.jobs.get(id).filter(|job| !job.view.state.is_final()) else { return Ok(()) };
+        // While there is light, or without a device, it is not known yet how the exposure ends.
+        let is_settled = self.device_state.as_ref().is_some_and(|state| !state.light_on && state.exposing.is_none());
+        let may_be = job.view.in_doubt.is_some() || (job.past.unconfirmed.is_some() && !is_settled);
+        if may_be && job.view.state == JobState::Interrupted {
+            return Ok(());
+        }
+        Err(CommandError::new(409, format!("no layer of job {id} is in doubt: resume it without --in-doubt")))
+    }
+
+    /// Gives the order to the engine if the job is running; returns whether it is.
+    fn command_running(&mut self, id: u32, command: EngineCommand) -> Result<bool, CommandError> {
+        let now_us = self.clock.now_us();
+        let Some(running) = self.running.as_mut().filter(|running| running.job == id) else { return Ok(false) };
+        let state = running.engine.progress().state;
+        if !allowed(state, command) {
+            return Err(wrong_state(id, state, command));
+        }
+        running.command(command, now_us);
+        let progress = running.engine.progress();
+        let changed = self.jobs.get_mut(id).is_some_and(|job| {
+            job.past.order(command);
+            job.update(&progress)
+        });
+        if changed {
+            self.publish_job(id);
+        }
+        Ok(true)
+    }
+
+    fn known(&mut self, id: u32) -> Result<&mut Job, CommandError> {
+        self.jobs.get_mut(id).ok_or_else(|| no_such_job(&id.to_string()))
+    }
+
+    /// A job for which no other order is being carried out.
+    pub(crate) fn waiting(&mut self, id: u32) -> Result<&mut Job, CommandError> {
+        let job = self.known(id)?;
+        if job.ordered {
+            let text = format!("another order for job {id} is being carried out; look at it and try again");
+            return Err(CommandError::new(409, text));
+        }
+        Ok(job)
+    }
+
+    pub(crate) fn find(&self, id: &str) -> Result<u32, CommandError> {
+        let number = id.parse().ok().filter(|number| self.jobs.get(*number).is_some());
+        number.ok_or_else(|| no_such_job(id))
+    }
+
+    /// The answer to an order: the job, with a warning.
+    pub(crate) fn view(&self, id: u32, warning: Option<String>) -> Result<Answer, CommandError> {
+        let job = self.jobs.get(id).ok_or_else(|| no_such_job(&id.to_string()))?;
+        Ok(JobView { warning, ..self.shown(job.view.clone()) }.into())
+    }
+}
+
+/// Whether a running job in `state` takes the command.
+fn allowed(state: JobState, command: EngineCommand) -> bool {
+    use JobState::{Aborting, Checking, Paused, Pausing, Printing, Stopping};
+    match command {
+        EngineCommand::Pause => matches!(state, Checking | Printing | Pausing),
+        EngineCommand::Resume => matches!(state, Pausing | Paused),
+        EngineCommand::Stop => matches!(state, Checking | Printing | Pausing | Paused | Stopping),
+        EngineCommand::Abort => matches!(state, Checking | Printing | Pausing | Paused | Stopping | Aborting),
+    }
+}
+
+fn wrong_state(id: u32, state: JobState, command: EngineCommand) -> CommandError {
+    use EngineCommand::{Pause, Resume, Stop};
+    use JobState::{Aborting, Interrupted, Paused, Queued, Stopping};
+    let verb = match command {
+        Pause => "pause",
+        Resume => "resume",
+        Stop => "stop",
+        EngineCommand::Abort => "abort",
+    };
+    let text = match (state, command) {
+        (state, Resume) if state.is_final() => format!("job {id} is over ({state}); start the part again instead"),
+        (state, _) if state.is_final() => format!("job {id} is over ({state}): there is nothing to {verb}"),
+        (Paused, Pause) => format!("job {id} is paused already; `layerctl resume {id}` lets it go on"),
+        (Queued, Pause) => {
+            format!("job {id} has not begun: there is nothing to pause. `layerctl stop {id}` takes it out of the queue")
+        }
+        (Queued, Resume) => format!("job {id} begins by itself when its turn comes; it needs no confirmation"),
+        (Interrupted, Pause) => format!("job {id} is interrupted and prints nothing; `resume`, `stop` or `abort` it"),
+        (Aborting, Stop) => format!("job {id} is being aborted already, which ends it sooner"),
+        (Stopping | Aborting, _) => format!("job {id} is on its way to its end ({state}); it can only be aborted"),
+        _ => format!("job {id} is {state}: there is nothing to {verb}"),
+    };
+    CommandError::new(409, text)
+}
+
+/// The refusal to resume a job; puts the job's number into the text.
+pub(crate) fn refused(id: u32, error: &ResumeError) -> CommandError {
+    CommandError::new(409, error.to_string().replace("JOB", &id.to_string()))
+}
+
+pub(crate) fn no_such_job(id: &str) -> CommandError {
+    CommandError::new(404, format!("there is no job `{id}`; `layerctl jobs` lists them"))
+}

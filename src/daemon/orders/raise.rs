@@ -1,0 +1,212 @@
+//! `layerctl raise`: lifts the plate clear of the resin while no job runs. The plate only moves up.
+
+use super::unwritten::MAX_WRITE_US;
+use crate::api::RaiseView;
+use crate::daemon::handle::{Answer, CommandError};
+use crate::daemon::printer::Printer;
+use crate::daemon::printer::background::Reply;
+use crate::daemon::printer::plate::CLEAR_TOLERANCE_UM;
+use crate::deadline::Deadline;
+use crate::device::{Act, Outcome, check_capabilities};
+use crate::job::ACT_MARGIN_US;
+use crate::link::message::DeviceState;
+use crate::text::mm_text;
+
+/// A move of the plate that is ordered.
+#[derive(Debug)]
+pub(crate) struct Raise {
+    view: RaiseView,
+    stage: Stage,
+    /// End of the stage's wait.
+    pub deadline: Deadline,
+}
+
+#[derive(Debug)]
+enum Stage {
+    /// The spool's note is being written; the move begins once it is on disk. These wait for the answer, at most one for each
+    /// connection.
+    Noting(Vec<Reply>),
+    /// The device moves.
+    Moving,
+}
+
+impl Printer {
+    /// Lifts the plate clear. The note for the next process comes first: a raised plate no longer shows that a part may hang on
+    /// it. The order is answered when the move begins; a notice reports its end.
+    pub(crate) fn raise(&mut self, reply: Reply) {
+        if let Some(Raise { stage: Stage::Noting(replies), .. }) = &mut self.idle.raise {
+            return replies.push(reply);
+        }
+        let view = match self.may_raise() {
+            Ok(view) if view.to_um != view.from_um && self.idle.raise.is_none() => view,
+            answer => {
+                // The client may be gone.
+                let _ = reply.send(answer.map(Answer::Raise));
+                return;
+            }
+        };
+        if self.device_state.as_ref().is_some_and(|state| self.low_plate(state).is_some()) {
+            self.set_raised(Some(view.from_um));
+        }
+        let deadline = Deadline::at(self.clock.now_us() + MAX_WRITE_US);
+        self.idle.raise = Some(Raise { view, stage: Stage::Noting(vec![reply]), deadline });
+        if self.raised.is_written() {
+            self.begin_raise(None);
+        }
+    }
+
+    /// From where to where the plate would be raised now, or why it must not be.
+    fn may_raise(&self) -> Result<RaiseView, CommandError> {
+        if self.shutting_down {
+            return Err(CommandError::new(503, "the daemon is shutting down and begins nothing new"));
+        }
+        if let Some(job) = self.holder() {
+            let text = format!(
+                "job {job} has the machine: `layerctl pause` or `layerctl stop` lifts its plate clear of the resin"
+            );
+            return Err(CommandError::new(409, text));
+        }
+        if let Some(Raise { view, stage: Stage::Moving, .. }) = &self.idle.raise {
+            return Ok(view.clone());
+        }
+        let (Some(capabilities), Some(state)) = (&self.capabilities, &self.device_state) else { return Err(absent()) };
+        check_capabilities(&self.setting.machine, capabilities)
+            .map_err(|error| CommandError::new(409, error.to_string()))?;
+        let from_um = raised_from(state).map_err(|text| CommandError::new(409, text))?;
+        Ok(RaiseView { from_um, to_um: self.clear_um().max(from_um), warning: None })
+    }
+
+    /// The note is on disk, or could not be written: the move begins in any case, as a part in the resin gets worse.
+    pub(crate) fn raise_noted(&mut self, failed: Option<String>) {
+        match failed {
+            None if self.raised.is_written() => self.begin_raise(None),
+            None => {}
+            Some(text) => self.begin_raise(Some(format!("the spool cannot record it ({text})"))),
+        }
+    }
+
+    /// Begins the move, if one waits for its note, and answers those who ordered it. `unwritten` says why the note is not on disk.
+    fn begin_raise(&mut self, unwritten: Option<String>) {
+        let Some(Raise { stage: Stage::Noting(replies), .. }) =
+            self.idle.raise.take_if(|raise| matches!(raise.stage, Stage::Noting(_)))
+        else {
+            return;
+        };
+        let warning = unwritten.map(|why| {
+            format!(
+                "the plate is raised, but {why}: layerd tries again; after a crash or a restart before that, look at the plate \
+                 before the next job"
+            )
+        });
+        // The device's state may have changed while the note was written.
+        let begun = self.may_raise().and_then(|view| self.command_raise(RaiseView { warning, ..view }));
+        if let Ok(RaiseView { warning: Some(warning), .. }) = &begun {
+            self.notice(warning.clone());
+        }
+        for reply in replies {
+            let _ = reply.send(begun.clone().map(Answer::Raise));
+        }
+    }
+
+    fn command_raise(&mut self, view: RaiseView) -> Result<RaiseView, CommandError> {
+        let RaiseView { from_um, to_um, .. } = view;
+        let speed_um_s = self.setting.recipe.lift_speed_um_s;
+        let now_us = self.clock.now_us();
+        let driver = self.idle.driver.as_mut().ok_or_else(absent)?;
+        let act = Act::Move { position_um: to_um, speed_um_s };
+        driver.act(act, now_us).map_err(|error| CommandError::new(409, error.to_string()))?;
+        let travel_us = u64::from(to_um.abs_diff(from_um)) * 1_000_000 / u64::from(speed_um_s.max(1));
+        let deadline = Deadline::at(now_us + travel_us + ACT_MARGIN_US);
+        self.idle.raise = Some(Raise { view: view.clone(), stage: Stage::Moving, deadline });
+        tracing::info!(from_um, to_um, "the plate is raised");
+        Ok(view)
+    }
+
+    /// Takes back a move that has not begun.
+    pub(crate) fn take_back_raise(&mut self, why: &str) {
+        if let Some(Raise { stage: Stage::Noting(replies), .. }) =
+            self.idle.raise.take_if(|raise| matches!(raise.stage, Stage::Noting(_)))
+        {
+            for reply in replies {
+                let _ = reply.send(Err(CommandError::new(409, format!("the plate was not raised: {why}"))));
+            }
+        }
+    }
+
+    /// Reports the end of the move.
+    pub(crate) fn raise_ended(&mut self, outcome: Outcome) {
+        let Some(raise) = self.idle.raise.take() else { return };
+        let to_um = raise.view.to_um;
+        let text = match outcome {
+            Outcome::Arrived { position_um } => {
+                if let Some(state) = &mut self.device_state {
+                    state.position_um = Some(position_um);
+                }
+                if position_um.abs_diff(to_um) > CLEAR_TOLERANCE_UM as u32 {
+                    format!(
+                        "the plate was to be raised to {}, and the device says it is at {}: check the axis",
+                        mm_text(to_um),
+                        mm_text(position_um)
+                    )
+                } else {
+                    return self.tell(format!("the plate is raised: it is at {}", mm_text(position_um)));
+                }
+            }
+            Outcome::Refused(refusal) => {
+                format!("the plate was not raised: the device refused, or stopped the move ({refusal:?})")
+            }
+            Outcome::Exposed { .. } | Outcome::TakenBack => {
+                "the plate was not raised: the device answered something else; check its firmware".into()
+            }
+        };
+        self.notice(text);
+    }
+
+    /// Gives the move up: its end will not be reported.
+    pub(crate) fn raise_lost(&mut self, why: &str) {
+        self.take_back_raise(why);
+        if self.idle.raise.take().is_some() {
+            self.notice(format!(
+                "it is unknown whether the plate was raised: {why}; `layerctl device` shows where it is"
+            ));
+        }
+    }
+
+    /// Checks whether the note or the move is overdue.
+    pub(crate) fn raise_timeout(&mut self, now_us: u64) {
+        let Some(raise) = &mut self.idle.raise else { return };
+        if !raise.deadline.is_over(now_us) {
+            return;
+        }
+        match raise.stage {
+            Stage::Noting(_) => self.begin_raise(Some("the disk has not taken the note of it yet".into())),
+            Stage::Moving => {
+                self.raise_lost("it did not arrive in time; check the axis and the device");
+                // The device takes no other act before it has answered this one. A new session clears that.
+                self.link.reconnect();
+            }
+        }
+    }
+}
+
+fn absent() -> CommandError {
+    CommandError::new(409, "the device does not answer, so nothing can be moved: `layerctl status` tells why")
+}
+
+/// The plate's present height, micrometres, or why it must not move.
+fn raised_from(state: &DeviceState) -> Result<i32, String> {
+    if let Some(fault) = &state.fault {
+        return Err(format!("the device has a fault and moves nothing: {}", fault.text));
+    }
+    if state.light_on || state.exposing.is_some() {
+        return Err("there is light, and the plate must not move: `layerctl abort` puts it off".into());
+    }
+    if state.moving {
+        return Err("the plate moves already: try again once it rests".into());
+    }
+    state.position_um.ok_or_else(|| {
+        "the device does not know where its plate is, and only homing would tell it, which goes down. Raise the plate by \
+         hand or at the machine"
+            .into()
+    })
+}

@@ -1,0 +1,65 @@
+//! `layerctl remove`: deletes a job that is over, to make room.
+
+use std::sync::{Arc, PoisonError};
+
+use crate::api::RemovedView;
+use crate::daemon::handle::{Answer, CommandError};
+use crate::daemon::printer::Printer;
+use crate::daemon::printer::background::{Background, Reply};
+use crate::job::JobState;
+
+impl Printer {
+    /// Deletes a finished job in the background.
+    pub(crate) fn remove(&mut self, id: &str, reply: Reply) {
+        match self.removable(id) {
+            Ok(id) => self.delete(id, reply),
+            Err(error) => {
+                // The client may be gone.
+                let _ = reply.send(Err(error));
+            }
+        }
+    }
+
+    fn removable(&mut self, id: &str) -> Result<u32, CommandError> {
+        let id = self.find(id)?;
+        let state = self.waiting(id)?.view.state;
+        if state.is_final() {
+            return Ok(id);
+        }
+        let what = match state {
+            JobState::Queued | JobState::Interrupted => format!("`layerctl abort {id}` ends it first"),
+            _ => format!("`layerctl stop {id}` or `layerctl abort {id}` ends it first"),
+        };
+        Err(CommandError::new(409, format!("job {id} is {state}; only a job that is over can be removed: {what}")))
+    }
+
+    fn delete(&mut self, id: u32, reply: Reply) {
+        let Some(job) = self.jobs.get_mut(id) else { return };
+        job.ordered = true;
+        let (job, spool, background) = (job.forgotten(), Arc::clone(&self.spool), self.background.clone());
+        tokio::task::spawn_blocking(move || {
+            let result = spool.lock().unwrap_or_else(PoisonError::into_inner).remove(job);
+            let result = result.map_err(|error| error.to_string());
+            let _ = background.blocking_send(Background::Removed { job: job.id, result, reply });
+        });
+    }
+
+    /// Answers once a job was deleted, or could not be.
+    pub(crate) fn removed(&mut self, id: u32, result: Result<u64, String>, reply: Reply) {
+        let answer = match result {
+            Ok(freed_bytes) => {
+                self.jobs.forget(&[id]);
+                tracing::info!(job = id, freed_bytes, "job removed");
+                Ok(Answer::Removed(RemovedView { id: id.to_string(), freed_bytes }))
+            }
+            Err(text) => {
+                if let Some(job) = self.jobs.get_mut(id) {
+                    job.ordered = false;
+                }
+                Err(CommandError::new(500, text))
+            }
+        };
+        self.publish();
+        let _ = reply.send(answer);
+    }
+}

@@ -1,0 +1,143 @@
+//! A new job: checked against machine, recipe and device, and put into the spool.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use crate::api::JobView;
+use crate::buildfile::BuildFile;
+use crate::config::Recipe;
+use crate::daemon::handle::{CommandError, Submission};
+use crate::daemon::host::clock::unix_ms;
+use crate::daemon::jobs::fit::Fit;
+use crate::daemon::jobs::job::Job;
+use crate::daemon::part::Part;
+use crate::daemon::printer::Printer;
+use crate::daemon::printer::background::{Background, Reply};
+use crate::daemon::setting::Setting;
+use crate::job::{JobState, JournalError, NewJob, Record, Spool, SpoolError};
+use crate::random;
+
+impl Printer {
+    /// Checks and stores a new job in the background.
+    pub(crate) fn submit(&self, submission: Submission, reply: Reply) {
+        let (setting, spool) = (Arc::clone(&self.setting), Arc::clone(&self.spool));
+        let jobs_ended = submission.jobs_ended;
+        let (background, limit_bytes) = (self.background.clone(), self.budget.limit_bytes());
+        let fit = self.fit();
+        // During a print there is no memory for this check. It is repeated in any case before the job begins.
+        let looks = self.is_idle();
+        tokio::task::spawn_blocking(move || {
+            let result = fit
+                .check(submission.recipe_text.as_deref(), submission.recipe_name.as_deref())
+                .and_then(|recipe| verify(&submission).map(|()| recipe))
+                .and_then(|recipe| accept(&setting, &spool, &submission, &recipe, limit_bytes, looks))
+                .map(Box::new);
+            // The file of a refused part is deleted before the answer.
+            drop(submission);
+            let _ = background.blocking_send(Background::Accepted { result, jobs_ended, reply });
+        });
+    }
+
+    /// What new jobs are checked against now.
+    pub(crate) fn fit(&self) -> Fit {
+        Fit::new(Arc::clone(&self.setting), self.capabilities.clone().filter(|_| self.device.connected))
+    }
+
+    /// Queues a job that was put into the spool, or answers why it was not.
+    pub(crate) fn accepted(&mut self, result: Result<Box<Job>, CommandError>, jobs_ended: u64, reply: Reply) {
+        let answer = result.map(|job| {
+            let id = job.directory.id;
+            self.jobs.accept(*job);
+            // The operator has seen the plate only if this job is next, no job ended while it arrived, and the client still waits
+            // for the answer. A job needs a confirmation otherwise.
+            let is_next = self.jobs.ahead_of(id, self.holder()).is_none();
+            let is_seen = jobs_ended == self.jobs_ended && !reply.is_closed() && is_next;
+            if let Some(job) = self.jobs.get_mut(id) {
+                job.awaits_plate = self.setting.machine.confirm_plate && !is_seen;
+            }
+            self.publish_job(id);
+            id
+        });
+        let _ = reply.send(answer.and_then(|id| {
+            // Before it moves.
+            let begins = self.begins_text(id);
+            if let Some(text) = &begins {
+                self.tell(text.clone());
+            }
+            self.view(id, begins)
+        }));
+    }
+
+    /// Says that a new job waits for nothing, and what is assumed of the plate; `None` if it waits.
+    fn begins_text(&self, id: u32) -> Option<String> {
+        let job = self.jobs.get(id).filter(|job| job.view.reason.is_none())?;
+        let when = if self.device.connected { "at once" } else { "once a device answers" };
+        let last = self.jobs.last_over().map_or_else(String::new, |last| {
+            let JobView { id, state, .. } = last;
+            let was = if matches!(state, JobState::Aborted | JobState::Stopped) { "was " } else { "" };
+            format!(" (the last job, {id}, {was}{state})")
+        });
+        Some(format!("job {} begins {when}: the plate is taken to be empty{last}", job.view.id))
+    }
+}
+
+/// Checks every byte of a new part. Blocks.
+fn verify(submission: &Submission) -> Result<(), CommandError> {
+    let verified = BuildFile::open(&submission.part).and_then(|file| file.verify());
+    verified.map_err(|error| unprintable(submission, &error.to_string()))
+}
+
+fn unprintable(submission: &Submission, text: &str) -> CommandError {
+    // The operator knows the part by its own name, not by its path in the spool.
+    CommandError::new(422, text.replace(&submission.part.display().to_string(), &submission.name))
+}
+
+/// Checks a new job, including its bottom layers if `looks`, and puts it into the spool. Blocks.
+fn accept(
+    setting: &Setting,
+    spool: &Mutex<Spool>,
+    submission: &Submission,
+    recipe: &Recipe,
+    limit_bytes: u64,
+    looks: bool,
+) -> Result<Job, CommandError> {
+    let part = Part::open(&submission.part, &setting.machine, recipe, setting.threads, limit_bytes)
+        .map_err(|error| unprintable(submission, &error.to_string()))?;
+    if looks {
+        part.check_footing(recipe, limit_bytes).map_err(|problem| unprintable(submission, &problem))?;
+    }
+    // 0 names no job.
+    let key = random::bits().max(1);
+    let layer_count = part.layer_count();
+    let accepted = Record::Accepted { key, layer_count, name: submission.name.clone() };
+    let job = NewJob {
+        part: &submission.part,
+        recipe: submission.recipe_text.as_deref().unwrap_or(&setting.recipe_text),
+        machine: &setting.machine_text,
+        accepted,
+        at_unix_ms: unix_ms(),
+    };
+    // A panic elsewhere cannot leave half a job: jobs appear in the spool whole or not at all.
+    let spool = spool.lock().unwrap_or_else(PoisonError::into_inner);
+    spool.check_space(0).map_err(|error| spool_error(&error))?;
+    let (directory, journal) = spool.create(job).map_err(|error| spool_error(&error))?;
+    if !journal.is_reserved() {
+        tracing::warn!(
+            job = directory.id,
+            "the spool's file system sets no room aside (fallocate): a full disk can keep the job's end from being written"
+        );
+    }
+    let (name, machine) = (submission.name.clone(), setting.machine.clone());
+    Ok(Job::accepted(directory, key, layer_count, name, machine, recipe.clone()))
+}
+
+fn spool_error(error: &SpoolError) -> CommandError {
+    let is_full = match error {
+        SpoolError::NoSpace { .. } => true,
+        SpoolError::Io { source, .. } | SpoolError::Journal(JournalError::Io { source, .. }) => {
+            source.kind() == std::io::ErrorKind::StorageFull
+        }
+        _ => false,
+    };
+    let status = if is_full { 507 } else { 500 };
+    CommandError::new(status, error.to_string())
+}

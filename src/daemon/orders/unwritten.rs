@@ -1,0 +1,93 @@
+//! Orders that an engine carries out. Each is answered once its record is on disk, so that a crash cannot undo it.
+
+use super::settle::Change;
+use crate::daemon::printer::Printer;
+use crate::daemon::printer::background::Reply;
+use crate::job::{EndOrder, JobState};
+
+/// The slowest memory cards flush within a second; an operator who aborts is not kept waiting longer for a disk.
+pub(crate) const MAX_WRITE_US: u64 = 1_500_000;
+/// Warning in the answer to an order whose record is not on disk yet.
+const SLOW: &str =
+    "is being carried out, but the disk has not taken its record yet: after a crash now it must be given again";
+pub(crate) const UNWRITTEN: &str =
+    "is carried out, but its record could not be written: after a restart of the daemon it must be given again";
+
+/// An order that is being carried out, and whose record is not on disk yet.
+#[derive(Debug)]
+pub(crate) struct Unwritten {
+    job: u32,
+    order: EndOrder,
+    reply: Reply,
+    /// The order is answered at this time even if its record is not on disk.
+    until_us: u64,
+}
+
+impl Unwritten {
+    /// An order that was just given to an engine.
+    pub(crate) fn new(job: u32, order: EndOrder, reply: Reply, now_us: u64) -> Self {
+        Self { job, order, reply, until_us: now_us + MAX_WRITE_US }
+    }
+}
+
+impl Printer {
+    /// Answers the orders whose records are on disk by now, failed to be written, or take too long.
+    pub(crate) fn answer_written(&mut self) {
+        let now_us = self.clock.now_us();
+        for order in std::mem::take(&mut self.unwritten) {
+            let id = order.job;
+            let is_late = order.until_us <= now_us;
+            let running = self.running.as_ref().filter(|running| running.job == id).map(|running| &running.engine);
+            let warning = match running {
+                // A job that is ending may end as interrupted; then the order must be carried out again.
+                Some(engine) if engine.order_unwritten() || engine.is_over() => is_late.then_some(SLOW),
+                Some(engine) => {
+                    let warning = engine.journal_failed().then_some(UNWRITTEN);
+                    self.answer(order, warning);
+                    continue;
+                }
+                None if self.opening == Some(id) => is_late.then_some(SLOW),
+                // The job was already ending when the order came, and ended as interrupted.
+                None if self
+                    .jobs
+                    .get(id)
+                    .is_some_and(|job| job.view.state == JobState::Interrupted && !job.ordered) =>
+                {
+                    self.change(id, Change::End(order.order), order.reply);
+                    continue;
+                }
+                None => {
+                    self.answer(order, None);
+                    continue;
+                }
+            };
+            match warning {
+                Some(warning) => self.answer(order, Some(warning)),
+                None => self.unwritten.push(order),
+            }
+        }
+    }
+
+    /// Answers the orders for a job that is over and whose journal could not be written.
+    pub(crate) fn answer_unwritten(&mut self, id: u32) {
+        for order in self.unwritten.extract_if(.., |order| order.job == id).collect::<Vec<_>>() {
+            self.answer(order, Some(UNWRITTEN));
+        }
+    }
+
+    fn answer(&mut self, order: Unwritten, warning: Option<&str>) {
+        if let Some(warning) = warning {
+            self.notice(format!("the order to {} job {} {warning}", order.order.verb(), order.job));
+        }
+        // Before the answer: a client that asks again at once must not see the old state.
+        self.publish_job(order.job);
+        let answer = self.view(order.job, warning.map(|warning| format!("the order {warning}")));
+        // The client may be gone.
+        let _ = order.reply.send(answer);
+    }
+
+    /// Removes the orders for a job that could not be opened; the caller answers them.
+    pub(crate) fn take_unwritten(&mut self, id: u32) -> Vec<Reply> {
+        self.unwritten.extract_if(.., |order| order.job == id).map(|order| order.reply).collect()
+    }
+}

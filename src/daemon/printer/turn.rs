@@ -1,0 +1,147 @@
+//! A job's turn: it is opened, gets the machine, and gives it back.
+
+use std::sync::{Arc, PoisonError};
+
+use super::Printer;
+use super::background::Background;
+use super::idle::Idle;
+use super::running::Running;
+use crate::daemon::handle::CommandError;
+use crate::daemon::jobs::job::TakeUp;
+use crate::daemon::jobs::opened::{Opened, Unopened};
+use crate::daemon::orders::settle::Change;
+use crate::job::{Command, Event, JobState};
+
+impl Printer {
+    /// Opens the next job in the background, if it may begin now.
+    pub(crate) fn open_next(&mut self) {
+        let Some(job) = self.jobs.next() else { return };
+        let needs_confirmation = || {
+            let signs = || self.unknown_signs(job, self.device_state.as_ref());
+            job.needs_bare_plate() && !(job.told.is_empty() && signs().is_empty())
+        };
+        if job.is_to_print() && self.unwanted_light().is_some() || self.awaits_other_device(job).is_some() {
+            return;
+        }
+        if job.awaits_plate || (job.awaits_device && !self.device.connected) || needs_confirmation() {
+            return;
+        }
+        let id = job.directory.id;
+        self.jobs.take(id, self.setting.machine.confirm_plate);
+        let Some(job) = self.jobs.get_mut(id) else { return };
+        let (directory, take_up, has_begun) = (job.directory.clone(), job.take_up, job.has_begun());
+        job.view.state = take_up.state_before(JobState::Checking);
+        job.view.reason = None;
+        let (threads, limit_bytes) = (self.setting.threads, self.budget.limit_bytes());
+        let background = self.background.clone();
+        self.opening = Some(id);
+        self.publish_job(id);
+        tokio::task::spawn_blocking(move || {
+            let result = Opened::open(&directory, take_up, has_begun, threads, limit_bytes).map(Box::new);
+            let _ = background.blocking_send(Background::Opened { job: id, result });
+        });
+    }
+
+    /// Handles a job that was opened, or could not be.
+    pub(crate) fn opened(&mut self, id: u32, result: Result<Box<Opened>, Unopened>, now_us: u64) {
+        self.opening = None;
+        // An order to end may have come while the job was opened.
+        let end = self.jobs.get(id).and_then(|job| match job.take_up {
+            TakeUp::Print(_) => None,
+            TakeUp::End(command) => Some(command),
+        });
+        match result {
+            Ok(opened) => self.begin(id, *opened, end, now_us),
+            Err(unopened) => self.refuse_unopened(id, unopened, end),
+        }
+    }
+
+    /// Gives an opened job the machine.
+    fn begin(&mut self, id: u32, mut opened: Opened, end: Option<Command>, now_us: u64) {
+        tracing::info!(job = id, "job begins");
+        // The present value, not the one stored with the job: correcting it lets an interrupted job go on.
+        opened.machine.time_scale = self.setting.machine.time_scale;
+        let light = std::mem::take(&mut self.idle).light;
+        let mut running = Running::new(id, opened, light, self.background.clone(), now_us);
+        if let Some(command) = end {
+            running.command(command, now_us);
+        }
+        if self.shutting_down {
+            running.engine.handle(Event::Shutdown, now_us);
+        }
+        self.message = None;
+        self.running = Some(running);
+        // A new session reports the device's state and numbers requests from 1, as the job's driver expects.
+        self.link.reconnect();
+    }
+
+    /// Ends a job that could not be opened, and answers the orders for it.
+    fn refuse_unopened(&mut self, id: u32, Unopened { text, state }: Unopened, end: Option<Command>) {
+        self.notice(format!("job {id} cannot be printed: {text}"));
+        if let Some(job) = self.jobs.get_mut(id) {
+            job.end(state, Some(text.clone()));
+        }
+        self.jobs_ended += 1;
+        self.publish_job(id);
+        let mut replies = self.take_unwritten(id);
+        if let (Some(Command::Abort), JobState::Interrupted) = (end, state) {
+            let reply = replies.pop().unwrap_or_else(|| tokio::sync::oneshot::channel().0);
+            self.change(id, Change::Close, reply);
+        }
+        for reply in replies {
+            let failed = || CommandError::new(409, format!("job {id} could not be taken up: {text}"));
+            // The client may be gone.
+            let _ = reply.send(if state.is_final() { self.view(id, None) } else { Err(failed()) });
+        }
+    }
+
+    /// Ends the running job. Its memory is given back, and the spool's oldest jobs are deleted, in the background.
+    pub(crate) fn finish(&mut self) {
+        self.tell_progress();
+        let Some(running) = self.running.take() else { return };
+        self.forget_progress();
+        let id = running.job;
+        let mut again = None;
+        if let Some(job) = self.jobs.get_mut(id) {
+            job.past.update(&running.engine);
+            // The order to end could not be carried out because the device was gone; it is carried out when it answers again.
+            again = job.past.ordered.filter(|_| job.view.state == JobState::Interrupted && !self.device.connected);
+        }
+        if running.engine.journal_failed() && self.jobs.get(id).is_some_and(|job| job.view.state.is_final()) {
+            self.answer_unwritten(id);
+        }
+        self.jobs_ended += 1;
+        // It is from before the job's last moves.
+        self.device_state = None;
+        if let Some(job) = self.jobs.get(id) {
+            job.log_end();
+        }
+        // A plate that was raised while this job was interrupted carried this job's part, and its record says that it was lifted.
+        if self.jobs.get(id).is_some_and(|job| job.view.state.is_final() && job.past.touched && job.past.lifted) {
+            self.set_raised(None);
+        }
+        if let Some(order) = again {
+            self.jobs.end_later(id, order);
+        }
+        self.idle = Idle::after(running.engine.light().clone());
+        self.link.reconnect();
+        self.releasing = true;
+        let (spool, over, background) = (Arc::clone(&self.spool), self.jobs.over(), self.background.clone());
+        tokio::spawn(async move {
+            running.release().await;
+            let tidy = move || spool.lock().unwrap_or_else(PoisonError::into_inner).tidy(&over);
+            let forgotten = match tokio::task::spawn_blocking(tidy).await {
+                Ok(tidied) => tidied.map_err(|error| error.to_string()),
+                Err(panic) => Err(panic.to_string()),
+            };
+            let _ = background.send(Background::Released { forgotten }).await;
+        });
+        self.publish();
+    }
+
+    /// Forgets the message and the progress of a job that no longer runs.
+    pub(crate) fn forget_progress(&mut self) {
+        self.message = None;
+        self.last_progress = None;
+    }
+}

@@ -1,0 +1,6 @@
+//! From the command line to a running daemon, and what is checked before it starts.
+
+pub(crate) mod arguments;
+pub(crate) mod check;
+pub(crate) mod descriptors;
+pub(crate) mod run;
