@@ -4,7 +4,7 @@
 
 use std::path::{Path, PathBuf};
 
-use layerd::config::{DaemonConfig, Machine, Recipe};
+use layerd::config::{DaemonConfig, Machine, Recipe, load_pair};
 
 fn shipped(directory: &str) -> Vec<PathBuf> {
     let directory = Path::new(env!("CARGO_MANIFEST_DIR")).join("config").join(directory);
@@ -26,6 +26,38 @@ fn every_shipped_file_loads() {
     }
     let daemon = DaemonConfig::load(&Path::new(env!("CARGO_MANIFEST_DIR")).join("config/layerd.toml")).unwrap();
     assert!(daemon.machine.is_file() && daemon.recipe.is_file(), "what it names is shipped as well");
+}
+
+/// Recipe files from before recipes had a kind are for DLP machines.
+#[test]
+fn a_recipe_may_name_its_kind_and_is_for_dlp_machines_if_it_does_not() {
+    let parse = |text: &str| Recipe::parse(Path::new("my.toml"), text);
+    let text = recipe_with("name = \"mine\"");
+    assert!(!text.contains("kind"));
+    let plain = parse(&text).unwrap();
+    assert_eq!(parse(&format!("kind = \"dlp\"\n{text}")).unwrap(), plain);
+    let unknown = parse(&format!("kind = \"fdm\"\n{text}")).unwrap_err().to_string();
+    for word in ["my.toml", "line 1, column 8", "unknown kind `fdm`, expected `dlp`"] {
+        assert!(unknown.contains(word), "{unknown}");
+    }
+    let laser = parse("\nkind = \"slm\"\nlaser_power_w = 200.0\n").unwrap_err().to_string();
+    assert!(laser.starts_with("my.toml: line 2: layerd cannot drive machines of kind `slm` yet"), "{laser}");
+}
+
+#[test]
+fn a_recipe_for_another_kind_of_machine_is_told_with_both_files() {
+    let directory = tempfile::tempdir().unwrap();
+    let [machine, recipe] = ["vat.toml", "laser.toml"].map(|name| directory.path().join(name));
+    let sim_dlp = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/machines/sim-dlp.toml");
+    std::fs::copy(sim_dlp, &machine).unwrap();
+    std::fs::write(&recipe, "kind = \"slm\"\nlaser_power_w = 200.0\n").unwrap();
+    let message = load_pair(&machine, &recipe).unwrap_err().to_string();
+    for word in ["vat.toml", "laser.toml", "`dlp`", "`slm`"] {
+        assert!(message.contains(word), "`{word}` is not in: {message}");
+    }
+    std::fs::write(&recipe, recipe_with("exposure_ms = 7")).unwrap();
+    let (_, Recipe::Dlp(recipe)) = load_pair(&machine, &recipe).unwrap();
+    assert_eq!(recipe.exposure_ms, 7);
 }
 
 /// The default recipe with one line changed.
@@ -71,8 +103,13 @@ fn mistakes_in_machine_and_daemon_files_are_told() {
         (machine.replace("baud = ", "baud = 1 # "), vec!["m.toml", "link.baud", "= 1:", "9600 to 12000000"]),
         (machine.replace("width_px = ", "width_px = 9 # "), vec!["m.toml", "width_px", "= 9:", "16 to 32768"]),
         (machine.replace("baud", "bauds"), vec!["m.toml", "bauds", "unknown field"]),
-        (machine.replace("\"dlp\"", "\"fdm\""), vec!["m.toml", "fdm", "dlp"]),
-        (machine.replace("\"dlp\"", "\"slm\""), vec!["m.toml", "kind", "cannot drive", "`slm`", "`dlp`"]),
+        (
+            machine.replace("\"dlp\"", "\"fdm\""),
+            vec!["m.toml", "line 4, column 8", "unknown kind `fdm`, expected `dlp`"],
+        ),
+        (machine.replace("kind = ", "# kind = "), vec!["m.toml", "missing field `kind`"]),
+        (format!("kind = 7\n{}", machine.replace("kind = ", "# kind = ")), vec!["m.toml", "line 1, column 8"]),
+        (machine.replace("\"dlp\"", "\"slm\""), vec!["m.toml", "line 4", "kind", "cannot drive", "`slm`", "`dlp`"]),
         (
             machine.replace("pixel_um = ", "pixel_um = [0.5, 40.0] # "),
             vec!["m.toml", "pixel_um[0]", "0.5", "1 to 1000"],

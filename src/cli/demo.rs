@@ -250,7 +250,7 @@ mod tests {
         let config = DaemonConfig::load(&directory.path().join("layerd.toml")).unwrap();
         assert_eq!(config.socket, short.join("control.sock"));
         let machine = Machine::load(&config.machine).unwrap();
-        assert_eq!(machine.link.path, short.join("port"), "the shipped path was replaced");
+        assert_eq!(machine.link().path, short.join("port"), "the shipped path was replaced");
         Recipe::load(&config.recipe).unwrap();
         prepare(directory.path()).unwrap();
         assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), 0, "a demo cleans up after the one before");

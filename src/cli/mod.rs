@@ -285,10 +285,10 @@ fn with_names(help: &str) -> String {
     )
 }
 
-/// Loads a machine by path or name.
-fn find_machine(machine: &str) -> anyhow::Result<Machine> {
+/// Loads a machine by path or name. Returns its file as well.
+fn find_machine(machine: &str) -> anyhow::Result<(Machine, PathBuf)> {
     let ConfigText { path, text } = find(Folder::Machines, machine)?;
-    Ok(Machine::parse(&path, &text)?)
+    Ok((Machine::parse(&path, &text)?, path))
 }
 
 /// A progress bar on stderr, of an indicatif template; invisible if stderr is no terminal.

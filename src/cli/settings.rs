@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::config::{ConfigText, Folder, Machine, Recipe, find, names};
+use crate::config::{ConfigText, DlpMachine, DlpRecipe, Folder, Machine, Recipe, find, names};
 
 /// Show the machines or recipes that a name can mean.
 #[derive(Debug, clap::Args)]
@@ -91,13 +91,13 @@ fn entry(folder: Folder, name: String, figures: &impl Fn(&ConfigText) -> Result<
 }
 
 fn machine_figures(machine: &Machine) -> String {
-    let Machine { name, width_px, height_px, pixel_um: [x, y], build_height_um, .. } = machine;
+    let Machine::Dlp(DlpMachine { name, width_px, height_px, pixel_um: [x, y], build_height_um, .. }) = machine;
     let height_mm = build_height_um / 1000.0;
     format!("{name}: {width_px} × {height_px} pixels of {x} × {y} µm, {height_mm} mm high")
 }
 
 fn recipe_figures(recipe: &Recipe) -> String {
-    let Recipe { name, layer_height_um, exposure_ms, bottom_layers, bottom_exposure_ms, .. } = recipe;
+    let Recipe::Dlp(DlpRecipe { name, layer_height_um, exposure_ms, bottom_layers, bottom_exposure_ms, .. }) = recipe;
     let [exposure_s, bottom_s] = [*exposure_ms, *bottom_exposure_ms].map(|ms| f64::from(ms) / 1000.0);
     format!("{name}: layers of {layer_height_um} µm, {exposure_s} s each, the first {bottom_layers} {bottom_s} s")
 }

@@ -80,10 +80,10 @@ pub fn run(args: SimulateArgs) -> anyhow::Result<()> {
     if matches!(args.device, Kind::Slm) {
         bail!("there is no simulated slm yet; `layerctl simulate dlp` simulates a resin printer");
     }
-    let machine = args.machine.as_deref().map(super::find_machine).transpose()?;
+    let machine = args.machine.as_deref().map(super::find_machine).transpose()?.map(|(machine, _)| machine);
     let options = SimulateOptions {
         capabilities: capabilities(&args, machine.as_ref()),
-        escaped: machine.is_some_and(|machine| machine.link.flow_control == FlowControl::XonXoff),
+        escaped: machine.is_some_and(|machine| machine.link().flow_control == FlowControl::XonXoff),
         link: args.link,
         directory: args.output,
         baud: args.baud,
@@ -112,11 +112,12 @@ fn say(line: &str) {
 }
 
 fn capabilities(args: &SimulateArgs, machine: Option<&Machine>) -> Capabilities {
-    let (size_px, pixel_um, travel_um) = machine.map_or(([960, 540], [40.0, 40.0], 60_000.0), |machine| {
-        // The plate must rise high enough to lift the finished part out.
-        let travel_um = machine.build_height_um.max(machine.clear_height_um) + 20_000.0;
-        ([machine.width_px, machine.height_px], machine.pixel_um, travel_um)
-    });
+    let (size_px, pixel_um, travel_um) =
+        machine.map_or(([960, 540], [40.0, 40.0], 60_000.0), |Machine::Dlp(machine)| {
+            // The plate must rise high enough to lift the finished part out.
+            let travel_um = machine.build_height_um.max(machine.clear_height_um) + 20_000.0;
+            ([machine.width_px, machine.height_px], machine.pixel_um, travel_um)
+        });
     Capabilities {
         kind: DeviceKind::Dlp,
         name: "simulated dlp".into(),

@@ -91,9 +91,9 @@ pub(super) struct Setting {
 
 impl Setting {
     pub(super) fn load(file: &Path, machine: &str, recipe: &str) -> anyhow::Result<Self> {
-        let machine = super::find_machine(machine)?;
+        let (machine, place) = super::find_machine(machine)?;
         let ConfigText { path, text } = find(Folder::Recipes, recipe)?;
-        let recipe = Recipe::parse(&path, &text)?;
+        let recipe = Recipe::parse_for(&machine, &place, &path, &text)?;
         Ok(Self { file: BuildFile::open(file)?, machine, recipe })
     }
 }

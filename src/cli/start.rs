@@ -159,7 +159,7 @@ fn tell(job: &JobView, json: bool) -> anyhow::Result<()> {
 fn read_recipe(recipe: &str) -> anyhow::Result<(String, String)> {
     let ConfigText { path, text } = find(Folder::Recipes, recipe)?;
     let checked = Recipe::parse(&path, &text)?;
-    Ok((checked.name, text))
+    Ok((checked.name().into(), text))
 }
 
 /// Follows a job to its end, and reports that on stderr. If `bar` is hidden, writes lines of progress instead.

@@ -1,21 +1,31 @@
-//! One machine: its line, picture and travel.
+//! Machines, by kind. The file is flat: `kind` says which keys it has.
 
 use std::path::Path;
 
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
+use serde::de::IgnoredAny;
 
+use super::kind::{self, Kind};
 use super::{ConfigError, OutOfRange, parse, read_text, within};
 use crate::layer::{Mirror, Raster};
 use crate::link::LinkSettings;
 
-/// A DLP machine, `config/machines/*.toml`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// A machine, `config/machines/*.toml`. Its methods tell what machines of every kind have.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Machine {
+    /// Resin, and a projector or a masked panel.
+    Dlp(DlpMachine),
+}
+
+/// A DLP machine: its line, picture and travel.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Machine {
+pub struct DlpMachine {
     /// For people.
     pub name: String,
-    /// What kind of machine this is.
-    pub kind: MachineKind,
+    /// Read before, to know which keys there are.
+    #[serde(rename = "kind")]
+    _kind: IgnoredAny,
     /// Pixels a row.
     pub width_px: u32,
     /// Rows.
@@ -50,14 +60,6 @@ fn real_time() -> f64 {
     1.0
 }
 
-/// Kinds of machine a configuration can describe.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum MachineKind {
-    /// Resin, a projector or masked panel.
-    Dlp,
-}
-
 impl Machine {
     /// Reads and checks a machine file.
     ///
@@ -72,12 +74,61 @@ impl Machine {
     /// # Errors
     /// [`ConfigError`] names file, key, value and the allowed range.
     pub fn parse(path: &Path, text: &str) -> Result<Self, ConfigError> {
-        let mut machine = parse(path, text, Self::check)?;
+        let mut machine = match kind::named_in(path, text)? {
+            Some((kind @ Kind::Slm, line)) => return Err(ConfigError::Undriven { path: path.into(), line, kind }),
+            // A file without a kind is refused here.
+            Some((Kind::Dlp, _)) | None => Self::Dlp(parse(path, text, DlpMachine::check)?),
+        };
         // A path in a file is relative to the file's directory.
-        machine.link.path = path.parent().unwrap_or(Path::new(".")).join(&machine.link.path);
+        let Self::Dlp(DlpMachine { link, .. }) = &mut machine;
+        link.path = path.parent().unwrap_or(Path::new(".")).join(&link.path);
         Ok(machine)
     }
 
+    /// Its kind.
+    pub fn kind(&self) -> Kind {
+        match self {
+            Self::Dlp(_) => Kind::Dlp,
+        }
+    }
+
+    /// Its name, for people.
+    pub fn name(&self) -> &str {
+        match self {
+            Self::Dlp(machine) => &machine.name,
+        }
+    }
+
+    /// The line to it.
+    pub fn link(&self) -> &LinkSettings {
+        match self {
+            Self::Dlp(machine) => &machine.link,
+        }
+    }
+
+    /// Whether the operator must confirm that the plate is empty (`layerctl resume`) before a queued job begins.
+    pub fn confirm_plate(&self) -> bool {
+        match self {
+            Self::Dlp(machine) => machine.confirm_plate,
+        }
+    }
+
+    /// How much faster than real time the device's clock runs, 1 to 1000.
+    pub fn time_scale(&self) -> f64 {
+        match self {
+            Self::Dlp(machine) => machine.time_scale,
+        }
+    }
+
+    /// Sets [`Machine::time_scale`].
+    pub fn set_time_scale(&mut self, time_scale: f64) {
+        match self {
+            Self::Dlp(machine) => machine.time_scale = time_scale,
+        }
+    }
+}
+
+impl DlpMachine {
     fn check(&self) -> Vec<OutOfRange> {
         let path = self.link.path.as_os_str().is_empty().then(|| OutOfRange {
             key: "link.path".into(),

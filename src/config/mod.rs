@@ -1,7 +1,19 @@
 //! Machines, recipes and the daemon's settings, read from TOML. An unknown key or a value out of range is an error that names the
 //! file, the key, the value and what is allowed. All values out of range are named at once.
+//!
+//! Machines and recipes are of a [`Kind`], and each kind has keys of its own:
+//!
+//! ```
+//! use layerd::config::{Recipe, find, Folder};
+//!
+//! let file = find(Folder::Recipes, "demo")?;
+//! let Recipe::Dlp(recipe) = Recipe::parse(&file.path, &file.text)?;
+//! assert_eq!(recipe.layer_exposure_ms(0), recipe.bottom_exposure_ms);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 mod daemon;
+mod kind;
 mod lookup;
 mod machine;
 mod recipe;
@@ -9,9 +21,10 @@ mod recipe;
 use std::path::{Path, PathBuf};
 
 pub use daemon::{DEFAULT_SOCKET, DEFAULT_SPOOL, DaemonConfig, MAX_THREADS, MIN_BUDGET_BYTES, byte_size};
+pub use kind::Kind;
 pub use lookup::{ConfigText, FindError, Folder, NotFound, find, names};
-pub use machine::Machine;
-pub use recipe::Recipe;
+pub use machine::{DlpMachine, Machine};
+pub use recipe::{DlpRecipe, Recipe};
 
 /// A configuration file that cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -31,6 +44,31 @@ pub enum ConfigError {
         path: PathBuf,
         /// What the parser found, with line and column.
         message: String,
+    },
+    /// A kind of machine that layerd knows and cannot drive.
+    #[error("{}: line {line}: layerd cannot drive machines of kind `{kind}` yet; use one of kind `dlp`", path.display())]
+    Undriven {
+        /// The file.
+        path: PathBuf,
+        /// Where it names the kind, counted from 1.
+        line: usize,
+        /// The kind.
+        kind: Kind,
+    },
+    /// A recipe for machines of another kind.
+    #[error(
+        "{}: this recipe is for machines of kind `{kind}`, but the machine in {} is of kind `{machine_kind}`: choose a recipe for \
+         that kind", path.display(), machine.display()
+    )]
+    OtherKind {
+        /// The recipe's file.
+        path: PathBuf,
+        /// The recipe's kind.
+        kind: Kind,
+        /// The machine's file.
+        machine: PathBuf,
+        /// The machine's kind.
+        machine_kind: Kind,
     },
     /// Values out of their ranges.
     #[error("{}: {}", path.display(), list(faults))]
@@ -82,6 +120,17 @@ pub(crate) fn read_text(path: &Path) -> Result<String, ConfigError> {
     read().map_err(|source| ConfigError::Read { path: path.into(), source })
 }
 
+/// Reads and checks a machine file, and a recipe file for that machine.
+///
+/// # Errors
+/// [`ConfigError`] of the first file that is wrong; [`ConfigError::OtherKind`] if both are right and do not belong together.
+pub fn load_pair(machine: &Path, recipe: &Path) -> Result<(Machine, Recipe), ConfigError> {
+    let place = machine;
+    let machine = Machine::load(place)?;
+    let recipe = Recipe::parse_for(&machine, place, recipe, &read_text(recipe)?)?;
+    Ok((machine, recipe))
+}
+
 fn parse<T: serde::de::DeserializeOwned>(
     path: &Path,
     text: &str,
@@ -102,8 +151,4 @@ fn in_words(message: &str) -> String {
         .replace("expected u32", "expected a whole number from 0 to 4294967295")
         .replace("expected usize", "expected a whole number, not negative")
         .replace("expected f64", "expected a number")
-        .replace(
-            "unknown variant `slm`, expected `dlp`",
-            "layerd cannot drive machines of kind `slm` yet; use a `dlp` machine",
-        )
 }

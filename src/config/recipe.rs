@@ -1,17 +1,30 @@
-//! One recipe: exposure of the layers and moves of the plate.
+//! Recipes, by kind of machine. The file is flat: `kind` says which keys it has.
 
 use std::path::Path;
 
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
+use serde::de::IgnoredAny;
 
-use super::{ConfigError, OutOfRange, parse, read_text, within};
+use super::kind::{self, Kind};
+use super::{ConfigError, Machine, OutOfRange, parse, read_text, within};
+use crate::layer::Depth;
 
-/// A DLP recipe, `config/recipes/*.toml`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// A recipe, `config/recipes/*.toml`. Its methods tell what recipes of every kind have.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Recipe {
+    /// For a DLP machine.
+    Dlp(DlpRecipe),
+}
+
+/// A recipe for a DLP machine: exposure of the layers and moves of the plate.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Recipe {
+pub struct DlpRecipe {
     /// For people.
     pub name: String,
+    /// Read before, to know which keys there are. A recipe that names none is for a DLP machine.
+    #[serde(rename = "kind", default)]
+    _kind: IgnoredAny,
     /// Layer height, micrometres.
     pub layer_height_um: f64,
     /// Exposure of a normal layer, milliseconds.
@@ -67,9 +80,41 @@ impl Recipe {
     /// # Errors
     /// [`ConfigError`] names file, key, value and the allowed range.
     pub fn parse(path: &Path, text: &str) -> Result<Self, ConfigError> {
-        parse(path, text, Self::check)
+        match kind::named_in(path, text)? {
+            Some((kind @ Kind::Slm, line)) => Err(ConfigError::Undriven { path: path.into(), line, kind }),
+            Some((Kind::Dlp, _)) | None => Ok(Self::Dlp(parse(path, text, DlpRecipe::check)?)),
+        }
     }
 
+    /// The same of a recipe that is to be used on `machine`, which was read from the file `place`.
+    ///
+    /// # Errors
+    /// [`ConfigError::OtherKind`] names both files if the recipe is for machines of another kind; else as [`Recipe::parse`].
+    pub fn parse_for(machine: &Machine, place: &Path, path: &Path, text: &str) -> Result<Self, ConfigError> {
+        let kind = kind::named_in(path, text)?.map_or(Kind::Dlp, |(kind, _)| kind);
+        if kind != machine.kind() {
+            let machine_kind = machine.kind();
+            return Err(ConfigError::OtherKind { path: path.into(), kind, machine: place.into(), machine_kind });
+        }
+        Self::parse(path, text)
+    }
+
+    /// Its name, for people.
+    pub fn name(&self) -> &str {
+        match self {
+            Self::Dlp(recipe) => &recipe.name,
+        }
+    }
+
+    /// Layer height, micrometres.
+    pub fn layer_height_um(&self) -> f64 {
+        match self {
+            Self::Dlp(recipe) => recipe.layer_height_um,
+        }
+    }
+}
+
+impl DlpRecipe {
     fn check(&self) -> Vec<OutOfRange> {
         // No resin needs an exposure of ten minutes. Moves are limited so that a typing error cannot take hours.
         [
@@ -90,6 +135,11 @@ impl Recipe {
         .into_iter()
         .flatten()
         .collect()
+    }
+
+    /// Bits a pixel of its layers.
+    pub fn depth(&self) -> Depth {
+        if self.antialias { Depth::Grey } else { Depth::Bit }
     }
 
     /// Exposure of a layer, milliseconds: bottom layers, then a linear transition, then normal layers.

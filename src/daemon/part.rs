@@ -140,8 +140,8 @@ impl Part {
         limit_bytes: u64,
     ) -> Result<Self, Unprintable> {
         let file = Arc::new(BuildFile::open(path)?);
-        let depth = if recipe.antialias { Depth::Grey } else { Depth::Bit };
-        let plan = SlicePlan::new(file.header(), machine.raster(), depth, recipe.layer_height_um)
+        let (Machine::Dlp(machine), Recipe::Dlp(recipe)) = (machine, recipe);
+        let plan = SlicePlan::new(file.header(), machine.raster(), recipe.depth(), recipe.layer_height_um)
             .map_err(|error| Unprintable::Part(error.to_string()))?;
         let memory = PrintMemory::within(&file, &plan, max_threads, limit_bytes);
         let need_bytes = memory.need_bytes();
@@ -164,6 +164,7 @@ impl Part {
     /// # Errors
     /// A text for the operator: which layers are dark, or what is damaged, and what to do.
     pub(super) fn check_footing(&self, recipe: &Recipe, limit_bytes: u64) -> Result<(), String> {
+        let Recipe::Dlp(recipe) = recipe;
         let file = BuildFile::open(&self.path).map_err(|error| spool_text(&error))?;
         let budget = MemoryBudget::new(limit_bytes);
         let footing = Slicer::new(BodySource::of(&Arc::new(file)), self.plan.clone(), self.threads, 0, &budget)

@@ -50,8 +50,13 @@ impl Setting {
             .and_then(|text| Ok((Machine::parse(&config.machine, &text)?, text)))
             .map_err(located)
             .with_context(|| named("machine"));
+        let parse_recipe = |text: &str| match &machine {
+            Ok((machine, _)) => Recipe::parse_for(machine, &config.machine, &config.recipe, text),
+            // Its own faults are told besides those of the machine.
+            Err(_) => Recipe::parse(&config.recipe, text),
+        };
         let recipe = read_text(&config.recipe)
-            .and_then(|text| Ok((Recipe::parse(&config.recipe, &text)?, text)))
+            .and_then(|text| Ok((parse_recipe(&text)?, text)))
             .map_err(located)
             .with_context(|| named("recipe"));
         let threads = config.threads.unwrap_or_else(Slicer::default_threads);

@@ -2,7 +2,6 @@
 
 use super::encoding::{self, Choice};
 use crate::config::{Machine, Recipe};
-use crate::layer::Depth;
 use crate::link::message::{Capabilities, DeviceKind};
 
 /// One layer is exposed while the next one arrives.
@@ -70,6 +69,7 @@ pub enum Misfit {
 /// [`Misfit`] names the first thing that does not fit, and what to do.
 pub fn check_fit(machine: &Machine, recipe: &Recipe, capabilities: &Capabilities) -> Result<Choice, Misfit> {
     check_capabilities(machine, capabilities)?;
+    let Recipe::Dlp(recipe) = recipe;
     let names = || (recipe.name.clone(), capabilities.name.clone());
     let (longest_ms, allowed_ms) = (recipe.exposure_ms.max(recipe.bottom_exposure_ms), capabilities.max_exposure_ms);
     if longest_ms > allowed_ms {
@@ -77,8 +77,7 @@ pub fn check_fit(machine: &Machine, recipe: &Recipe, capabilities: &Capabilities
         return Err(Misfit::Exposure { recipe, device, longest_ms, allowed_ms });
     }
     let antialias = recipe.antialias;
-    let depth = if antialias { Depth::Grey } else { Depth::Bit };
-    encoding::choose(depth, &capabilities.encodings).ok_or_else(|| {
+    encoding::choose(recipe.depth(), &capabilities.encodings).ok_or_else(|| {
         let (recipe, device) = names();
         Misfit::Encoding { recipe, device, antialias }
     })
@@ -89,6 +88,7 @@ pub fn check_fit(machine: &Machine, recipe: &Recipe, capabilities: &Capabilities
 /// # Errors
 /// [`MachineMismatch`] names the first difference, configured and found.
 pub fn check_capabilities(machine: &Machine, capabilities: &Capabilities) -> Result<(), MachineMismatch> {
+    let Machine::Dlp(machine) = machine;
     let differs = |what, configured: String, found: String| {
         let (machine, device) = (machine.name.clone(), capabilities.name.clone());
         Err(MachineMismatch { machine, device, what, configured, found })

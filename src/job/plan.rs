@@ -1,6 +1,6 @@
 //! Heights and times of a job, computed from recipe and layer number.
 
-use crate::config::Recipe;
+use crate::config::DlpRecipe;
 
 /// A job as the engine must know it.
 #[derive(Clone, Debug, PartialEq)]
@@ -10,9 +10,9 @@ pub struct JobPlan {
     /// Number of layers.
     pub layer_count: u32,
     /// Exposures, lifts and waits.
-    pub recipe: Recipe,
+    pub recipe: DlpRecipe,
     /// Plate height clear of the resin, micrometres above the bottom of the vat
-    /// ([`crate::config::Machine::clear_height_um`]).
+    /// ([`crate::config::DlpMachine::clear_height_um`]).
     pub clear_height_um: f64,
     /// How much faster than real time the device's clock runs ([`crate::config::Machine::time_scale`]).
     pub time_scale: f64,

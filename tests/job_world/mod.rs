@@ -1,6 +1,8 @@
 //! A scripted device, a line, a journal and a clock around a job's engine.
 #![allow(dead_code, reason = "each test file uses its part")]
 
+use std::path::Path;
+
 use layerd::config::Recipe;
 use layerd::device::{Act, Outcome};
 use layerd::job::{
@@ -14,23 +16,10 @@ pub(crate) const CLEAR_UM: i32 = 20_000;
 pub(crate) const MAX_POSITION_UM: i32 = 150_000;
 
 pub(crate) fn plan() -> JobPlan {
-    let recipe = Recipe {
-        name: "test".into(),
-        layer_height_um: 50.0,
-        exposure_ms: 2000,
-        bottom_exposure_ms: 20_000,
-        bottom_layers: 1,
-        transition_layers: 1,
-        lift_height_um: 5000,
-        lift_speed_um_s: 1000,
-        retract_speed_um_s: 3000,
-        light_off_delay_ms: 500,
-        wait_before_exposure_ms: 500,
-        wait_after_exposure_ms: 200,
-        wait_after_lift_ms: 300,
-        light_pwm: 255,
-        antialias: false,
-    };
+    let text = "name = \"test\"\nlayer_height_um = 50.0\nexposure_ms = 2000\nbottom_exposure_ms = 20000\nbottom_layers = 1\n\
+                transition_layers = 1\nlift_height_um = 5000\nlift_speed_um_s = 1000\nretract_speed_um_s = 3000\n\
+                light_off_delay_ms = 500\nwait_before_exposure_ms = 500\nwait_after_exposure_ms = 200\nwait_after_lift_ms = 300\n";
+    let Recipe::Dlp(recipe) = Recipe::parse(Path::new("test.toml"), text).expect("a recipe");
     JobPlan { key: KEY, layer_count: LAYERS, recipe, clear_height_um: f64::from(CLEAR_UM), time_scale: 1.0 }
 }
 

@@ -31,7 +31,8 @@ impl Fit {
     /// 422 for a recipe that is wrong or that the device cannot print, 409 for a device that is another machine.
     pub(crate) fn check(&self, text: Option<&str>, name: Option<&str>) -> Result<Recipe, CommandError> {
         let place = Path::new(name.unwrap_or("recipe"));
-        let recipe = Recipe::parse(place, text.unwrap_or(&self.setting.recipe_text))
+        let Setting { machine, config, recipe_text, .. } = &*self.setting;
+        let recipe = Recipe::parse_for(machine, &config.machine, place, text.unwrap_or(recipe_text))
             .map_err(|error| CommandError::new(422, error.to_string()))?;
         if let Some(device) = &self.device {
             check_fit(&self.setting.machine, &recipe, device).map_err(|misfit| {

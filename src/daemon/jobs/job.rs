@@ -85,7 +85,7 @@ impl Job {
     ) -> Self {
         let mut view = blank_view(&directory);
         view.name = name;
-        view.recipe.clone_from(&recipe.name);
+        view.recipe = recipe.name().into();
         view.layers_total = layer_count;
         view.submitted_ms = unix_ms();
         let made_for = Some(Box::new((machine, recipe)));
@@ -128,9 +128,11 @@ impl Job {
             }
         };
         let recipe = Recipe::load(&directory.recipe()).ok();
-        let unconfirmed_ms =
-            past.unconfirmed.and_then(|commanded| Some(recipe.as_ref()?.layer_exposure_ms(commanded.layer)));
-        view.recipe = recipe.as_ref().map_or_else(String::new, |recipe| recipe.name.clone());
+        let unconfirmed_ms = past
+            .unconfirmed
+            .zip(recipe.as_ref())
+            .map(|(commanded, Recipe::Dlp(recipe))| recipe.layer_exposure_ms(commanded.layer));
+        view.recipe = recipe.as_ref().map_or_else(String::new, |recipe| recipe.name().into());
         let made_for = recipe
             .filter(|_| !view.state.is_final())
             .and_then(|recipe| Some(Box::new((Machine::load(&directory.machine()).ok()?, recipe))));

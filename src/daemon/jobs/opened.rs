@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::job::TakeUp;
-use crate::config::{Machine, Recipe};
+use crate::config::{Machine, Recipe, load_pair};
 use crate::daemon::host::clock::unix_ms;
 use crate::daemon::part::{Part, Unprintable, spool_text};
 use crate::job::{JobDirectory, JobState, Journal, Record, StartPoint};
@@ -60,8 +60,7 @@ impl Opened {
         };
         let start = start.map_err(|error| Unopened { text: error.to_string(), state })?;
         let open = || -> Result<_, String> {
-            let recipe = Recipe::load(&job.recipe()).map_err(|error| error.to_string())?;
-            let machine = Machine::load(&job.machine()).map_err(|error| error.to_string())?;
+            let (machine, recipe) = load_pair(&job.machine(), &job.recipe()).map_err(|error| error.to_string())?;
             let part =
                 Part::open(&job.part(), &machine, &recipe, threads, limit_bytes).map_err(|error| match error {
                     Unprintable::File(error) => spool_text(&error),

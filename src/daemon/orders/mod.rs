@@ -152,7 +152,7 @@ impl Printer {
             Some(InDoubt::Exposed) => ResumeChoice::AssumeExposed,
             Some(InDoubt::Repeat) => ResumeChoice::Repeat,
         };
-        let confirms = self.setting.machine.confirm_plate;
+        let confirms = self.setting.machine.confirm_plate();
         let job = self.waiting(id)?;
         if let (Some(order), false) = (job.past.ordered, job.view.state.is_final()) {
             return Err(refused(id, &ResumeError::Ordered(order)));

@@ -2,6 +2,7 @@
 
 use super::unwritten::MAX_WRITE_US;
 use crate::api::RaiseView;
+use crate::config::{DlpRecipe, Recipe};
 use crate::daemon::handle::{Answer, CommandError};
 use crate::daemon::printer::Printer;
 use crate::daemon::printer::background::Reply;
@@ -110,7 +111,7 @@ impl Printer {
 
     fn command_raise(&mut self, view: RaiseView) -> Result<RaiseView, CommandError> {
         let RaiseView { from_um, to_um, .. } = view;
-        let speed_um_s = self.setting.recipe.lift_speed_um_s;
+        let Recipe::Dlp(DlpRecipe { lift_speed_um_s: speed_um_s, .. }) = self.setting.recipe;
         let now_us = self.clock.now_us();
         let driver = self.idle.driver.as_mut().ok_or_else(absent)?;
         let act = Act::Move { position_um: to_um, speed_um_s };

@@ -52,7 +52,7 @@ impl Printer {
             let is_next = self.jobs.ahead_of(id, self.holder()).is_none();
             let is_seen = jobs_ended == self.jobs_ended && !reply.is_closed() && is_next;
             if let Some(job) = self.jobs.get_mut(id) {
-                job.awaits_plate = self.setting.machine.confirm_plate && !is_seen;
+                job.awaits_plate = self.setting.machine.confirm_plate() && !is_seen;
             }
             self.publish_job(id);
             id

@@ -10,6 +10,7 @@ use std::fmt;
 use super::Printer;
 use super::background::Background;
 use super::idle::Idle;
+use crate::config::Machine;
 use crate::daemon::handle::CommandError;
 use crate::daemon::jobs::Account;
 use crate::daemon::jobs::job::{Job, TakeUp};
@@ -179,7 +180,8 @@ impl Printer {
     /// The height at which the plate is clear of the resin, or the device's highest if that is lower, micrometres.
     pub(crate) fn clear_um(&self) -> i32 {
         // `as` saturates; the configuration allows two metres.
-        let clear_um = self.setting.machine.clear_height_um.ceil() as i32;
+        let Machine::Dlp(machine) = &self.setting.machine;
+        let clear_um = machine.clear_height_um.ceil() as i32;
         self.capabilities.as_ref().map_or(clear_um, |capabilities| clear_um.min(capabilities.max_position_um))
     }
 

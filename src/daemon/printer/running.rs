@@ -68,12 +68,13 @@ impl Running {
     ) -> Self {
         let Opened { journal, key, start, recipe, machine, part } = opened;
         let layer_count = part.layer_count();
+        let (Machine::Dlp(dlp), Recipe::Dlp(dlp_recipe)) = (&machine, &recipe);
         let plan = JobPlan {
             key,
             layer_count,
-            recipe: recipe.clone(),
-            clear_height_um: machine.clear_height_um,
-            time_scale: machine.time_scale,
+            recipe: dlp_recipe.clone(),
+            clear_height_um: dlp.clear_height_um,
+            time_scale: dlp.time_scale,
         };
         let mut engine = Engine::new(plan, start).watching(light);
         engine.handle(Event::Ready, now_us);

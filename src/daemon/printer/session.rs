@@ -174,7 +174,7 @@ impl Printer {
     }
 
     fn link_changed(&mut self, state: LinkState, reason: Option<String>) {
-        let path = self.setting.machine.link.path.display().to_string();
+        let path = self.setting.machine.link().path.display().to_string();
         let device = self.capabilities.as_ref().map(|capabilities| capabilities.name.clone());
         let link = LinkView { state, path, device, reason };
         let changed = self.desk.snapshot.borrow().link != link;

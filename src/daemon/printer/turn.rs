@@ -27,7 +27,7 @@ impl Printer {
             return;
         }
         let id = job.directory.id;
-        self.jobs.take(id, self.setting.machine.confirm_plate);
+        self.jobs.take(id, self.setting.machine.confirm_plate());
         let Some(job) = self.jobs.get_mut(id) else { return };
         let (directory, take_up, has_begun) = (job.directory.clone(), job.take_up, job.has_begun());
         job.view.state = take_up.state_before(JobState::Checking);
@@ -60,7 +60,7 @@ impl Printer {
     fn begin(&mut self, id: u32, mut opened: Opened, end: Option<Command>, now_us: u64) {
         tracing::info!(job = id, "job begins");
         // The present value, not the one stored with the job: correcting it lets an interrupted job go on.
-        opened.machine.time_scale = self.setting.machine.time_scale;
+        opened.machine.set_time_scale(self.setting.machine.time_scale());
         let light = std::mem::take(&mut self.idle).light;
         let mut running = Running::new(id, opened, light, self.background.clone(), now_us);
         if let Some(command) = end {

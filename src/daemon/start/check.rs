@@ -8,7 +8,7 @@ use std::path::Path;
 use rustix::fs::{Access, access};
 
 use super::descriptors;
-use crate::config::{DEFAULT_SOCKET, DEFAULT_SPOOL, Machine};
+use crate::config::{DEFAULT_SOCKET, DEFAULT_SPOOL, DlpMachine, Machine};
 use crate::daemon::PrintMemory;
 use crate::daemon::http::socket::{self, BindError};
 use crate::daemon::setting::Setting;
@@ -47,7 +47,8 @@ pub fn check(place: &Path) -> Findings {
     match Setting::load(place, config) {
         Ok(setting) => {
             findings.machine(&setting);
-            findings.summary = Some(format!("machine `{}`, recipe `{}`", setting.machine.name, setting.recipe.name));
+            findings.summary =
+                Some(format!("machine `{}`, recipe `{}`", setting.machine.name(), setting.recipe.name()));
         }
         Err(errors) => findings.errors.extend(errors.iter().map(|error| format!("{error:#}"))),
     }
@@ -128,22 +129,21 @@ impl Findings {
                 _ => self.warnings.push(format!("{text}; the daemon starts and waits for it")),
             }
         }
-        if machine.time_scale != 1.0 {
+        if machine.time_scale() != 1.0 {
             self.warnings.push(format!(
                 "`time_scale` in {place} is {}: the host accepts exposures and moves that are shorter by this factor. Only a \
                  simulated device needs that; remove the line for a real one",
-                machine.time_scale
+                machine.time_scale()
             ));
         }
-        let need_bytes = PrintMemory::min_bytes(Depth::Bit, machine.width_px, machine.height_px);
+        let Machine::Dlp(DlpMachine { width_px, height_px, .. }) = machine;
+        let need_bytes = PrintMemory::min_bytes(Depth::Bit, *width_px, *height_px);
         if need_bytes > config.memory_budget {
             self.warnings.push(format!(
-                "`memory_budget` of {} is less than the {} that one layer of {} x {} pixels takes: every job will be refused; \
+                "`memory_budget` of {} is less than the {} that one layer of {width_px} x {height_px} pixels takes: every job will be refused; \
                  raise it",
                 size_text(config.memory_budget),
                 size_text(need_bytes),
-                machine.width_px,
-                machine.height_px
             ));
         }
         let whole_bytes = config.memory_budget.saturating_add(BESIDE_BUDGET_BYTES);
@@ -245,7 +245,7 @@ fn can_be_made(root: &Path) -> Result<(), SpoolFault> {
 
 /// What would keep the port from being opened. Does not open it: that resets many boards.
 fn port(machine: &Machine) -> Option<OpenError> {
-    let path = &machine.link.path;
+    let path = &machine.link().path;
     match std::fs::metadata(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => Some(OpenError::Missing(path.clone())),
         Err(error) if error.kind() == ErrorKind::PermissionDenied => Some(denied(path)),

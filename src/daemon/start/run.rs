@@ -66,7 +66,7 @@ fn load(place: &Path) -> anyhow::Result<Setting> {
 async fn serve(setting: Setting, mut signals: Signals) -> anyhow::Result<()> {
     let spool = Spool::open(&setting.config.spool)?;
     let incoming = spool.incoming();
-    let jobs = Jobs::load(spool.jobs()?, spool.forgotten()?, setting.machine.confirm_plate);
+    let jobs = Jobs::load(spool.jobs()?, spool.forgotten()?, setting.machine.confirm_plate());
     let socket = setting.config.socket.clone();
     let [control, aborts] = socket::bind(&socket).await?;
     let budget = MemoryBudget::new(setting.config.memory_budget);
@@ -74,7 +74,7 @@ async fn serve(setting: Setting, mut signals: Signals) -> anyhow::Result<()> {
     let (shutdown, ending) = watch::channel(false);
     // The API answers until the machine is safe: an abort must get through while the last exposure ends.
     let (hang_up, over) = watch::channel(false);
-    let link = setting.machine.link.clone();
+    let link = setting.machine.link().clone();
     let (abort_handle, abort_over) = (handle.clone(), over.clone());
     let servers = [
         serve_in_thread("control api", control, |listener| server::serve(listener, handle, incoming, over))?,
@@ -129,9 +129,9 @@ fn serve_in_thread<F: Future<Output = ()>>(
 }
 
 fn first_snapshot(setting: &Setting, jobs: &Jobs) -> Snapshot {
-    let path = setting.machine.link.path.display().to_string();
+    let path = setting.machine.link().path.display().to_string();
     Snapshot {
-        machine: setting.machine.name.clone(),
+        machine: setting.machine.name().into(),
         link: LinkView { state: LinkState::Connecting, path, device: None, reason: None },
         device: DeviceView::default(),
         budget: BudgetView::default(),
