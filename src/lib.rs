@@ -18,6 +18,7 @@
 //! | [`stream`]    | computing ahead: thread, memory budget, queue of finished layers  |
 //! | [`link`]      | the wire: frames, reliable session with credit, serial transport  |
 //! | [`device`]    | drivers, layer encodings and the simulated devices                |
+//! | [`pipeline`]  | a part on a machine with a recipe: encoded layers, ahead          |
 //! | [`job`]       | the life of a job: states, journal, resume                        |
 //! | [`config`]    | machines, recipes and the daemon's own settings                   |
 //! | [`codec`]     | small values as bytes: bincode, under a limit                     |
@@ -40,6 +41,7 @@ pub mod job;
 pub mod layer;
 pub mod link;
 mod output;
+pub mod pipeline;
 mod random;
 mod signals;
 pub mod slice;

@@ -13,10 +13,11 @@ const MAY_KNOW: &[(&str, &[&str])] = &[
     ("link", &[]),
     ("config", &["layer", "link"]),
     ("device", &["layer", "link", "config"]),
+    ("pipeline", &["layer", "buildfile", "slice", "stream", "link", "config", "device"]),
     ("job", &["link", "config", "device"]),
     ("api", &["job"]),
-    ("daemon", &["layer", "buildfile", "slice", "stream", "link", "config", "device", "job", "api"]),
-    ("cli", &["layer", "solid", "buildfile", "slice", "stream", "link", "config", "device", "job", "api", "daemon"]),
+    ("daemon", &["stream", "link", "config", "device", "pipeline", "job", "api"]),
+    ("cli", &["layer", "solid", "buildfile", "slice", "stream", "link", "config", "device", "pipeline", "job", "api", "daemon"]),
 ];
 
 /// Small tools that know none of the above; every module may use them.

@@ -1,22 +1,20 @@
 //! `layerctl check`: whether a print would run well. Size and memory come from header and index alone, at once. Times, and whether
 //! the bottom holds to the plate, come from layers computed here, which takes some seconds.
 
-use std::path::PathBuf;
-use std::sync::Arc;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::bail;
 use serde::Serialize;
 
 use super::duration_text;
-use super::slice::{Setting, offline_slicer};
-use crate::buildfile::BuildFile;
-use crate::config::{MIN_BUDGET_BYTES, Recipe, byte_size};
-use crate::daemon::PrintMemory;
+use crate::buildfile::Header;
+use crate::config::{DlpRecipe, MIN_BUDGET_BYTES, Machine, Recipe, byte_size};
 use crate::device::encoding;
-use crate::layer::{Bitmap, Depth};
-use crate::link::message::Encoding;
-use crate::slice::{Footing, SlicePlan, Slicer};
+use crate::layer::Depth;
+use crate::pipeline::{Part, PartError, Placed, Resolution, default_threads};
+use crate::slice::{Footing, SlicePlan};
+use crate::stream::MemoryBudget;
 use crate::text::{count_text, size_text};
 
 /// Check before a print whether a part fits the machine, the memory and the line, and holds to the plate.
@@ -115,9 +113,9 @@ struct Sample {
 /// The print does not fit, or cannot be judged.
 pub fn run(args: CheckArgs) -> anyhow::Result<()> {
     let CheckArgs { file: path, machine, recipe, budget, json } = args;
-    let setting = Setting::load(&path, &machine, &recipe)?;
+    let pair = super::find_pair(&machine, &recipe)?;
     let mut told = Ok(());
-    let findings = judge(setting, &path, budget, &mut |size| {
+    let findings = judge(&path, &pair, budget, &mut |size| {
         if !json {
             // Printed before the sampling, which takes seconds.
             told = super::print(&size_lines(size));
@@ -138,47 +136,50 @@ pub fn run(args: CheckArgs) -> anyhow::Result<()> {
 
 /// Judges the print; calls `tell_size` as soon as the size is known.
 fn judge(
-    setting: Setting,
-    path: &std::path::Path,
+    path: &Path,
+    (machine, recipe): &(Machine, Recipe),
     budget: u64,
     tell_size: &mut dyn FnMut(&Size),
 ) -> anyhow::Result<Findings> {
-    let Setting { file, machine, recipe } = setting;
-    let file = Arc::new(file);
-    let depth = if recipe.antialias { Depth::Grey } else { Depth::Bit };
-    let plan = match SlicePlan::new(file.header(), machine.raster(), depth, recipe.layer_height_um) {
-        Ok(plan) => plan,
-        Err(error) => {
+    let placed = match Placed::open(path, &Resolution::of(machine, recipe)) {
+        Ok(placed) => placed,
+        Err(PartError::Plan(error)) => {
             return Ok(Findings { fits: false, problems: vec![error.to_string()], size: None, times: None });
         }
+        Err(error) => return Err(error.into()),
     };
-    let memory = PrintMemory::within(&file, &plan, Slicer::default_threads(), budget);
-    let (threads, memory_needed_bytes) = (memory.threads, memory.need_bytes());
+    let Recipe::Dlp(dlp) = recipe;
+    let plan = placed.plan().clone();
+    let threads = default_threads();
+    let memory = placed.memory(threads, budget);
+    let need_bytes = memory.need_bytes();
     let size = Size {
         layer_count: plan.layer_count,
-        peak_active_struts: file.peak_active(),
-        threads,
-        memory_needed_bytes,
-        memory_max_bytes: (memory_needed_bytes <= budget).then(|| memory.max_bytes(budget)),
+        peak_active_struts: placed.peak_active(),
+        threads: memory.threads,
+        memory_needed_bytes: need_bytes,
+        memory_max_bytes: (need_bytes <= budget).then(|| memory.max_bytes(budget)),
         memory_budget_bytes: budget,
-        device_ms_normal_layer: device_ms(&recipe, plan.layer_count),
-        print_time_s: ((0..plan.layer_count).map(|layer| device_ms(&recipe, layer)).sum::<f64>() / 1e3) as u64,
+        device_ms_normal_layer: device_ms(dlp, plan.layer_count),
+        print_time_s: ((0..plan.layer_count).map(|layer| device_ms(dlp, layer)).sum::<f64>() / 1e3) as u64,
     };
-    let warnings = warnings(&file, &plan, &recipe);
-    drop(file);
+    let warnings = warnings(placed.header(), &plan, dlp);
     tell_size(&size);
-    if memory_needed_bytes > budget {
-        let problem = format!(
-            "it needs more memory than the budget of {}: set memory_budget = \"{}MiB\" in the daemon's configuration",
-            size_text(budget),
-            memory_needed_bytes.max(MIN_BUDGET_BYTES).div_ceil(1 << 20)
-        );
-        return Ok(Findings { fits: false, problems: vec![problem], size: Some(size), times: None });
-    }
-    let samples = measure(path, &plan, threads, &recipe, f64::from(machine.link.baud))?;
+    let part = match placed.fit(threads, budget) {
+        Ok(part) => part,
+        Err(PartError::Memory { need_bytes, .. }) => {
+            let problem = format!(
+                "it needs more memory than the budget of {}: set memory_budget = \"{}MiB\" in the daemon's configuration",
+                size_text(budget),
+                need_bytes.max(MIN_BUDGET_BYTES).div_ceil(1 << 20)
+            );
+            return Ok(Findings { fits: false, problems: vec![problem], size: Some(size), times: None });
+        }
+        Err(error) => return Err(error.into()),
+    };
+    let samples = measure(&part, plan.depth, budget, dlp, f64::from(machine.link().baud))?;
     let late_layers = late_layers(&samples, plan.layer_count);
-    let footing =
-        Footing::of(&mut offline_slicer(BuildFile::open(path)?, plan.clone(), threads, 0)?, recipe.bottom_layers)?;
+    let footing = part.footing(recipe, budget)?;
     let dark = if let Footing::Dark { layers } = footing { layers } else { 0 };
     let late = (!late_layers.is_empty()).then(|| late_text(&late_layers));
     let loose = footing.problem(plan.layer_count);
@@ -188,8 +189,7 @@ fn judge(
 }
 
 /// What may spoil a print that fits: struts that the raster or the layers are too coarse for, and layers that are not peeled off.
-fn warnings(file: &BuildFile, plan: &SlicePlan, recipe: &Recipe) -> Vec<String> {
-    let header = file.header();
+fn warnings(header: &Header, plan: &SlicePlan, recipe: &DlpRecipe) -> Vec<String> {
     let radii = header.lattices().map(|lattice| f64::from(lattice.radius_range[0]));
     let thinnest_um = 2.0 * header.quantum_um * radii.fold(f64::INFINITY, f64::min);
     let [x_um, y_um] = plan.raster.pixel_um;
@@ -230,23 +230,13 @@ fn times(samples: &[Sample], dark_bottom_layers: u32, late_layers: Vec<[u32; 2]>
     }
 }
 
-/// Computes and encodes layers spread evenly over the part, each in a sweep of its own. The time of the sweep's second layer counts:
-/// the first one includes reading the chunks, which a print does once.
-fn measure(
-    file: &std::path::Path,
-    plan: &SlicePlan,
-    threads: usize,
-    recipe: &Recipe,
-    baud: f64,
-) -> anyhow::Result<Vec<Sample>> {
-    let encoding = match plan.depth {
-        Depth::Bit => Encoding::Group4,
-        Depth::Grey => Encoding::RunGrey,
-    };
-    let mut bitmap = Bitmap::new(plan.raster.width_px, plan.raster.height_px, plan.depth);
-    let mut bytes = Vec::new();
+/// Computes and encodes layers spread evenly over the part, each in a sweep of its own, as a print would send them to a device that
+/// reads every encoding. The time of the sweep's second layer counts: the first one includes reading the chunks, which a print
+/// does once.
+fn measure(part: &Part, depth: Depth, budget: u64, recipe: &DlpRecipe, baud: f64) -> anyhow::Result<Vec<Sample>> {
+    let encoding = encoding::best(depth);
     let mut samples = Vec::new();
-    let count = SAMPLES.min(plan.layer_count);
+    let count = SAMPLES.min(part.layer_count());
     let began = Instant::now();
     for step in 0..SAMPLES {
         let index = step * SAMPLE_STEP % SAMPLES;
@@ -256,24 +246,24 @@ fn measure(
         if !samples.is_empty() && began.elapsed() > SAMPLING_TIME {
             break;
         }
-        let layer = (u64::from(plan.layer_count) * u64::from(2 * index + 1) / u64::from(2 * count)) as u32;
-        let mut slicer = offline_slicer(BuildFile::open(file)?, plan.clone(), threads, layer.saturating_sub(1))?;
+        let layer = (u64::from(part.layer_count()) * u64::from(2 * index + 1) / u64::from(2 * count)) as u32;
+        let mut layers = part.encoded_layers(layer.saturating_sub(1), encoding, &MemoryBudget::new(budget))?;
         if layer > 0 {
-            slicer.next_layer(&mut bitmap)?;
+            layers.next().transpose()?;
         }
         let start = Instant::now();
-        slicer.next_layer(&mut bitmap)?;
-        encoding::encode(&bitmap, encoding, &mut bytes)?;
+        let Some(encoded) = layers.next().transpose()? else { bail!("the layers ended too early") };
         let compute_ms = start.elapsed().as_secs_f64() * 1e3;
-        let line_ms = bytes.len() as f64 * LINE_BITS / baud * 1e3;
-        samples.push(Sample { layer, compute_ms, line_ms, device_ms: device_ms(recipe, layer), bytes: bytes.len() });
+        let bytes = encoded.bytes.len();
+        let line_ms = bytes as f64 * LINE_BITS / baud * 1e3;
+        samples.push(Sample { layer, compute_ms, line_ms, device_ms: device_ms(recipe, layer), bytes });
     }
     samples.sort_by_key(|sample| sample.layer);
     Ok(samples)
 }
 
 /// Time the device spends on a layer: exposure, waits, lift and retract.
-fn device_ms(recipe: &Recipe, layer: u32) -> f64 {
+fn device_ms(recipe: &DlpRecipe, layer: u32) -> f64 {
     let travel_ms = |speed_um_s: u32| f64::from(recipe.lift_height_um) / f64::from(speed_um_s) * 1e3;
     let waits_ms = [
         recipe.light_off_delay_ms,

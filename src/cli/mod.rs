@@ -37,7 +37,7 @@ use time::OffsetDateTime;
 
 use crate::api::{JobView, LinkState};
 use crate::buildfile::{Blend, PackError};
-use crate::config::{ConfigText, Folder, Machine, find};
+use crate::config::{ConfigText, Folder, Machine, Recipe, find};
 use crate::text::{count_text, is_hidden, plain, shell_word};
 
 /// Prepares lattices for printing, and tells the daemon layerd to print them.
@@ -289,6 +289,14 @@ fn with_names(help: &str) -> String {
 fn find_machine(machine: &str) -> anyhow::Result<(Machine, PathBuf)> {
     let ConfigText { path, text } = find(Folder::Machines, machine)?;
     Ok((Machine::parse(&path, &text)?, path))
+}
+
+/// Loads a machine, and a recipe for it, each by path or name.
+fn find_pair(machine: &str, recipe: &str) -> anyhow::Result<(Machine, Recipe)> {
+    let (machine, place) = find_machine(machine)?;
+    let ConfigText { path, text } = find(Folder::Recipes, recipe)?;
+    let recipe = Recipe::parse_for(&machine, &place, &path, &text)?;
+    Ok((machine, recipe))
 }
 
 /// A progress bar on stderr, of an indicatif template; invisible if stderr is no terminal.

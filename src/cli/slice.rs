@@ -3,20 +3,18 @@
 use std::io::Write;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use anyhow::{Context, bail, ensure};
 use clap::builder::RangedU64ValueParser;
 use serde::Serialize;
 
-use crate::buildfile::{BodyHeader, BuildFile, Header};
-use crate::config::{ConfigText, Folder, Machine, Recipe, find};
+use crate::buildfile::{BodyHeader, Header};
 use crate::layer::export::write_png;
 use crate::layer::{Bitmap, Depth, Mirror};
 use crate::output::Output;
-use crate::slice::{BodySource, SlicePlan, Slicer};
+use crate::pipeline::{Placed, Resolution};
+use crate::slice::{SlicePlan, Slicer};
 use crate::solid::ISOVALUE;
-use crate::stream::MemoryBudget;
 use crate::text::count_text;
 
 /// Write the layers of a part as pictures, the same that a print sends.
@@ -82,40 +80,22 @@ fn parse_layers(text: &str) -> Result<LayerRange, String> {
     Ok(LayerRange { first, end })
 }
 
-/// Part, machine and recipe; shared with `check`.
-pub(super) struct Setting {
-    pub(super) file: BuildFile,
-    pub(super) machine: Machine,
-    pub(super) recipe: Recipe,
-}
-
-impl Setting {
-    pub(super) fn load(file: &Path, machine: &str, recipe: &str) -> anyhow::Result<Self> {
-        let (machine, place) = super::find_machine(machine)?;
-        let ConfigText { path, text } = find(Folder::Recipes, recipe)?;
-        let recipe = Recipe::parse_for(&machine, &place, &path, &text)?;
-        Ok(Self { file: BuildFile::open(file)?, machine, recipe })
-    }
-}
-
-/// A slicer outside a print; its memory budget is its own estimate.
-pub(super) fn offline_slicer(file: BuildFile, plan: SlicePlan, threads: usize, first: u32) -> anyhow::Result<Slicer> {
-    let bodies = BodySource::of(&Arc::new(file));
-    let budget = MemoryBudget::new(Slicer::memory_bytes(&bodies, &plan, threads));
-    Ok(Slicer::new(bodies, plan, threads, first, &budget)?)
-}
-
 /// Runs the command.
 ///
 /// # Errors
 /// A file or value that cannot be used. Pictures already written stay; none is left incomplete.
 pub fn run(args: SliceArgs) -> anyhow::Result<()> {
     let SliceArgs { file, machine, recipe, layer_height, layers, antialias, threads, output } = args;
-    let Setting { file, machine, recipe } = Setting::load(&file, &machine, &recipe)?;
-    let depth = if antialias || recipe.antialias { Depth::Grey } else { Depth::Bit };
-    let layer_height_um = layer_height.unwrap_or(recipe.layer_height_um);
-    let plan = SlicePlan::new(file.header(), machine.raster(), depth, layer_height_um)?;
-    let range = layers_within(layers, plan.layer_count)?;
+    let (machine, recipe) = super::find_pair(&machine, &recipe)?;
+    let mut resolution = Resolution::of(&machine, &recipe);
+    if antialias {
+        resolution.depth = Depth::Grey;
+    }
+    if let Some(layer_height_um) = layer_height {
+        resolution.layer_height_um = layer_height_um;
+    }
+    let part = Placed::open(&file, &resolution)?;
+    let range = layers_within(layers, part.plan().layer_count)?;
     let threads = threads.unwrap_or_else(Slicer::default_threads);
 
     ensure!(!output.is_file(), "{} is a file; -o wants a directory for the pictures", output.display());
@@ -128,9 +108,10 @@ pub fn run(args: SliceArgs) -> anyhow::Result<()> {
         }
         _ => {}
     }
-    let mut manifest = Manifest::new(file.header(), &plan);
-    let mut bitmap = Bitmap::new(machine.width_px, machine.height_px, depth);
-    let mut slicer = offline_slicer(file, plan, threads, range.start)?;
+    let mut manifest = Manifest::new(part.header(), part.plan());
+    let Resolution { raster, depth, .. } = resolution;
+    let mut bitmap = Bitmap::new(raster.width_px, raster.height_px, depth);
+    let mut slicer = part.slicer(threads, range.start)?;
     let bar = super::progress_bar("{bar:40} {pos}/{len} layers, {eta} left");
     bar.set_length(u64::from(range.end - range.start));
     for _ in range {

@@ -14,15 +14,12 @@ pub mod handle;
 mod host;
 pub mod http;
 mod jobs;
-mod layers;
 mod orders;
-mod part;
 mod printer;
 mod setting;
 mod start;
 
 pub use jobs::fit::Fit;
-pub(crate) use part::PrintMemory;
 pub use setting::Setting;
 pub use start::arguments::Arguments;
 pub use start::check::{Findings, check};

@@ -4,11 +4,8 @@ use std::path::Path;
 
 use anyhow::Context;
 
-use crate::config::{ConfigError, DaemonConfig, MAX_THREADS, Machine, Recipe, read_text};
-use crate::slice::Slicer;
-
-// The slicer allows every number of threads that the configuration allows.
-const _: () = assert!(MAX_THREADS <= Slicer::MAX_THREADS);
+use crate::config::{ConfigError, DaemonConfig, Machine, Recipe, read_text};
+use crate::pipeline::default_threads;
 
 /// The configuration; it does not change while the daemon runs.
 #[derive(Debug)]
@@ -59,7 +56,7 @@ impl Setting {
             .and_then(|text| Ok((parse_recipe(&text)?, text)))
             .map_err(located)
             .with_context(|| named("recipe"));
-        let threads = config.threads.unwrap_or_else(Slicer::default_threads);
+        let threads = config.threads.unwrap_or_else(default_threads);
         match (machine, recipe) {
             (Ok((machine, machine_text)), Ok((recipe, recipe_text))) => {
                 Ok(Self { config, machine, machine_text, recipe, recipe_text, threads })

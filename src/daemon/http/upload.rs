@@ -15,10 +15,10 @@ use tokio::time::timeout;
 
 use crate::api::percent;
 use crate::api::{MAX_NAME_BYTES, MAX_RECIPE_BYTES, NAME_HEADER, RECIPE_HEADER, RECIPE_NAME_HEADER};
-use crate::buildfile::{BEGINNING_BYTES, check_beginning};
 use crate::daemon::handle::{CommandError, Submission};
 use crate::daemon::jobs::fit::Fit;
 use crate::disk;
+use crate::pipeline::{BEGINNING_BYTES, check_beginning};
 use crate::text::size_text;
 
 /// A sender that is silent for longer is gone; the incomplete file is removed.

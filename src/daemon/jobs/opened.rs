@@ -5,8 +5,8 @@ use std::sync::Arc;
 use super::job::TakeUp;
 use crate::config::{Machine, Recipe, load_pair};
 use crate::daemon::host::clock::unix_ms;
-use crate::daemon::part::{Part, Unprintable, spool_text};
 use crate::job::{JobDirectory, JobState, Journal, Record, StartPoint};
+use crate::pipeline::{Part, PartError, Placed, Resolution};
 
 /// A job read from the spool, ready to run.
 #[derive(Debug)]
@@ -61,11 +61,9 @@ impl Opened {
         let start = start.map_err(|error| Unopened { text: error.to_string(), state })?;
         let open = || -> Result<_, String> {
             let (machine, recipe) = load_pair(&job.machine(), &job.recipe()).map_err(|error| error.to_string())?;
-            let part =
-                Part::open(&job.part(), &machine, &recipe, threads, limit_bytes).map_err(|error| match error {
-                    Unprintable::File(error) => spool_text(&error),
-                    _ => error.to_string(),
-                })?;
+            let part = Placed::open(&job.part(), &Resolution::of(&machine, &recipe))
+                .and_then(|placed| placed.fit(threads, limit_bytes))
+                .map_err(|error| spool_text(&error))?;
             if part.layer_count() != history.layer_count {
                 let (found, accepted) = (part.layer_count(), history.layer_count);
                 return Err(format!(
@@ -73,7 +71,8 @@ impl Opened {
                 ));
             }
             if matches!(take_up, TakeUp::Print(_)) && start.next_layer == 0 && !start.touched {
-                part.check_footing(&recipe, limit_bytes)?;
+                let footing = part.footing(&recipe, limit_bytes).map_err(|error| spool_text(&error))?;
+                footing.problem(part.layer_count()).map_or(Ok(()), Err)?;
             }
             Ok((recipe, machine, Arc::new(part)))
         };
@@ -85,4 +84,17 @@ impl Opened {
             }
         }
     }
+}
+
+/// Why a part in the spool cannot be used. It is a copy, so the advice of an error on the original does not apply.
+pub(crate) fn spool_text(error: &PartError) -> String {
+    error.damage().map_or_else(
+        || error.to_string(),
+        |damage| {
+            format!(
+                "the spool's copy of the part is damaged ({damage}). End this job, start the part again from its original file, \
+                 and check the spool's disk"
+            )
+        },
+    )
 }

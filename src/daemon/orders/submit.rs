@@ -3,17 +3,17 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::api::JobView;
-use crate::buildfile::BuildFile;
 use crate::config::Recipe;
 use crate::daemon::handle::{CommandError, Submission};
 use crate::daemon::host::clock::unix_ms;
 use crate::daemon::jobs::fit::Fit;
 use crate::daemon::jobs::job::Job;
-use crate::daemon::part::Part;
+use crate::daemon::jobs::opened::spool_text;
 use crate::daemon::printer::Printer;
 use crate::daemon::printer::background::{Background, Reply};
 use crate::daemon::setting::Setting;
 use crate::job::{JobState, JournalError, NewJob, Record, Spool, SpoolError};
+use crate::pipeline::{Placed, Resolution, verify};
 use crate::random;
 
 impl Printer {
@@ -28,7 +28,11 @@ impl Printer {
         tokio::task::spawn_blocking(move || {
             let result = fit
                 .check(submission.recipe_text.as_deref(), submission.recipe_name.as_deref())
-                .and_then(|recipe| verify(&submission).map(|()| recipe))
+                .and_then(|recipe| {
+                    // Every byte of it.
+                    verify(&submission.part).map_err(|error| unprintable(&submission, &error.to_string()))?;
+                    Ok(recipe)
+                })
                 .and_then(|recipe| accept(&setting, &spool, &submission, &recipe, limit_bytes, looks))
                 .map(Box::new);
             // The file of a refused part is deleted before the answer.
@@ -80,12 +84,6 @@ impl Printer {
     }
 }
 
-/// Checks every byte of a new part. Blocks.
-fn verify(submission: &Submission) -> Result<(), CommandError> {
-    let verified = BuildFile::open(&submission.part).and_then(|file| file.verify());
-    verified.map_err(|error| unprintable(submission, &error.to_string()))
-}
-
 fn unprintable(submission: &Submission, text: &str) -> CommandError {
     // The operator knows the part by its own name, not by its path in the spool.
     CommandError::new(422, text.replace(&submission.part.display().to_string(), &submission.name))
@@ -100,10 +98,13 @@ fn accept(
     limit_bytes: u64,
     looks: bool,
 ) -> Result<Job, CommandError> {
-    let part = Part::open(&submission.part, &setting.machine, recipe, setting.threads, limit_bytes)
+    let part = Placed::open(&submission.part, &Resolution::of(&setting.machine, recipe))
+        .and_then(|placed| placed.fit(setting.threads, limit_bytes))
         .map_err(|error| unprintable(submission, &error.to_string()))?;
     if looks {
-        part.check_footing(recipe, limit_bytes).map_err(|problem| unprintable(submission, &problem))?;
+        let footing =
+            part.footing(recipe, limit_bytes).map_err(|error| unprintable(submission, &spool_text(&error)))?;
+        footing.problem(part.layer_count()).map_or(Ok(()), |problem| Err(unprintable(submission, &problem)))?;
     }
     // 0 names no job.
     let key = random::bits().max(1);

@@ -32,11 +32,11 @@ use crate::daemon::host::notify;
 use crate::daemon::jobs::Jobs;
 use crate::daemon::orders::raised::RaisedNote;
 use crate::daemon::orders::unwritten::Unwritten;
-use crate::daemon::part::EncodedLayer;
 use crate::daemon::setting::Setting;
 use crate::device::DlpDriver;
 use crate::job::{Event, Progress, Spool};
 use crate::link::message::{Capabilities, DeviceState, HostMessage, Request, Urgent};
+use crate::pipeline::EncodedLayer;
 use crate::stream::{Finished, MemoryBudget};
 
 /// Capacity of the queue of background results; when full, the worker blocks.

@@ -8,12 +8,12 @@ use super::background::Background;
 use crate::config::{Machine, Recipe};
 use crate::daemon::host::clock::unix_ms;
 use crate::daemon::jobs::opened::Opened;
-use crate::daemon::layers::Layers;
-use crate::daemon::part::{EncodedLayer, Part};
+use crate::daemon::jobs::opened::spool_text;
 use crate::device::encoding::Choice;
 use crate::device::{DlpDriver, DriverEvent, LightWatch, Outcome, check_fit};
 use crate::job::{Action, Command, Engine, Event, JobPlan, Journal, Record};
 use crate::link::message::{Capabilities, DeviceState, Urgent};
+use crate::pipeline::{EncodedLayer, Layers, Part};
 use crate::stream::{Finished, MemoryBudget, Room};
 
 /// An action of the engine that the printer's loop must carry out.
@@ -89,7 +89,7 @@ impl Running {
             background,
             driver: None,
             encoding: None,
-            layers: Layers::Idle,
+            layers: Layers::default(),
             wanted: None,
             sending: None,
             act_number: 0,
@@ -159,7 +159,7 @@ impl Running {
                 }
                 Action::NeedLayers { from } => {
                     if let Some(encoding) = self.encoding {
-                        self.layers.restart(&self.part, from, encoding, budget);
+                        self.layers.restart(&self.part, from, encoding, budget, spool_text);
                     }
                 }
                 Action::Upload { layer, slot } => self.wanted = Some((layer, slot)),

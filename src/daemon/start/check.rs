@@ -9,12 +9,11 @@ use rustix::fs::{Access, access};
 
 use super::descriptors;
 use crate::config::{DEFAULT_SOCKET, DEFAULT_SPOOL, DlpMachine, Machine};
-use crate::daemon::PrintMemory;
 use crate::daemon::http::socket::{self, BindError};
 use crate::daemon::setting::Setting;
 use crate::disk;
-use crate::layer::Depth;
 use crate::link::transport::{OpenError, denied};
+use crate::pipeline::PrintMemory;
 use crate::text::{shell_word, size_text};
 
 /// Memory of the program besides its memory budget; `ARCHITECTURE.md` lists what it is for.
@@ -137,7 +136,7 @@ impl Findings {
             ));
         }
         let Machine::Dlp(DlpMachine { width_px, height_px, .. }) = machine;
-        let need_bytes = PrintMemory::min_bytes(Depth::Bit, *width_px, *height_px);
+        let need_bytes = PrintMemory::min_bytes(machine);
         if need_bytes > config.memory_budget {
             self.warnings.push(format!(
                 "`memory_budget` of {} is less than the {} that one layer of {width_px} x {height_px} pixels takes: every job will be refused; \

@@ -54,13 +54,18 @@ pub struct Choice {
 
 /// The best encoding for pictures of `depth` among those that a device decodes; `None` if it decodes none.
 pub fn choose(depth: Depth, offered: &[Encoding]) -> Option<Choice> {
-    let [packed, raw] = match depth {
-        Depth::Bit => [Encoding::Group4, Encoding::RawBit],
-        Depth::Grey => [Encoding::RunGrey, Encoding::RawGrey],
-    };
-    let raw = Some(raw).filter(|raw| offered.contains(raw));
-    let encoding = Some(packed).filter(|packed| offered.contains(packed)).or(raw)?;
+    let Choice { encoding, raw } = best(depth);
+    let raw = raw.filter(|raw| offered.contains(raw));
+    let encoding = Some(encoding).filter(|packed| offered.contains(packed)).or(raw)?;
     Some(Choice { encoding, raw })
+}
+
+/// The best encoding for pictures of `depth` for a device that decodes all of them.
+pub fn best(depth: Depth) -> Choice {
+    match depth {
+        Depth::Bit => Choice { encoding: Encoding::Group4, raw: Some(Encoding::RawBit) },
+        Depth::Grey => Choice { encoding: Encoding::RunGrey, raw: Some(Encoding::RawGrey) },
+    }
 }
 
 /// CRC-32 (IEEE) of a picture's rows. A device compares it after decoding.

@@ -1,16 +1,19 @@
-//! The layers of the running job, computed ahead; restarted when the engine wants to go on from another layer.
+//! The layers of a part, computed ahead; restarted to go on from another layer.
 
 use std::sync::Arc;
 
 use tokio::task::JoinHandle;
 
-use crate::daemon::part::{EncodedLayer, Part};
+use super::{EncodedLayer, Part, PartError};
 use crate::device::encoding::Choice;
 use crate::stream::{Ahead, Finished, MemoryBudget};
 
-/// The sweep that computes layers.
+/// The sweep that computes layers; at first there is none.
 #[derive(Debug, Default)]
-pub(super) enum Layers {
+pub struct Layers(Sweep);
+
+#[derive(Debug, Default)]
+enum Sweep {
     /// Nothing is computed.
     #[default]
     Idle,
@@ -21,13 +24,20 @@ pub(super) enum Layers {
 }
 
 impl Layers {
-    /// Ends the present sweep and starts one at layer `from`.
-    pub(super) fn restart(&mut self, part: &Arc<Part>, from: u32, encoding: Choice, budget: &MemoryBudget) {
+    /// Ends the present sweep and starts one at layer `from`. `explain` puts an error into words for the operator.
+    pub fn restart(
+        &mut self,
+        part: &Arc<Part>,
+        from: u32,
+        encoding: Choice,
+        budget: &MemoryBudget,
+        explain: fn(&PartError) -> String,
+    ) {
         let before = std::mem::take(self);
         let (part, budget) = (Arc::clone(part), budget.clone());
-        *self = Self::Starting(tokio::spawn(async move {
+        self.0 = Sweep::Starting(tokio::spawn(async move {
             before.stop().await;
-            let start = move || part.layers(from, encoding, &budget);
+            let start = move || part.ahead(from, encoding, &budget, explain).map_err(|error| explain(&error));
             tokio::task::spawn_blocking(start).await.unwrap_or_else(|panic| Err(panic.to_string()))
         }));
     }
@@ -36,16 +46,16 @@ impl Layers {
     ///
     /// # Errors
     /// A text for the operator.
-    pub(super) async fn next(&mut self) -> Result<Finished<EncodedLayer>, String> {
+    pub async fn next(&mut self) -> Result<Finished<EncodedLayer>, String> {
         loop {
-            match self {
-                Self::Idle => std::future::pending().await,
-                Self::Starting(starting) => {
+            match &mut self.0 {
+                Sweep::Idle => std::future::pending().await,
+                Sweep::Starting(starting) => {
                     let started = starting.await.unwrap_or_else(|panic| Err(panic.to_string()));
-                    *self = Self::Idle;
-                    *self = Self::Running(started?);
+                    self.0 = Sweep::Idle;
+                    self.0 = Sweep::Running(started?);
                 }
-                Self::Running(ahead) => {
+                Sweep::Running(ahead) => {
                     let next = ahead.next().await.map_err(|error| error.to_string());
                     return next?.ok_or_else(|| "the build file has fewer layers than its header says".into());
                 }
@@ -54,15 +64,15 @@ impl Layers {
     }
 
     /// Ends the present sweep; returns once its memory is given back.
-    pub(super) async fn stop(self) {
-        match self {
-            Self::Idle => {}
-            Self::Starting(starting) => {
+    pub async fn stop(self) {
+        match self.0 {
+            Sweep::Idle => {}
+            Sweep::Starting(starting) => {
                 if let Ok(Ok(ahead)) = starting.await {
                     ahead.stop().await;
                 }
             }
-            Self::Running(ahead) => ahead.stop().await,
+            Sweep::Running(ahead) => ahead.stop().await,
         }
     }
 }

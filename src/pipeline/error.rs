@@ -1,0 +1,68 @@
+//! Why a part cannot be printed.
+
+use crate::buildfile::BuildFileError;
+use crate::device::encoding::WrongDepth;
+use crate::slice::{PlanError, SliceError};
+use crate::stream::{BudgetExceeded, StreamError};
+
+/// Why a part cannot be printed on a machine, or a layer of it not be computed. Each text says what to do.
+#[derive(Debug, thiserror::Error)]
+pub enum PartError {
+    /// The file cannot be read, is not a build file, or is damaged.
+    #[error(transparent)]
+    File(#[from] BuildFileError),
+    /// The part does not fit the machine.
+    #[error(transparent)]
+    Plan(#[from] PlanError),
+    /// It needs more memory than the budget.
+    #[error(
+        "this job needs {} of memory, but memory_budget is {}: raise it to at least {} in the daemon's configuration",
+        mebibytes(*.need_bytes), mebibytes(*.limit_bytes), mebibytes(*.need_bytes)
+    )]
+    Memory {
+        /// Peak memory of the print path.
+        need_bytes: u64,
+        /// The budget.
+        limit_bytes: u64,
+    },
+    /// The budget has no room for it now.
+    #[error(transparent)]
+    Budget(#[from] BudgetExceeded),
+    /// A layer could not be computed.
+    #[error(transparent)]
+    Slice(SliceError),
+    /// A layer could not be encoded.
+    #[error(transparent)]
+    Encoding(#[from] WrongDepth),
+    /// Layers could not be computed ahead.
+    #[error(transparent)]
+    Stream(#[from] StreamError),
+}
+
+/// Rounded up, so that this budget is enough.
+fn mebibytes(bytes: u64) -> String {
+    format!("{}MiB", bytes.div_ceil(1 << 20))
+}
+
+impl PartError {
+    /// What is damaged in the build file and how, without a remedy; `None` where it is not damaged.
+    pub fn damage(&self) -> Option<String> {
+        match self {
+            Self::File(error) => error.damage(),
+            Self::Slice(SliceError::Damaged(damage)) => Some(damage.clone()),
+            _ => None,
+        }
+    }
+}
+
+impl From<SliceError> for PartError {
+    fn from(error: SliceError) -> Self {
+        match error {
+            // The struts come from a build file.
+            SliceError::Source(source) => {
+                source.downcast().map_or_else(|source| Self::Slice(SliceError::Source(source)), Self::File)
+            }
+            error => Self::Slice(error),
+        }
+    }
+}

@@ -1,0 +1,76 @@
+//! Memory of a print, added up before it begins.
+
+use std::sync::Arc;
+
+use crate::buildfile::BuildFile;
+use crate::config::Machine;
+use crate::device::encoding;
+use crate::layer::Depth;
+use crate::slice::{BodySource, SlicePlan, Slicer};
+
+/// Memory of the line at most, bytes: queues of the session both ways, the serial buffers, bookkeeping of one layer.
+const MAX_LINK_BYTES: u64 = 512 << 10;
+
+/// Largest queue of computed layers, bytes. A longer one would not help, and an abort throws its layers away.
+const MAX_QUEUE_BYTES: u64 = 16 << 20;
+
+/// Peak memory of a print, computed from header and index alone. `layerctl check` shows the same figure.
+#[derive(Clone, Copy, Debug)]
+pub struct PrintMemory {
+    /// Number of threads that compute the layers.
+    pub threads: usize,
+    slicer_bytes: u64,
+    /// Memory of the picture, the encoder's output, a layer that waits for room in the queue, and the line.
+    pub(super) buffer_bytes: u64,
+    /// Room for two layers: both in the queue, or one in the queue and one on the line.
+    min_queue_bytes: u64,
+}
+
+impl PrintMemory {
+    /// Of a part on a raster, computed by as many of `max_threads` threads as `limit_bytes` allow: each takes memory of its
+    /// own, and a host with many cores is to print what one with few can.
+    pub(super) fn within(file: &Arc<BuildFile>, plan: &SlicePlan, max_threads: usize, limit_bytes: u64) -> Self {
+        let bodies = BodySource::of(file);
+        let mut several = (2..=max_threads).rev().map(|threads| Self::new(&bodies, plan, threads));
+        several.find(|memory| memory.need_bytes() <= limit_bytes).unwrap_or_else(|| Self::new(&bodies, plan, 1))
+    }
+
+    fn new(bodies: &[BodySource], plan: &SlicePlan, threads: usize) -> Self {
+        let slicer_bytes = Slicer::memory_bytes(bodies, plan, threads);
+        Self { threads, slicer_bytes, ..Self::of_pictures(plan.depth, plan.raster.width_px, plan.raster.height_px) }
+    }
+
+    /// Without what the struts take.
+    fn of_pictures(depth: Depth, width_px: u32, height_px: u32) -> Self {
+        let raw_bytes = depth.stride_bytes(width_px) as u64 * u64::from(height_px);
+        Self {
+            threads: 1,
+            slicer_bytes: 0,
+            buffer_bytes: raw_bytes + 2 * encoding::largest_encoded_bytes(depth, raw_bytes) + MAX_LINK_BYTES,
+            min_queue_bytes: 2 * raw_bytes + (64 << 10),
+        }
+    }
+
+    /// The least memory of any print on this machine, bytes: that of a part without struts, in one bit a pixel.
+    pub fn min_bytes(machine: &Machine) -> u64 {
+        let Machine::Dlp(machine) = machine;
+        Self::of_pictures(Depth::Bit, machine.width_px, machine.height_px).need_bytes()
+    }
+
+    /// The least budget that is enough, bytes.
+    pub fn need_bytes(&self) -> u64 {
+        self.slicer_bytes.saturating_add(self.buffer_bytes + self.min_queue_bytes)
+    }
+
+    /// Size of the queue of computed layers within a budget that is enough, bytes.
+    pub(super) fn queue_bytes(&self, limit_bytes: u64) -> u64 {
+        let room_bytes = limit_bytes.saturating_sub(self.need_bytes()).saturating_add(self.min_queue_bytes);
+        room_bytes.min(MAX_QUEUE_BYTES.max(self.min_queue_bytes))
+    }
+
+    /// The most that a print takes of a budget that is enough, bytes: the queue of computed layers takes what is left, up to its
+    /// own limit.
+    pub fn max_bytes(&self, limit_bytes: u64) -> u64 {
+        self.need_bytes() - self.min_queue_bytes + self.queue_bytes(limit_bytes)
+    }
+}

@@ -1,0 +1,41 @@
+//! The way of a print: a part on a machine with a recipe becomes encoded layers, computed ahead, within the memory budget.
+//!
+//! A [`Placed`] part is a build file on a machine's raster. [`Placed::fit`] counts its memory and makes a [`Part`] of it, which
+//! computes and encodes layers: one after the other ([`Part::encoded_layers`]), or ahead of the printer ([`Layers`]). A print, the
+//! check of its bottom layers, `layerctl check` and `layerctl slice` all take this way, so that they see the same pixels.
+//! `tests/check.rs` compares them.
+
+mod error;
+mod layers;
+mod memory;
+mod part;
+mod placed;
+
+pub use error::PartError;
+pub use layers::Layers;
+pub use memory::PrintMemory;
+pub use part::{EncodedLayer, EncodedLayers, Part};
+pub use placed::{Placed, Resolution};
+
+use std::path::Path;
+
+use crate::buildfile::BuildFile;
+pub use crate::buildfile::{BEGINNING_BYTES, check_beginning};
+use crate::config::MAX_THREADS;
+use crate::slice::Slicer;
+
+// The slicer allows every number of threads that the configuration allows.
+const _: () = assert!(MAX_THREADS <= Slicer::MAX_THREADS);
+
+/// Number of threads that compute layers where the configuration names none: one for each core.
+pub fn default_threads() -> usize {
+    Slicer::default_threads()
+}
+
+/// Reads and checks every byte of a build file. Blocks.
+///
+/// # Errors
+/// [`PartError::File`] says what is damaged.
+pub fn verify(path: &Path) -> Result<(), PartError> {
+    Ok(BuildFile::open(path)?.verify()?)
+}

@@ -1,0 +1,94 @@
+//! A build file on a machine's raster.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use super::{Part, PartError, PrintMemory};
+use crate::buildfile::{BuildFile, Header};
+use crate::config::{Machine, Recipe};
+use crate::layer::{Depth, Raster};
+use crate::slice::{BodySource, SlicePlan, Slicer};
+use crate::stream::MemoryBudget;
+
+/// The pixels and the height of a layer, as machine and recipe say.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Resolution {
+    /// The machine's grid of pixels.
+    pub raster: Raster,
+    /// Bits a pixel.
+    pub depth: Depth,
+    /// Layer height, micrometres.
+    pub layer_height_um: f64,
+}
+
+impl Resolution {
+    /// That of a recipe on a machine.
+    pub fn of(machine: &Machine, recipe: &Recipe) -> Self {
+        let (Machine::Dlp(machine), Recipe::Dlp(recipe)) = (machine, recipe);
+        Self { raster: machine.raster(), depth: recipe.depth(), layer_height_um: recipe.layer_height_um }
+    }
+}
+
+/// A build file placed on a machine. It holds the file's index in memory, which no budget counts: a print keeps a [`Part`].
+#[derive(Debug)]
+pub struct Placed {
+    path: PathBuf,
+    file: Arc<BuildFile>,
+    plan: SlicePlan,
+}
+
+impl Placed {
+    /// Opens a build file and checks that it fits the machine, from its header and index alone.
+    ///
+    /// # Errors
+    /// [`PartError::File`], or [`PartError::Plan`] if it does not fit.
+    pub fn open(path: &Path, resolution: &Resolution) -> Result<Self, PartError> {
+        let file = Arc::new(BuildFile::open(path)?);
+        let Resolution { raster, depth, layer_height_um } = *resolution;
+        let plan = SlicePlan::new(file.header(), raster, depth, layer_height_um)?;
+        Ok(Self { path: path.into(), file, plan })
+    }
+
+    /// The file's header.
+    pub fn header(&self) -> &Header {
+        self.file.header()
+    }
+
+    /// The most struts that one layer cuts, at most.
+    pub fn peak_active(&self) -> u64 {
+        self.file.peak_active()
+    }
+
+    /// The pixels and planes of its layers.
+    pub fn plan(&self) -> &SlicePlan {
+        &self.plan
+    }
+
+    /// Memory of a print with as many of `max_threads` threads as `limit_bytes` allow.
+    pub fn memory(&self, max_threads: usize, limit_bytes: u64) -> PrintMemory {
+        PrintMemory::within(&self.file, &self.plan, max_threads, limit_bytes)
+    }
+
+    /// The part, to be printed with at most `max_threads` threads within `limit_bytes`.
+    ///
+    /// # Errors
+    /// [`PartError::Memory`] if the budget is too small.
+    pub fn fit(self, max_threads: usize, limit_bytes: u64) -> Result<Part, PartError> {
+        let memory = self.memory(max_threads, limit_bytes);
+        let need_bytes = memory.need_bytes();
+        if need_bytes > limit_bytes {
+            return Err(PartError::Memory { need_bytes, limit_bytes });
+        }
+        Ok(Part::new(self.path, self.plan, &memory, limit_bytes))
+    }
+
+    /// A slicer outside a print, which begins with layer `first`; its memory budget is its own estimate.
+    ///
+    /// # Errors
+    /// [`PartError::Slice`].
+    pub fn slicer(self, threads: usize, first: u32) -> Result<Slicer, PartError> {
+        let bodies = BodySource::of(&self.file);
+        let budget = MemoryBudget::new(Slicer::memory_bytes(&bodies, &self.plan, threads));
+        Ok(Slicer::new(bodies, self.plan, threads, first, &budget)?)
+    }
+}
