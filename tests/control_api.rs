@@ -10,8 +10,8 @@ use std::time::{Duration, Instant};
 
 use layerd::api::{DeviceView, Event, InDoubt, JobView, LinkState, LinkView, RaiseView, RemovedView, ResumeBody};
 use layerd::cli::client::{Client, ClientError, NewJob};
+use layerd::daemon::caller::Caller;
 use layerd::daemon::handle::{Answer, Command, CommandError, Desk, MAX_QUEUED_JOBS, Order, Snapshot, channel};
-use layerd::daemon::http::caller::Caller;
 use layerd::daemon::http::server;
 use layerd::daemon::http::socket::{self, BindError};
 use layerd::job::JobState;

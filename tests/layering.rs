@@ -17,7 +17,23 @@ const MAY_KNOW: &[(&str, &[&str])] = &[
     ("job", &["link", "config", "device"]),
     ("api", &["job"]),
     ("daemon", &["stream", "link", "config", "device", "pipeline", "job", "api"]),
-    ("cli", &["layer", "solid", "buildfile", "slice", "stream", "link", "config", "device", "pipeline", "job", "api", "daemon"]),
+    (
+        "cli",
+        &[
+            "layer",
+            "solid",
+            "buildfile",
+            "slice",
+            "stream",
+            "link",
+            "config",
+            "device",
+            "pipeline",
+            "job",
+            "api",
+            "daemon",
+        ],
+    ),
 ];
 
 /// Small tools that know none of the above; every module may use them.

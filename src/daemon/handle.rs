@@ -2,11 +2,12 @@
 
 use serde::Serialize;
 use tokio::sync::{broadcast, mpsc, oneshot, watch};
+use tokio::task::spawn_blocking;
 
 use crate::api::{BudgetView, DeviceView, Event, InDoubt, JobView, LineView, LinkView, RaiseView, RemovedView, Status};
-use crate::daemon::http::caller::Caller;
-use crate::daemon::http::upload;
-use crate::daemon::jobs::fit::Fit;
+use crate::daemon::caller::Caller;
+pub use crate::daemon::error::CommandError;
+use crate::daemon::fit::Fit;
 use crate::job::JobState;
 use crate::text::short_name;
 
@@ -175,22 +176,15 @@ pub struct Submission {
     pub jobs_ended: u64,
 }
 
-/// Why an order is not carried out.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{message}")]
-pub struct CommandError {
-    /// HTTP status: 400 bad input, 404 no such job, 409 wrong state, 422 the job cannot be printed, 500, 503, 507.
-    pub status: u16,
-    /// What is wrong and what to do.
-    pub message: String,
-}
-
-impl CommandError {
-    /// An error with this status and text.
-    pub fn new(status: u16, message: impl Into<String>) -> Self {
-        Self { status, message: message.into() }
+impl Submission {
+    /// Deletes a new job that was refused, with its file, on a thread that may wait for the disk.
+    pub(crate) fn discard(self) {
+        spawn_blocking(move || drop(self));
     }
 }
+
+/// Where an order's answer goes.
+pub(crate) type Reply = oneshot::Sender<Result<Answer, CommandError>>;
 
 /// An order and where its answer goes.
 #[derive(Debug)]
@@ -283,7 +277,7 @@ impl Handle {
                     mpsc::error::TrySendError::Closed(order) => (order, ending()),
                 };
                 if let Command::Submit(submission) = order.command {
-                    upload::discard(submission);
+                    submission.discard();
                 }
                 error
             })?;

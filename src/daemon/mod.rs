@@ -1,25 +1,38 @@
 //! The daemon: control API on a Unix socket, systemd, and the wiring of everything else.
 //!
-//! | module    | owns                                                                       |
-//! |-----------|----------------------------------------------------------------------------|
-//! | `start`   | from the command line to a running daemon; the checks before that          |
-//! | `orders`  | what operators order: which the state allows, and how each is carried out  |
-//! | `printer` | the loop: line, device, running job, results of work in the background     |
-//! | `jobs`    | the jobs and the queue                                                     |
-//! | `http`    | the sockets, and HTTP on them                                              |
-//! | `handle`  | what `http` and `printer` share: orders one way, a snapshot the other      |
-//! | `host`    | log, clocks, systemd                                                       |
+//! | module       | owns                                                                              |
+//! |--------------|-----------------------------------------------------------------------------------|
+//! | `host`       | log, clocks, systemd                                                              |
+//! | `setting`    | the configuration, as read                                                        |
+//! | `caller`     | who gives an order                                                                |
+//! | `error`      | why an order is not carried out                                                   |
+//! | `fit`        | what a new job's recipe is checked against                                        |
+//! | `handle`     | what `http` and `printer` share: orders one way, a snapshot and events the other  |
+//! | `jobs`       | the jobs and the queue                                                            |
+//! | `background` | results of work on other threads                                                  |
+//! | `machine`    | the device and what it is doing                                                   |
+//! | `printer`    | the loop, and what each event changes                                             |
+//! | `orders`     | what operators order: which the state allows, and how each is carried out         |
+//! | `http`       | the sockets, and HTTP on them                                                     |
+//! | `start`      | from the command line to a running daemon; the checks before that                 |
+//!
+//! Each module uses only those above it.
 
+mod background;
+pub mod caller;
+mod error;
+mod fit;
 pub mod handle;
 mod host;
 pub mod http;
 mod jobs;
+mod machine;
 mod orders;
 mod printer;
 mod setting;
 mod start;
 
-pub use jobs::fit::Fit;
+pub use fit::Fit;
 pub use setting::Setting;
 pub use start::arguments::Arguments;
 pub use start::check::{Findings, check};

@@ -22,7 +22,7 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 use tokio::task::{AbortHandle, JoinSet};
 use tokio::time::{Instant, timeout};
 
-use super::caller::Caller;
+use crate::daemon::caller::Caller;
 
 /// Connections at once that may make every request. Operators, a web bridge and scripts need a handful.
 pub(crate) const MAX_CONNECTIONS: usize = 64;

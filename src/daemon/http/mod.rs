@@ -1,6 +1,5 @@
 //! The control API's server: HTTP and JSON on Unix sockets. `docs/control-api.md` describes it for people.
 
-pub mod caller;
 pub(crate) mod connections;
 pub mod server;
 pub mod socket;

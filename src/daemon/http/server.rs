@@ -15,12 +15,13 @@ use tokio::net::UnixListener;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, broadcast, mpsc, watch};
 use tokio::time::timeout;
 
-use super::caller::Caller;
 use super::connections::{Door, HEAD_TIMEOUT, MAX_CONNECTIONS, MAX_CROWD, ending};
 use super::upload;
 use crate::api::ChannelBody;
 use crate::api::{ErrorBody, Event, JobList, ResumeBody};
-use crate::daemon::handle::{Command, CommandError, Handle};
+use crate::daemon::caller::Caller;
+use crate::daemon::error::CommandError;
+use crate::daemon::handle::{Command, Handle};
 
 /// Subscribers to events at once. Fewer than connections, so that they leave room for orders.
 const MAX_SUBSCRIBERS: usize = 24;

@@ -15,8 +15,9 @@ use tokio::time::timeout;
 
 use crate::api::percent;
 use crate::api::{MAX_NAME_BYTES, MAX_RECIPE_BYTES, NAME_HEADER, RECIPE_HEADER, RECIPE_NAME_HEADER};
-use crate::daemon::handle::{CommandError, Submission};
-use crate::daemon::jobs::fit::Fit;
+use crate::daemon::error::CommandError;
+use crate::daemon::fit::Fit;
+use crate::daemon::handle::Submission;
 use crate::disk;
 use crate::pipeline::{BEGINNING_BYTES, check_beginning};
 use crate::text::size_text;
@@ -204,11 +205,6 @@ async fn on_disk<T: Send + 'static>(
 fn failed(incoming: &Path, error: &std::io::Error) -> CommandError {
     let status = if error.kind() == std::io::ErrorKind::StorageFull { 507 } else { 500 };
     CommandError::new(status, format!("cannot write the build file into {}: {error}", incoming.display()))
-}
-
-/// Deletes a new job that was refused, with its file, on a thread that may wait for the disk.
-pub(crate) fn discard(submission: Submission) {
-    spawn_blocking(move || drop(submission));
 }
 
 /// Room on the spool's disk.

@@ -1,11 +1,11 @@
 //! One job as the daemon knows it: what operators see of it, and what it waits for.
 
 use super::past::Past;
+use super::sign::{MAX_SIGNS, Sign};
 use crate::api::JobView;
 use crate::config::{Machine, Recipe};
+use crate::daemon::handle::Reply;
 use crate::daemon::host::clock::unix_ms;
-use crate::daemon::printer::background::Reply;
-use crate::daemon::printer::plate::Sign;
 use crate::job::{
     Command, EndOrder, Entry as JournalEntry, Forgotten, History, JobDirectory, JobState, Progress, Record,
     ResumeChoice, read_journal,
@@ -211,6 +211,39 @@ impl Job {
         let JobView { id, state, layers_done, layers_total, reason, .. } = &self.view;
         let reason = reason.as_deref().unwrap_or("every layer is exposed");
         tracing::info!("job {id} ended: {state} after {layers_done} of {layers_total} layers: {reason}");
+    }
+}
+
+impl Job {
+    /// Whether it is to get the machine to print, not to end.
+    pub(crate) fn is_to_print(&self) -> bool {
+        matches!(self.take_up, TakeUp::Print(_))
+    }
+
+    /// Whether the plate must be bare when it begins: it is to print, and has had no light.
+    pub(crate) fn needs_bare_plate(&self) -> bool {
+        self.is_to_print() && !self.past.touched && !self.past.unknown
+    }
+
+    /// Sets the signs that the operator is told of. An earlier sign stays until it is confirmed, even if the device no longer
+    /// shows it: raising the plate or losing the position does not empty the vat.
+    pub(crate) fn tell(&mut self, signs: Vec<Sign>) {
+        let told = std::mem::replace(&mut self.told, signs);
+        for sign in told {
+            let is_told = self.told.iter().any(|new| match (new, &sign) {
+                (Sign::Low { .. }, Sign::Low { .. }) => true,
+                (new, sign) => new == sign,
+            });
+            if !is_told && self.told.len() < MAX_SIGNS {
+                self.told.push(sign);
+            }
+        }
+    }
+
+    /// Marks every sign told so far as confirmed.
+    pub(crate) fn clear_told(&mut self) {
+        let told = std::mem::take(&mut self.told);
+        self.cleared.extend(told);
     }
 }
 

@@ -1,15 +1,16 @@
 //! The jobs the daemon knows, and the queue.
 
-pub(crate) mod fit;
 pub(crate) mod job;
 pub(crate) mod opened;
 pub(crate) mod past;
+pub(crate) mod settle;
+pub(crate) mod sign;
+pub(crate) mod unwritten;
 
 use std::collections::{BTreeMap, VecDeque};
 
 use self::job::{Job, TakeUp};
 use crate::api::JobView;
-use crate::daemon::printer::plate;
 use crate::job::{Command, EndOrder, Forgotten, JobDirectory, JobState, MAX_FORGOTTEN, PlateAfter, Trace, Unconfirmed};
 use crate::link::message::ExposureId;
 
@@ -230,7 +231,7 @@ impl Jobs {
                 }),
                 _ if light.is_some() => light.map(|light| format!("waits for a dark device: {light}")),
                 _ if misfit.is_some() => misfit.map(|misfit| format!("waits for a device that fits: {misfit}")),
-                _ if !job.told.is_empty() => Some(plate::text(&job.told, id)),
+                _ if !job.told.is_empty() => Some(sign::text(&job.told, id)),
                 _ if job.awaits_plate => {
                     Some(format!("waits for an empty plate: take the last part off, then `layerctl resume {id}`"))
                 }

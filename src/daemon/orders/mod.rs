@@ -1,18 +1,17 @@
 //! Operators' orders: which the state allows, and how they are carried out.
 
+pub(crate) mod change;
 pub(crate) mod raise;
-pub(crate) mod raised;
 pub(crate) mod remove;
-pub(crate) mod settle;
 pub(crate) mod submit;
-pub(crate) mod unwritten;
+pub(crate) mod written;
 
-use self::settle::Change;
-use self::unwritten::Unwritten;
 use crate::api::{InDoubt, JobView};
-use crate::daemon::handle::{Answer, Command, CommandError, Order};
-use crate::daemon::http::upload;
+use crate::daemon::error::{CommandError, no_such_job, refused};
+use crate::daemon::handle::{Answer, Command, Order};
 use crate::daemon::jobs::job::{Job, TakeUp};
+use crate::daemon::jobs::settle::Change;
+use crate::daemon::jobs::unwritten::Unwritten;
 use crate::daemon::printer::Printer;
 use crate::daemon::printer::publish::RESUME_LATER;
 use crate::job::{Command as EngineCommand, EndOrder, JobState, ResumeChoice, ResumeError};
@@ -41,7 +40,7 @@ impl Printer {
             };
             let _ = reply.send(Err(CommandError::new(503, text)));
             if let Command::Submit(submission) = command {
-                upload::discard(submission);
+                submission.discard();
             }
             return;
         }
@@ -174,6 +173,26 @@ impl Printer {
         }
     }
 
+    /// Takes the operator's confirmation for a queued job that the plate is empty. Refused until the job is next: before that the
+    /// operator cannot have looked at the plate that the job will find.
+    fn plate_is_clear(&mut self, id: u32) -> Result<Step, CommandError> {
+        if let Some(ahead) = self.jobs.ahead_of(id, self.holder()) {
+            let text = format!("job {id} {ahead}; what is on the plate then is not known yet");
+            return Err(CommandError::new(409, text));
+        }
+        if let Some(misfit) = self.jobs.get(id).and_then(|job| self.misfit_of(job)) {
+            let text =
+                format!("job {id} waits for a device that fits, and the plate is not taken to be empty yet: {misfit}");
+            return Err(CommandError::new(409, text));
+        }
+        let job = self.waiting(id)?;
+        job.awaits_plate = false;
+        job.clear_told();
+        self.set_raised(None);
+        self.publish_job(id);
+        Ok(Step::Done(id))
+    }
+
     /// Why an interrupted job cannot go on with the device that is connected; `None` if it can, or if that is not known yet.
     fn cannot_go_on(&self, id: u32) -> Option<String> {
         let job = self.jobs.get(id).filter(|job| job.view.state == JobState::Interrupted)?;
@@ -281,13 +300,4 @@ fn wrong_state(id: u32, state: JobState, command: EngineCommand) -> CommandError
         _ => format!("job {id} is {state}: there is nothing to {verb}"),
     };
     CommandError::new(409, text)
-}
-
-/// The refusal to resume a job; puts the job's number into the text.
-pub(crate) fn refused(id: u32, error: &ResumeError) -> CommandError {
-    CommandError::new(409, error.to_string().replace("JOB", &id.to_string()))
-}
-
-pub(crate) fn no_such_job(id: &str) -> CommandError {
-    CommandError::new(404, format!("there is no job `{id}`; `layerctl jobs` lists them"))
 }

@@ -1,35 +1,17 @@
 //! `layerctl raise`: lifts the plate clear of the resin while no job runs. The plate only moves up.
 
-use super::unwritten::MAX_WRITE_US;
 use crate::api::RaiseView;
 use crate::config::{DlpRecipe, Recipe};
-use crate::daemon::handle::{Answer, CommandError};
+use crate::daemon::error::CommandError;
+use crate::daemon::handle::{Answer, Reply};
+use crate::daemon::jobs::sign::CLEAR_TOLERANCE_UM;
+use crate::daemon::jobs::unwritten::MAX_WRITE_US;
+use crate::daemon::machine::raise::{Raise, Stage, raised_from};
 use crate::daemon::printer::Printer;
-use crate::daemon::printer::background::Reply;
-use crate::daemon::printer::plate::CLEAR_TOLERANCE_UM;
 use crate::deadline::Deadline;
 use crate::device::{Act, Outcome, check_capabilities};
 use crate::job::ACT_MARGIN_US;
-use crate::link::message::DeviceState;
 use crate::text::mm_text;
-
-/// A move of the plate that is ordered.
-#[derive(Debug)]
-pub(crate) struct Raise {
-    view: RaiseView,
-    stage: Stage,
-    /// End of the stage's wait.
-    pub deadline: Deadline,
-}
-
-#[derive(Debug)]
-enum Stage {
-    /// The spool's note is being written; the move begins once it is on disk. These wait for the answer, at most one for each
-    /// connection.
-    Noting(Vec<Reply>),
-    /// The device moves.
-    Moving,
-}
 
 impl Printer {
     /// Lifts the plate clear. The note for the next process comes first: a raised plate no longer shows that a part may hang on
@@ -78,7 +60,7 @@ impl Printer {
     }
 
     /// The note is on disk, or could not be written: the move begins in any case, as a part in the resin gets worse.
-    pub(crate) fn raise_noted(&mut self, failed: Option<String>) {
+    fn raise_noted(&mut self, failed: Option<String>) {
         match failed {
             None if self.raised.is_written() => self.begin_raise(None),
             None => {}
@@ -173,6 +155,37 @@ impl Printer {
         }
     }
 
+    /// Remembers, here and in the spool, from where the plate was raised; `None` once it is known to be empty.
+    pub(crate) fn set_raised(&mut self, from_um: Option<i32>) {
+        if self.raised.set(from_um) {
+            self.raised.write(&self.spool, &self.background);
+        }
+    }
+
+    /// Tries again to write a note that could not be written.
+    pub(crate) fn retry_raised(&mut self) {
+        if self.raised.is_due(self.clock.now_us()) {
+            self.raised.write(&self.spool, &self.background);
+        }
+    }
+
+    /// A write of the note has ended. Tells the operator if the spool could not take it.
+    pub(crate) fn raised_noted(&mut self, from_um: Option<i32>, result: Result<(), String>) {
+        if !self.raised.ended(from_um, result.is_ok(), self.clock.now_us()) {
+            // It changed meanwhile.
+            return self.raised.write(&self.spool, &self.background);
+        }
+        if let Err(text) = &result
+            && self.raised.must_tell()
+        {
+            self.notice(format!(
+                "the spool cannot record whether the plate was raised with a part on it: {text}. layerd tries again; after a \
+                 restart of layerd, look at the plate before the next job"
+            ));
+        }
+        self.raise_noted(result.err());
+    }
+
     /// Checks whether the note or the move is overdue.
     pub(crate) fn raise_timeout(&mut self, now_us: u64) {
         let Some(raise) = &mut self.idle.raise else { return };
@@ -192,22 +205,4 @@ impl Printer {
 
 fn absent() -> CommandError {
     CommandError::new(409, "the device does not answer, so nothing can be moved: `layerctl status` tells why")
-}
-
-/// The plate's present height, micrometres, or why it must not move.
-fn raised_from(state: &DeviceState) -> Result<i32, String> {
-    if let Some(fault) = &state.fault {
-        return Err(format!("the device has a fault and moves nothing: {}", fault.text));
-    }
-    if state.light_on || state.exposing.is_some() {
-        return Err("there is light, and the plate must not move: `layerctl abort` puts it off".into());
-    }
-    if state.moving {
-        return Err("the plate moves already: try again once it rests".into());
-    }
-    state.position_um.ok_or_else(|| {
-        "the device does not know where its plate is, and only homing would tell it, which goes down. Raise the plate by \
-         hand or at the machine"
-            .into()
-    })
 }

@@ -3,9 +3,10 @@
 use std::sync::{Arc, PoisonError};
 
 use crate::api::RemovedView;
-use crate::daemon::handle::{Answer, CommandError};
+use crate::daemon::background::Background;
+use crate::daemon::error::CommandError;
+use crate::daemon::handle::{Answer, Reply};
 use crate::daemon::printer::Printer;
-use crate::daemon::printer::background::{Background, Reply};
 use crate::job::JobState;
 
 impl Printer {

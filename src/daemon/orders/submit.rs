@@ -4,13 +4,13 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::api::JobView;
 use crate::config::Recipe;
-use crate::daemon::handle::{CommandError, Submission};
+use crate::daemon::background::Background;
+use crate::daemon::error::CommandError;
+use crate::daemon::handle::{Reply, Submission};
 use crate::daemon::host::clock::unix_ms;
-use crate::daemon::jobs::fit::Fit;
 use crate::daemon::jobs::job::Job;
 use crate::daemon::jobs::opened::spool_text;
 use crate::daemon::printer::Printer;
-use crate::daemon::printer::background::{Background, Reply};
 use crate::daemon::setting::Setting;
 use crate::job::{JobState, JournalError, NewJob, Record, Spool, SpoolError};
 use crate::pipeline::{Placed, Resolution, verify};
@@ -39,11 +39,6 @@ impl Printer {
             drop(submission);
             let _ = background.blocking_send(Background::Accepted { result, jobs_ended, reply });
         });
-    }
-
-    /// What new jobs are checked against now.
-    pub(crate) fn fit(&self) -> Fit {
-        Fit::new(Arc::clone(&self.setting), self.capabilities.clone().filter(|_| self.device.connected))
     }
 
     /// Queues a job that was put into the spool, or answers why it was not.

@@ -5,147 +5,15 @@
 //! is told each sign and confirms with `layerctl resume JOB`. A part whose plate was lifted is taken off by the operator, before
 //! they start the next job or before they confirm one that waited in the queue.
 
-use std::fmt;
-
 use super::Printer;
-use super::background::Background;
-use super::idle::Idle;
 use crate::config::Machine;
-use crate::daemon::handle::CommandError;
+use crate::daemon::background::Background;
 use crate::daemon::jobs::Account;
 use crate::daemon::jobs::job::{Job, TakeUp};
-use crate::daemon::orders::Step;
+use crate::daemon::jobs::sign::{CLEAR_TOLERANCE_UM, Seen, Sign, text, traces};
+use crate::daemon::machine::idle::Idle;
 use crate::job::{Event, Trace};
-use crate::link::message::{DeviceState, ExposureId};
-use crate::text::mm_text;
-
-/// A plate this far below the clear height still counts as clear, micrometres: axes report positions to some ten micrometres.
-pub(crate) const CLEAR_TOLERANCE_UM: i32 = 100;
-
-/// Signs kept for a job. A device shows a handful, and few devices are connected one after the other.
-const MAX_SIGNS: usize = 64;
-
-/// Where the device's state shows an exposure.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Seen {
-    LastExposed,
-    CutShort,
-    Exposing,
-    InSlot,
-}
-
-/// A sign of an earlier part that may be on the plate or in the vat.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Sign {
-    /// The device shows an exposure that no journal here accounts for.
-    Exposure {
-        /// The exposure.
-        trace: Trace,
-        /// Where the device's state shows it.
-        seen: Seen,
-        /// The job with its key, whose journal has no record of it; `None` if no job here has that key.
-        job: Option<u32>,
-    },
-    /// The plate is not clear of the resin.
-    Low {
-        /// Where it is.
-        position_um: i32,
-        /// Where it would be clear.
-        clear_um: i32,
-        /// The boot of the device.
-        boot_id: u32,
-    },
-    /// `layerctl raise` lifted a plate that was not clear of the resin.
-    Raised {
-        /// From where.
-        from_um: i32,
-    },
-    /// A job of this spool ended, and no record says that its plate was lifted.
-    Left {
-        /// The job.
-        job: u32,
-        /// Names its exposures.
-        key: u64,
-    },
-}
-
-impl Sign {
-    /// Whether an operator who has confirmed the signs `known` has thereby confirmed this one. `state` is the device's.
-    fn is_known(&self, known: &[Self], state: Option<&DeviceState>) -> bool {
-        known.iter().any(|known| match (self, known) {
-            (Self::Exposure { trace, .. }, Self::Exposure { trace: known, .. }) => trace == known,
-            (Self::Low { boot_id, .. }, Self::Low { boot_id: known, .. }) => boot_id == known,
-            // A part left in the vat means a low plate, on the device that printed it.
-            (Self::Low { .. }, Self::Left { key, .. }) => state.is_some_and(|state| {
-                let cut = state.cut_short.map(|(id, _)| id);
-                state.last_exposed.into_iter().chain(cut).any(|id| id.job == *key)
-            }),
-            (Self::Left { job, .. }, Self::Left { job: known, .. }) => job == known,
-            (Self::Raised { from_um }, Self::Raised { from_um: known }) => from_um == known,
-            _ => false,
-        })
-    }
-}
-
-impl fmt::Display for Sign {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Exposure { trace: Trace::Lit { layer, .. } | Trace::Held { layer, .. }, seen, job } => {
-                match seen {
-                    Seen::LastExposed => write!(f, "the device last exposed layer {layer}")?,
-                    Seen::CutShort => write!(f, "the device cut short the light of layer {layer}")?,
-                    Seen::Exposing => write!(f, "the device is exposing layer {layer}")?,
-                    Seen::InSlot => write!(f, "the device holds layer {layer}")?,
-                }
-                match job {
-                    Some(job) => write!(f, " of job {job}, whose journal has no record of it"),
-                    None => write!(f, " of a job this spool does not know"),
-                }
-            }
-            Self::Low { position_um, clear_um, .. } => write!(
-                f,
-                "the plate is {} above the vat, below the clear height of {} (`layerctl raise` lifts it)",
-                mm_text(*position_um),
-                mm_text(*clear_um)
-            ),
-            Self::Raised { from_um } => {
-                write!(f, "the plate was raised from {} above the vat, and may carry a part", mm_text(*from_um))
-            }
-            Self::Left { job, .. } => write!(f, "no record says that the plate was lifted at the end of job {job}"),
-        }
-    }
-}
-
-/// What to do and the signs, as one text. Of each job only the first exposure is named.
-pub(crate) fn text(signs: &[Sign], job: u32) -> String {
-    let mut keys = Vec::new();
-    let is_new = |sign: &&Sign| match sign {
-        Sign::Exposure { trace: Trace::Lit { job, .. } | Trace::Held { job, .. }, .. } => {
-            let is_new = !keys.contains(job);
-            keys.push(*job);
-            is_new
-        }
-        Sign::Low { .. } | Sign::Raised { .. } | Sign::Left { .. } => true,
-    };
-    let signs: Vec<_> = signs.iter().filter(is_new).map(ToString::to_string).collect();
-    format!(
-        "waits for an empty plate: look at plate and vat, take out what is there, then `layerctl resume {job}`. Why: {}",
-        signs.join("; ")
-    )
-}
-
-/// The exposures that a device shows, and where.
-fn traces(state: &DeviceState) -> Vec<(Trace, Seen)> {
-    let lit = |id: ExposureId| Trace::Lit { job: id.job, layer: id.layer };
-    let held = |id: ExposureId| Trace::Held { job: id.job, layer: id.layer };
-    let slots = state.slots.iter().flatten().map(|id| (held(*id), Seen::InSlot));
-    let shown = [
-        (state.exposing, Seen::Exposing),
-        (state.last_exposed, Seen::LastExposed),
-        (state.cut_short.map(|(id, _)| id), Seen::CutShort),
-    ];
-    shown.into_iter().filter_map(|(id, seen)| Some((lit(id?), seen))).chain(slots).collect()
-}
+use crate::link::message::DeviceState;
 
 impl Printer {
     /// The signs that the operator must still confirm before this job, which has had no light, may move the plate down. `state` is
@@ -198,26 +66,6 @@ impl Printer {
         let misfit = self.jobs.next().and_then(|job| self.awaits_other_device(job));
         let light = self.unwanted_light();
         self.jobs.explain(self.holder(), light, misfit.as_deref())
-    }
-
-    /// Takes the operator's confirmation for a queued job that the plate is empty. Refused until the job is next: before that the
-    /// operator cannot have looked at the plate that the job will find.
-    pub(crate) fn plate_is_clear(&mut self, id: u32) -> Result<Step, CommandError> {
-        if let Some(ahead) = self.jobs.ahead_of(id, self.holder()) {
-            let text = format!("job {id} {ahead}; what is on the plate then is not known yet");
-            return Err(CommandError::new(409, text));
-        }
-        if let Some(misfit) = self.jobs.get(id).and_then(|job| self.misfit_of(job)) {
-            let text =
-                format!("job {id} waits for a device that fits, and the plate is not taken to be empty yet: {misfit}");
-            return Err(CommandError::new(409, text));
-        }
-        let job = self.waiting(id)?;
-        job.awaits_plate = false;
-        job.clear_told();
-        self.set_raised(None);
-        self.publish_job(id);
-        Ok(Step::Done(id))
     }
 
     /// Whether the running job may use a new session. A job that has not begun waits in the queue for a device that fits. A job
@@ -285,38 +133,5 @@ impl Printer {
             let _ = background.send(Background::Released { forgotten: Ok(Vec::new()) }).await;
         });
         self.publish_job(id);
-    }
-}
-
-impl Job {
-    /// Whether it is to get the machine to print, not to end.
-    pub(crate) fn is_to_print(&self) -> bool {
-        matches!(self.take_up, TakeUp::Print(_))
-    }
-
-    /// Whether the plate must be bare when it begins: it is to print, and has had no light.
-    pub(crate) fn needs_bare_plate(&self) -> bool {
-        self.is_to_print() && !self.past.touched && !self.past.unknown
-    }
-
-    /// Sets the signs that the operator is told of. An earlier sign stays until it is confirmed, even if the device no longer
-    /// shows it: raising the plate or losing the position does not empty the vat.
-    fn tell(&mut self, signs: Vec<Sign>) {
-        let told = std::mem::replace(&mut self.told, signs);
-        for sign in told {
-            let is_told = self.told.iter().any(|new| match (new, &sign) {
-                (Sign::Low { .. }, Sign::Low { .. }) => true,
-                (new, sign) => new == sign,
-            });
-            if !is_told && self.told.len() < MAX_SIGNS {
-                self.told.push(sign);
-            }
-        }
-    }
-
-    /// Marks every sign told so far as confirmed.
-    pub(crate) fn clear_told(&mut self) {
-        let told = std::mem::take(&mut self.told);
-        self.cleared.extend(told);
     }
 }

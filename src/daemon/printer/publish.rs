@@ -1,9 +1,9 @@
 //! What the printer publishes: the snapshot for status requests, events for subscribers, the status line for systemd.
 
 use super::Printer;
-use super::view;
 use crate::api::{Event as News, JobView, LayerExposed};
 use crate::daemon::host::notify;
+use crate::daemon::machine::view;
 
 /// What to do about a job that the end of the daemon interrupts, until the daemon has ended.
 pub(crate) const RESUME_LATER: &str = "the daemon is stopping; resume once it runs again";

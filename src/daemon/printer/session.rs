@@ -1,8 +1,8 @@
 //! What the printer does with events of the line: sessions begin and end, the device sends messages.
 
 use super::Printer;
-use super::view;
 use crate::api::{Event as News, LinkState, LinkView};
+use crate::daemon::machine::view;
 use crate::device::{DlpDriver, DriverEvent, check_fit};
 use crate::job::Event;
 use crate::link::driver::LinkEvent;

@@ -3,13 +3,13 @@
 use std::sync::{Arc, PoisonError};
 
 use super::Printer;
-use super::background::Background;
-use super::idle::Idle;
-use super::running::Running;
-use crate::daemon::handle::CommandError;
+use crate::daemon::background::Background;
+use crate::daemon::error::CommandError;
 use crate::daemon::jobs::job::TakeUp;
 use crate::daemon::jobs::opened::{Opened, Unopened};
-use crate::daemon::orders::settle::Change;
+use crate::daemon::jobs::settle::Change;
+use crate::daemon::machine::idle::Idle;
+use crate::daemon::machine::running::Running;
 use crate::job::{Command, Event, JobState};
 
 impl Printer {

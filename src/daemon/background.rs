@@ -1,14 +1,10 @@
 //! Results of work in the background, for the printer's loop: disk, computation, whatever may block.
 
-use tokio::sync::oneshot;
-
-use crate::daemon::handle::{Answer, CommandError};
+use crate::daemon::error::CommandError;
+use crate::daemon::handle::Reply;
 use crate::daemon::jobs::job::Job;
 use crate::daemon::jobs::opened::{Opened, Unopened};
-use crate::daemon::orders::settle::Settled;
-
-/// Where an order's answer goes.
-pub(crate) type Reply = oneshot::Sender<Result<Answer, CommandError>>;
+use crate::daemon::jobs::settle::Settled;
 
 /// Result of work in the background.
 #[derive(Debug)]

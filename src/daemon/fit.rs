@@ -3,10 +3,8 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use super::job::Job;
 use crate::config::Recipe;
-use crate::daemon::handle::CommandError;
-use crate::daemon::printer::Printer;
+use crate::daemon::error::CommandError;
 use crate::daemon::setting::Setting;
 use crate::device::{Misfit, check_fit};
 use crate::link::message::Capabilities;
@@ -42,19 +40,5 @@ impl Fit {
             })?;
         }
         Ok(recipe)
-    }
-}
-
-impl Printer {
-    /// Why the connected device cannot print this job; `None` if it can, or if that is not known yet.
-    pub(crate) fn misfit_of(&self, job: &Job) -> Option<String> {
-        let device = self.capabilities.as_ref().filter(|_| self.device.connected)?;
-        let (machine, recipe) = &**job.made_for.as_ref()?;
-        check_fit(machine, recipe, device).err().map(|misfit| misfit.to_string())
-    }
-
-    /// The same of a job that has not begun: it waits for a device that fits.
-    pub(crate) fn awaits_other_device(&self, job: &Job) -> Option<String> {
-        (job.is_to_print() && !job.has_begun()).then(|| self.misfit_of(job)).flatten()
     }
 }

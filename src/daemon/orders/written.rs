@@ -1,34 +1,14 @@
 //! Orders that an engine carries out. Each is answered once its record is on disk, so that a crash cannot undo it.
 
-use super::settle::Change;
+use crate::daemon::handle::Reply;
+use crate::daemon::jobs::settle::{Change, UNWRITTEN};
+use crate::daemon::jobs::unwritten::Unwritten;
 use crate::daemon::printer::Printer;
-use crate::daemon::printer::background::Reply;
-use crate::job::{EndOrder, JobState};
+use crate::job::JobState;
 
-/// The slowest memory cards flush within a second; an operator who aborts is not kept waiting longer for a disk.
-pub(crate) const MAX_WRITE_US: u64 = 1_500_000;
 /// Warning in the answer to an order whose record is not on disk yet.
 const SLOW: &str =
     "is being carried out, but the disk has not taken its record yet: after a crash now it must be given again";
-pub(crate) const UNWRITTEN: &str =
-    "is carried out, but its record could not be written: after a restart of the daemon it must be given again";
-
-/// An order that is being carried out, and whose record is not on disk yet.
-#[derive(Debug)]
-pub(crate) struct Unwritten {
-    job: u32,
-    order: EndOrder,
-    reply: Reply,
-    /// The order is answered at this time even if its record is not on disk.
-    until_us: u64,
-}
-
-impl Unwritten {
-    /// An order that was just given to an engine.
-    pub(crate) fn new(job: u32, order: EndOrder, reply: Reply, now_us: u64) -> Self {
-        Self { job, order, reply, until_us: now_us + MAX_WRITE_US }
-    }
-}
 
 impl Printer {
     /// Answers the orders whose records are on disk by now, failed to be written, or take too long.

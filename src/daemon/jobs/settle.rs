@@ -2,14 +2,10 @@
 
 use std::path::Path;
 
-use super::unwritten::UNWRITTEN;
-use super::{no_such_job, refused};
-use crate::daemon::handle::CommandError;
+use super::job::TakeUp;
+use super::past::Past;
+use crate::daemon::error::{CommandError, refused};
 use crate::daemon::host::clock::unix_ms;
-use crate::daemon::jobs::job::TakeUp;
-use crate::daemon::jobs::past::Past;
-use crate::daemon::printer::Printer;
-use crate::daemon::printer::background::{Background, Reply};
 use crate::job::{EndOrder, JobState, Journal, JournalError, PlateAfter, Record, ResumeChoice, read_journal};
 
 /// An order for a job that does not hold the machine.
@@ -26,13 +22,15 @@ pub(crate) enum Change {
 /// A change that was carried out, and a warning if its record could not be written.
 #[derive(Debug)]
 pub(crate) struct Settled {
-    outcome: Outcome,
-    warning: Option<String>,
+    /// The job after it.
+    pub outcome: Outcome,
+    /// Why it may have to be given again.
+    pub warning: Option<String>,
 }
 
 /// The job after a change.
 #[derive(Debug)]
-enum Outcome {
+pub(crate) enum Outcome {
     /// The job is over, for this reason.
     Ended(JobState, String),
     /// It gets the machine as soon as that is free.
@@ -47,67 +45,15 @@ fn unbegun(order: EndOrder) -> &'static str {
     }
 }
 
+/// Warning in the answer to an order whose record could not be written.
+pub(crate) const UNWRITTEN: &str =
+    "is carried out, but its record could not be written: after a restart of the daemon it must be given again";
+
 const ENDED: &str = "ended by the operator";
-
-impl Printer {
-    /// Checks a change against the job's journal and writes it there, in the background.
-    pub(crate) fn change(&mut self, id: u32, change: Change, reply: Reply) {
-        let Some(job) = self.jobs.get_mut(id) else {
-            let _ = reply.send(Err(no_such_job(&id.to_string())));
-            return;
-        };
-        job.ordered = true;
-        let (journal, past, background) = (job.directory.journal(), job.past.clone(), self.background.clone());
-        tokio::task::spawn_blocking(move || {
-            let result = settle_in_journal(id, &journal, &past, change);
-            let _ = background.blocking_send(Background::Changed { job: id, result, reply });
-        });
-    }
-
-    /// Carries out a change that the journal allows, and answers the order.
-    pub(crate) fn changed(&mut self, id: u32, result: Result<Settled, CommandError>, reply: Reply) {
-        let mut aborts = Vec::new();
-        if let Some(job) = self.jobs.get_mut(id) {
-            job.ordered = false;
-            aborts = std::mem::take(&mut job.aborts);
-            match result.as_ref().map(|settled| &settled.outcome) {
-                Ok(Outcome::Ended(state, reason)) => {
-                    self.jobs_ended += 1;
-                    job.end(*state, Some(reason.clone()));
-                    self.jobs.unqueue(id);
-                }
-                Ok(Outcome::TakenUp(take_up)) => {
-                    if let TakeUp::End(command) = take_up {
-                        job.past.order(*command);
-                    }
-                    self.jobs.take_up(id, *take_up);
-                }
-                Err(_) => {}
-            }
-        }
-        self.publish_job(id);
-        if let (Err(error), true) = (&result, reply.is_closed()) {
-            self.notice(format!("an order for job {id} could not be carried out: {}", error.message));
-        }
-        let is_over = matches!(&result, Ok(Settled { outcome: Outcome::Ended(..), .. }));
-        let _ = reply.send(result.and_then(|settled| self.view(id, settled.warning)));
-        for abort in aborts {
-            if is_over {
-                let _ = abort.send(self.view(id, None));
-            } else {
-                // The first abort is written; the others wait for it.
-                match self.jobs.get_mut(id) {
-                    Some(job) if job.ordered => job.aborts.push(abort),
-                    _ => self.change(id, Change::End(EndOrder::Abort), abort),
-                }
-            }
-        }
-    }
-}
 
 /// Checks a change against the job's journal and writes there what must be known after a crash. An order to end is carried out
 /// even if it cannot be written. `past` is used if the journal cannot be read. Blocks.
-fn settle_in_journal(id: u32, path: &Path, past: &Past, change: Change) -> Result<Settled, CommandError> {
+pub(crate) fn settle_in_journal(id: u32, path: &Path, past: &Past, change: Change) -> Result<Settled, CommandError> {
     let ended = |state, reason: String| Settled { outcome: Outcome::Ended(state, reason), warning: None };
     let history = match read_journal(path) {
         Ok((_, history)) => history,

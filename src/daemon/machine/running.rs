@@ -4,8 +4,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use tokio::sync::mpsc;
 
-use super::background::Background;
 use crate::config::{Machine, Recipe};
+use crate::daemon::background::Background;
 use crate::daemon::host::clock::unix_ms;
 use crate::daemon::jobs::opened::Opened;
 use crate::daemon::jobs::opened::spool_text;

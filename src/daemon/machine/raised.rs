@@ -1,9 +1,10 @@
 //! The note that the plate was raised from below its clear height: kept in memory and, for the next process, in the spool.
 
-use std::sync::{Arc, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
-use crate::daemon::printer::Printer;
-use crate::daemon::printer::background::Background;
+use tokio::sync::mpsc;
+
+use crate::daemon::background::Background;
 use crate::job::Spool;
 
 /// Pause before a note that could not be written is tried again: a full disk may get room at any time, and a failed try
@@ -44,23 +45,29 @@ impl RaisedNote {
     pub(crate) fn is_written(&self) -> bool {
         self.is_written
     }
-}
 
-impl Printer {
-    /// Remembers, here and in the spool, from where the plate was raised; `None` once it is known to be empty.
-    pub(crate) fn set_raised(&mut self, from_um: Option<i32>) {
-        if self.raised.from_um != from_um {
-            (self.raised.from_um, self.raised.is_written, self.raised.is_told) = (from_um, false, false);
-            self.write_raised();
-        }
+    /// Whether it is time to try again a write that failed.
+    pub(crate) fn is_due(&self, now_us: u64) -> bool {
+        now_us >= self.retry_us
     }
 
-    fn write_raised(&mut self) {
-        if self.raised.is_writing || self.raised.is_written {
+    /// Changes the height; returns whether it is another. The caller then writes the note.
+    pub(crate) fn set(&mut self, from_um: Option<i32>) -> bool {
+        let changes = self.from_um != from_um;
+        if changes {
+            (self.from_um, self.is_written, self.is_told) = (from_um, false, false);
+        }
+        changes
+    }
+
+    /// Writes the note in the background, unless the spool holds it or a write is under way. [`Background::RaisedNoted`] reports
+    /// the result.
+    pub(crate) fn write(&mut self, spool: &Arc<Mutex<Spool>>, background: &mpsc::Sender<Background>) {
+        if self.is_writing || self.is_written {
             return;
         }
-        self.raised.is_writing = true;
-        let (spool, from_um, background) = (Arc::clone(&self.spool), self.raised.from_um, self.background.clone());
+        self.is_writing = true;
+        let (spool, from_um, background) = (Arc::clone(spool), self.from_um, background.clone());
         tokio::task::spawn_blocking(move || {
             let spool = spool.lock().unwrap_or_else(PoisonError::into_inner);
             let result = spool.set_raised(from_um).map_err(|error| error.to_string());
@@ -68,30 +75,19 @@ impl Printer {
         });
     }
 
-    /// Tries again to write a note that could not be written.
-    pub(crate) fn retry_raised(&mut self) {
-        if self.clock.now_us() >= self.raised.retry_us {
-            self.write_raised();
+    /// Takes the end of a write; returns whether it was of the present height. If not, the caller writes again.
+    pub(crate) fn ended(&mut self, from_um: Option<i32>, is_written: bool, now_us: u64) -> bool {
+        self.is_writing = false;
+        let is_present = from_um == self.from_um;
+        if is_present {
+            self.is_written = is_written;
+            self.retry_us = now_us + RETRY_US;
         }
+        is_present
     }
 
-    /// A write has ended. Tells the operator if the spool could not take the note.
-    pub(crate) fn raised_noted(&mut self, from_um: Option<i32>, result: Result<(), String>) {
-        self.raised.is_writing = false;
-        if from_um != self.raised.from_um {
-            // It changed meanwhile.
-            return self.write_raised();
-        }
-        self.raised.is_written = result.is_ok();
-        self.raised.retry_us = self.clock.now_us() + RETRY_US;
-        if let Err(text) = &result
-            && !std::mem::replace(&mut self.raised.is_told, true)
-        {
-            self.notice(format!(
-                "the spool cannot record whether the plate was raised with a part on it: {text}. layerd tries again; after a \
-                 restart of layerd, look at the plate before the next job"
-            ));
-        }
-        self.raise_noted(result.err());
+    /// Whether the operator must be told now that the note could not be written: once for each height.
+    pub(crate) fn must_tell(&mut self) -> bool {
+        !std::mem::replace(&mut self.is_told, true)
     }
 }

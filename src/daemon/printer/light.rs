@@ -1,36 +1,8 @@
 //! The device while no job runs: its state is queried, and light that was not commanded is switched off.
 
 use super::Printer;
-use crate::daemon::orders::raise::Raise;
-use crate::device::{DlpDriver, DriverEvent, Light, LightWatch, STAYS_LIT};
+use crate::device::{DriverEvent, Light, LightWatch, STAYS_LIT};
 use crate::link::message::{DeviceState, Urgent};
-
-/// What is known of the device while no job runs.
-#[derive(Default)]
-pub(crate) struct Idle {
-    /// Queries the device's state; `None` without a session, or while a job runs.
-    pub driver: Option<DlpDriver>,
-    /// Watches its light. While a job runs, the job's engine does.
-    pub light: LightWatch,
-    /// When the exposure under way must have ended.
-    light_due_us: Option<u64>,
-    /// The move of `layerctl raise`, while it is under way.
-    pub raise: Option<Raise>,
-}
-
-impl Idle {
-    /// The state after a job: the watch on the light goes on; there is no session yet.
-    pub(crate) fn after(light: LightWatch) -> Self {
-        Self { light, ..Self::default() }
-    }
-
-    /// When [`Printer::idle_timeout`] is due.
-    pub(crate) fn next_timeout_us(&self) -> Option<u64> {
-        let driver = self.driver.as_ref().and_then(DlpDriver::next_timeout_us);
-        let raised = self.raise.as_ref().map(|raise| raise.deadline.at_us());
-        driver.into_iter().chain(self.light_due_us).chain(raised).min()
-    }
-}
 
 impl Printer {
     /// Handles a state of the device while no job runs.

@@ -1,0 +1,45 @@
+//! A move of the plate that `layerctl raise` ordered.
+
+use crate::api::RaiseView;
+use crate::daemon::handle::Reply;
+use crate::deadline::Deadline;
+use crate::link::message::DeviceState;
+
+/// A move of the plate that is ordered.
+#[derive(Debug)]
+pub(crate) struct Raise {
+    /// From where to where.
+    pub view: RaiseView,
+    /// How far it is.
+    pub stage: Stage,
+    /// End of the stage's wait.
+    pub deadline: Deadline,
+}
+
+/// How far a move is.
+#[derive(Debug)]
+pub(crate) enum Stage {
+    /// The spool's note is being written; the move begins once it is on disk. These wait for the answer, at most one for each
+    /// connection.
+    Noting(Vec<Reply>),
+    /// The device moves.
+    Moving,
+}
+
+/// The plate's present height, micrometres, or why it must not move.
+pub(crate) fn raised_from(state: &DeviceState) -> Result<i32, String> {
+    if let Some(fault) = &state.fault {
+        return Err(format!("the device has a fault and moves nothing: {}", fault.text));
+    }
+    if state.light_on || state.exposing.is_some() {
+        return Err("there is light, and the plate must not move: `layerctl abort` puts it off".into());
+    }
+    if state.moving {
+        return Err("the plate moves already: try again once it rests".into());
+    }
+    state.position_um.ok_or_else(|| {
+        "the device does not know where its plate is, and only homing would tell it, which goes down. Raise the plate by \
+         hand or at the machine"
+            .into()
+    })
+}
