@@ -41,13 +41,13 @@ pub struct CheckArgs {
 }
 
 /// Number of sample layers, spread over the height.
-const SAMPLES: u32 = 12;
+const MAX_SAMPLES: u32 = 12;
 
-/// Step between samples, coprime to [`SAMPLES`]: even the first few samples are spread over the height.
+/// Step between samples, coprime to [`MAX_SAMPLES`]: even the first few samples are spread over the height.
 const SAMPLE_STEP: u32 = 5;
 
 /// No sample is begun after this time: each begins a sweep, which reads a million struts of a hundred million.
-const SAMPLING_TIME: Duration = Duration::from_secs(2);
+const MAX_SAMPLING_TIME: Duration = Duration::from_secs(2);
 
 /// Bits on the line for each byte: 8N1.
 const LINE_BITS: f64 = 10.0;
@@ -236,14 +236,14 @@ fn times(samples: &[Sample], dark_bottom_layers: u32, late_layers: Vec<[u32; 2]>
 fn measure(part: &Part, depth: Depth, budget: u64, recipe: &DlpRecipe, baud: f64) -> anyhow::Result<Vec<Sample>> {
     let encoding = encoding::best(depth);
     let mut samples = Vec::new();
-    let count = SAMPLES.min(part.layer_count());
+    let count = MAX_SAMPLES.min(part.layer_count());
     let began = Instant::now();
-    for step in 0..SAMPLES {
-        let index = step * SAMPLE_STEP % SAMPLES;
+    for step in 0..MAX_SAMPLES {
+        let index = step * SAMPLE_STEP % MAX_SAMPLES;
         if index >= count {
             continue;
         }
-        if !samples.is_empty() && began.elapsed() > SAMPLING_TIME {
+        if !samples.is_empty() && began.elapsed() > MAX_SAMPLING_TIME {
             break;
         }
         let layer = (u64::from(part.layer_count()) * u64::from(2 * index + 1) / u64::from(2 * count)) as u32;

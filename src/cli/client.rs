@@ -22,7 +22,7 @@ use crate::config::DEFAULT_SOCKET;
 use crate::daemon::http::socket;
 
 /// How often an abort is tried: on a crowded socket the daemon may close a connection before it has read the request.
-const ABORT_TRIES: usize = 3;
+const MAX_ABORT_TRIES: usize = 3;
 
 /// A client of the daemon. Each request opens a connection of its own.
 #[derive(Clone, Debug)]
@@ -132,7 +132,7 @@ impl Client {
     async fn post_abort(&self, path: &str) -> Result<JobView, ClientError> {
         let aborts = Self { socket: socket::abort_path(&self.socket), ..self.clone() };
         let conversation = async {
-            for _ in 0..ABORT_TRIES {
+            for _ in 0..MAX_ABORT_TRIES {
                 match aborts.ask_once(post(path, Bytes::new())?).await {
                     Err(ClientError::Broken(_)) => {}
                     Err(

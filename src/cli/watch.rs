@@ -19,13 +19,13 @@ use super::client_error::{ClientError, start_text};
 use super::{block_on, print_json};
 
 /// A reading that takes longer is given up and asked for again.
-const ANSWER_LIMIT: Duration = Duration::from_secs(1);
+const MAX_ANSWER_TIME: Duration = Duration::from_secs(1);
 /// How often the daemon is asked; people read no faster.
 const ASK_INTERVAL: Duration = Duration::from_millis(500);
 /// How often keys are read.
 const KEY_INTERVAL: Duration = Duration::from_millis(50);
 /// Readings and answers that may wait for the screen, which takes them 20 times a second.
-const WAITING_NEWS: usize = 16;
+const MAX_WAITING_NEWS: usize = 16;
 
 /// Follow the print in the terminal; keys pause, resume, stop and abort it.
 #[derive(Debug, Args)]
@@ -79,7 +79,7 @@ async fn read(client: &Client) -> Result<Reading, ClientError> {
 /// Reads the daemon's state in a loop, until the screen ends.
 async fn ask(client: Client, news: mpsc::Sender<News>) {
     loop {
-        let heard = match timeout(ANSWER_LIMIT, read(&client)).await {
+        let heard = match timeout(MAX_ANSWER_TIME, read(&client)).await {
             Ok(Ok(reading)) => News::Reading(Box::new(reading)),
             // Without the socket's path: there may be no room for it.
             Ok(Err(ClientError::NoDaemon { socket, .. })) => {
@@ -96,7 +96,7 @@ async fn ask(client: Client, news: mpsc::Sender<News>) {
 }
 
 async fn follow(client: &Client, terminal: &mut ratatui::DefaultTerminal, mut view: View) -> anyhow::Result<()> {
-    let (sender, mut news) = mpsc::channel(WAITING_NEWS);
+    let (sender, mut news) = mpsc::channel(MAX_WAITING_NEWS);
     let notes = sender.clone();
     // Texts go to the screen as notes, never to stderr. If the queue is full, a newer text is on its way.
     let client = client.clone().telling(move |text| drop(notes.try_send(News::Note(text.into(), None))));

@@ -12,15 +12,15 @@ use crate::job::JobState;
 use crate::text::short_name;
 
 /// Orders that wait for the printer. People and scripts send a few a second; a full queue means that the printer hangs.
-const WAITING_ORDERS: usize = 16;
+const MAX_WAITING_ORDERS: usize = 16;
 /// Aborts that wait for the printer, in a queue of their own: no other order delays one. When it is full, further aborts wait for
 /// room, at most one for each connection. The printer takes aborts first and needs microseconds for each.
-const WAITING_ABORTS: usize = 4;
+const MAX_WAITING_ABORTS: usize = 4;
 /// Jobs that wait for the machine. Each holds a part in the spool. This is two months of daily prints; more would come from a
 /// script that runs wild.
 pub const MAX_QUEUED_JOBS: usize = 64;
 /// Events that are kept for a slow subscriber. One that falls further behind gets [`Event::Lagged`].
-const EVENTS_KEPT: usize = 256;
+const MAX_EVENTS_KEPT: usize = 256;
 
 /// State of the printer as the API shows it. [`Status`], job list and device view are made from it.
 #[derive(Clone, Debug)]
@@ -224,10 +224,10 @@ pub struct Orders {
 
 /// Both ends.
 pub fn channel(first: Snapshot) -> (Handle, Desk) {
-    let (order_sender, orders) = mpsc::channel(WAITING_ORDERS);
-    let (abort_sender, aborts) = mpsc::channel(WAITING_ABORTS);
+    let (order_sender, orders) = mpsc::channel(MAX_WAITING_ORDERS);
+    let (abort_sender, aborts) = mpsc::channel(MAX_WAITING_ABORTS);
     let (snapshot_sender, snapshot) = watch::channel(first);
-    let (events, _) = broadcast::channel(EVENTS_KEPT);
+    let (events, _) = broadcast::channel(MAX_EVENTS_KEPT);
     let handle = Handle { orders: order_sender, aborts: abort_sender, snapshot, events: events.clone() };
     (handle, Desk { orders: Orders { orders, aborts }, snapshot: snapshot_sender, events })
 }

@@ -21,11 +21,11 @@ use self::limit::Limiter;
 use crate::text::plain_line;
 
 /// Lines that wait for stderr: some hundred kilobytes. Further lines are dropped and counted.
-const WAITING_LINES: usize = 1024;
+const MAX_WAITING_LINES: usize = 1024;
 /// How often the thread looks for windows of repeated lines that have ended.
 const LOOK: Duration = Duration::from_secs(1);
 /// How long the daemon waits at its end for a stderr that takes nothing.
-const LAST_LINES: Duration = Duration::from_secs(1);
+const MAX_LAST_LINES_TIME: Duration = Duration::from_secs(1);
 
 /// The log of this process. Dropping it writes the lines that wait.
 #[derive(Debug)]
@@ -45,7 +45,7 @@ enum Entry {
 /// # Errors
 /// The system cannot start a thread.
 pub(crate) fn to_stderr() -> io::Result<Log> {
-    let (queue, entries) = sync_channel(WAITING_LINES);
+    let (queue, entries) = sync_channel(MAX_WAITING_LINES);
     let lost = Arc::new(AtomicU64::new(0));
     let limiter = Limiter::default();
     let writer = Writer { limiter: limiter.clone(), lost: Arc::clone(&lost) };
@@ -78,13 +78,13 @@ impl Drop for Log {
         let began = Instant::now();
         let mut entry = Entry::Close(done);
         while let Err(TrySendError::Full(back)) = self.queue.try_send(entry) {
-            if began.elapsed() >= LAST_LINES {
+            if began.elapsed() >= MAX_LAST_LINES_TIME {
                 return;
             }
             std::thread::sleep(Duration::from_millis(10));
             entry = back;
         }
-        let _ = closed.recv_timeout(LAST_LINES);
+        let _ = closed.recv_timeout(MAX_LAST_LINES_TIME);
     }
 }
 

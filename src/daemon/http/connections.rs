@@ -30,9 +30,9 @@ pub(crate) const MAX_CONNECTIONS: usize = 64;
 /// that, 64 others must connect in the same millisecond.
 pub(crate) const MAX_CROWD: usize = 64;
 /// A connection is closed if the head of its request takes longer. All clients are programs on this host.
-pub(crate) const HEAD_TIMEOUT: Duration = Duration::from_secs(1);
+pub(crate) const MAX_HEAD_TIME: Duration = Duration::from_secs(1);
 /// Requests under way may take this much longer once the printer has ended.
-const LAST_WORDS: Duration = Duration::from_secs(1);
+const MAX_LAST_WORDS_TIME: Duration = Duration::from_secs(1);
 /// Pause after an accept that failed, as without file descriptors. Connections may end meanwhile.
 const PAUSE: Duration = Duration::from_millis(20);
 /// How often the log says that connections cannot be accepted.
@@ -94,7 +94,7 @@ impl Door {
             while tasks.join_next().await.is_some() {}
             while crowd.tasks.join_next().await.is_some() {}
         };
-        let _ = timeout(LAST_WORDS, last_words).await;
+        let _ = timeout(MAX_LAST_WORDS_TIME, last_words).await;
     }
 }
 
@@ -131,7 +131,7 @@ impl Talk {
         });
         let connection = hyper::server::conn::http1::Builder::new()
             .timer(TokioTimer::new())
-            .header_read_timeout(HEAD_TIMEOUT)
+            .header_read_timeout(MAX_HEAD_TIME)
             // One request a connection: a client that keeps sending without reading must not hold a place that another needs.
             .keep_alive(false)
             .max_buf_size(self.max_head_bytes)

@@ -15,7 +15,7 @@ use tokio::net::UnixListener;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, broadcast, mpsc, watch};
 use tokio::time::timeout;
 
-use super::connections::{Door, HEAD_TIMEOUT, MAX_CONNECTIONS, MAX_CROWD, ending};
+use super::connections::{Door, MAX_HEAD_TIME, MAX_CONNECTIONS, MAX_CROWD, ending};
 use super::upload;
 use crate::api::ChannelBody;
 use crate::api::{ErrorBody, Event, JobList, ResumeBody};
@@ -219,7 +219,7 @@ async fn raise(State(shared): App, Extension(caller): Extension<Caller>) -> Answ
 }
 
 async fn resume_body(request: Request) -> Result<ResumeBody, CommandError> {
-    let read = timeout(HEAD_TIMEOUT, axum::body::to_bytes(request.into_body(), MAX_ORDER_BYTES));
+    let read = timeout(MAX_HEAD_TIME, axum::body::to_bytes(request.into_body(), MAX_ORDER_BYTES));
     let bytes = read
         .await
         .map_err(|_| CommandError::new(408, "the body did not arrive"))?

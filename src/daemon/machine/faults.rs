@@ -4,7 +4,7 @@
 use crate::link::message::Fault;
 
 /// Changes that are passed on without delay.
-const BURST: u64 = 4;
+const MAX_BURST: u64 = 4;
 /// After a burst, one change is passed on in this time.
 const REFILL_US: u64 = 1_000_000;
 /// Fewer suppressed reports than this are not mentioned.
@@ -43,7 +43,7 @@ impl FaultNews {
 
     /// A report that was held back and is to be passed on now. Call it a few times a second.
     pub(crate) fn due(&mut self, now_us: u64) -> Option<Option<Fault>> {
-        if self.used_until_us >= now_us + BURST * REFILL_US {
+        if self.used_until_us >= now_us + MAX_BURST * REFILL_US {
             return None;
         }
         let fault = self.held.take()?;

@@ -19,7 +19,7 @@ use crate::stream::Finished;
 const HEARTBEAT: Duration = Duration::from_millis(500);
 /// Limit of a shutdown: enough for an exposure of half a minute and a slow lift of 40 mm after it, and less than systemd's
 /// TimeoutStopSec of 120 s.
-const SHUTDOWN_LIMIT_US: u64 = 110_000_000;
+const MAX_SHUTDOWN_US: u64 = 110_000_000;
 
 impl Printer {
     /// Runs until `shutdown` becomes true and the machine is safe.
@@ -45,7 +45,7 @@ impl Printer {
                 biased;
                 Some(order) = self.desk.orders.next() => self.order(order),
                 Ok(()) = shutdown.changed(), if !self.shutting_down => {
-                    give_up_us = Some(self.clock.now_us() + SHUTDOWN_LIMIT_US);
+                    give_up_us = Some(self.clock.now_us() + MAX_SHUTDOWN_US);
                     self.begin_shutdown();
                 }
                 () = sleep_until(self.clock, give_up_us) => break Err(self.late_shutdown()),

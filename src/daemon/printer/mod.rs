@@ -34,7 +34,7 @@ use crate::link::message::{Capabilities, DeviceState, HostMessage, Request, Urge
 use crate::stream::MemoryBudget;
 
 /// Capacity of the queue of background results; when full, the worker blocks.
-const BACKGROUND_EVENTS: usize = 16;
+const MAX_BACKGROUND_RESULTS: usize = 16;
 /// The printer. See the [module](self).
 pub(crate) struct Printer {
     pub(crate) setting: Arc<Setting>,
@@ -83,7 +83,7 @@ impl Printer {
         desk: Desk,
         link: Line,
     ) -> Self {
-        let (background, finished_background) = mpsc::channel(BACKGROUND_EVENTS);
+        let (background, finished_background) = mpsc::channel(MAX_BACKGROUND_RESULTS);
         let raised = RaisedNote::load(&spool);
         Self {
             setting,
