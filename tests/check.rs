@@ -6,6 +6,9 @@ use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 
+use layerd::device::encoding::{best, encode, encode_shortest};
+use layerd::layer::{Bitmap, Depth};
+use layerd::link::message::Encoding;
 use layerd::solid::reference::beam_field;
 use layerd::solid::{Beam, Cap, ISOVALUE};
 use serde_json::Value;
@@ -139,6 +142,46 @@ fn the_daemon_needs_what_check_says() {
         assert_eq!(started.status.success(), enough, "{mib} MiB: {}", stderr(&started));
         assert!(enough || stderr(&started).contains(&format!("{need_mib}MiB")), "{}", stderr(&started));
     }
+}
+
+/// A chessboard of single pixels is shorter as it is than in Group 4, so a print sends it raw. So does the estimate.
+#[test]
+fn check_measures_the_bytes_that_a_print_sends() {
+    let dir = bench("", &[]);
+    let machine = "name = \"bench\"\nkind = \"dlp\"\nwidth_px = 32\nheight_px = 32\npixel_um = [100.0, 100.0]\n\
+                   build_height_um = 9000.0\nclear_height_um = 9000.0\n[link]\npath = \"device\"\nbaud = 3000000\n";
+    fs::write(dir.path().join("machine.toml"), machine).expect("written");
+    let squares = (2..30).flat_map(|row| (2..30).map(move |column| (row, column)));
+    let struts: Vec<_> = squares.filter(|(row, column)| (row + column) % 2 == 0).collect();
+    let mut text = format!("{} 0.3 0.45 0.0\n", struts.len());
+    for (row, column) in struts {
+        let [x, y] = [column, row].map(|pixel| f64::from(pixel) / 10.0);
+        text += &format!("{x} {y} 0 {x} {y} 0.5 0.02\n");
+    }
+    fs::write(dir.path().join("part.txt"), text).expect("written");
+    let packed = layerctl(dir.path(), &["pack", "part.txt", "--blend", "union", "-o", "part.layerd"]);
+    assert!(packed.status.success(), "{}", stderr(&packed));
+    assert!(slice(dir.path(), &["-o", "layers"]).status.success());
+
+    let found = json(&check(dir.path(), &["--json"]));
+    let layer_count = found["layer_count"].as_u64().expect("a number");
+    assert_eq!(found["sampled_layers"], layer_count, "every layer of so low a part");
+    let mut lengths = Vec::new();
+    for layer in 0..layer_count {
+        let picture =
+            image::open(dir.path().join(format!("layers/layer_{layer:06}.png"))).expect("a picture").into_luma8();
+        let mut bitmap = Bitmap::new(32, 32, Depth::Bit);
+        for (x, y, _) in picture.enumerate_pixels().filter(|(.., pixel)| pixel.0[0] > 0) {
+            bitmap.data_mut()[(y * 4 + x / 8) as usize] |= 0x80 >> (x % 8);
+        }
+        let (mut group4, mut sent) = (Vec::new(), Vec::new());
+        encode(&bitmap, Encoding::Group4, &mut group4).expect("bits");
+        encode_shortest(&bitmap, best(Depth::Bit), &mut sent).expect("bits");
+        assert!(layer > 2 || (group4.len() > 128 && sent.len() == 128), "layer {layer}: {} bytes", group4.len());
+        lengths.push(sent.len() as u64);
+    }
+    assert_eq!(found["encoded_bytes_max"].as_u64(), lengths.iter().copied().max());
+    assert_eq!(found["encoded_bytes_mean"], lengths.iter().sum::<u64>() / layer_count);
 }
 
 /// A lone strut's end prints shorter than its bounds: the part stands on where its field reaches the isovalue.

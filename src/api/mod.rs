@@ -1,4 +1,5 @@
-//! The control API's types, shared by the server and by `layerctl`. `docs/control-api.md` is written for people.
+//! The control API's types, shared by the server and by `layerctl`. `docs/control-api.md` is written for people;
+//! `tests/control_api.rs` shows it used.
 //!
 //! A reader must ignore fields it does not know, so that fields can be added; times are Unix milliseconds.
 

@@ -16,7 +16,7 @@
 //! | `http`       | the sockets, and HTTP on them                                                     |
 //! | `start`      | from the command line to a running daemon; the checks before that                 |
 //!
-//! Each module uses only those above it.
+//! Each module uses only those above it. `tests/print.rs` runs the whole of it; `tests/control_api.rs` its API alone.
 
 mod background;
 pub mod caller;
@@ -33,7 +33,6 @@ mod setting;
 mod start;
 
 pub use fit::Fit;
-pub use setting::Setting;
 pub use start::arguments::Arguments;
 pub use start::check::{Findings, check};
 pub use start::run::run;

@@ -9,7 +9,7 @@ use crate::pipeline::default_threads;
 
 /// The configuration; it does not change while the daemon runs.
 #[derive(Debug)]
-pub struct Setting {
+pub(crate) struct Setting {
     /// The daemon's settings.
     pub config: DaemonConfig,
     /// The machine.

@@ -15,7 +15,7 @@ use tokio::net::UnixListener;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, broadcast, mpsc, watch};
 use tokio::time::timeout;
 
-use super::connections::{Door, MAX_HEAD_TIME, MAX_CONNECTIONS, MAX_CROWD, ending};
+use super::connections::{Door, MAX_CONNECTIONS, MAX_CROWD, MAX_HEAD_TIME, ending};
 use super::upload;
 use crate::api::ChannelBody;
 use crate::api::{ErrorBody, Event, JobList, ResumeBody};
