@@ -7,14 +7,14 @@ use std::path::Path;
 use device_common::{Bench, capabilities, id, picture};
 use layerd::config::{Machine, Recipe};
 use layerd::device::encoding::{encode, picture_crc32};
-use layerd::device::{Act, DlpDriver, DriverBusy, DriverEvent, Misfit, Outcome, check_capabilities, check_fit};
+use layerd::device::{Act, DriverBusy, DriverEvent, FramedDriver, Misfit, Outcome, check_capabilities, check_fit};
 use layerd::job::{Action, Engine, Event, JobPlan, StartPoint};
 use layerd::link::message::{
     DeviceKind, DeviceMessage, DeviceState, Encoding, Fault, HostMessage, Refusal, Reply, Report, Request,
 };
 
-fn driver() -> DlpDriver {
-    DlpDriver::new(id(0).job)
+fn driver() -> FramedDriver {
+    FramedDriver::new(id(0).job)
 }
 
 fn encoded(layer: u32) -> Vec<u8> {
@@ -23,20 +23,20 @@ fn encoded(layer: u32) -> Vec<u8> {
     bytes
 }
 
-fn upload(driver: &mut DlpDriver, layer: u32, slot: u8) {
+fn upload(driver: &mut FramedDriver, layer: u32, slot: u8) {
     let crc32 = picture_crc32(&picture(layer));
     driver.upload(layer, slot, Encoding::Group4, encoded(layer), crc32).expect("no upload under way");
 }
 
 /// Sends all the driver has to the device and returns what came back.
-fn exchange(driver: &mut DlpDriver, bench: &mut Bench) -> Vec<DriverEvent> {
+fn exchange(driver: &mut FramedDriver, bench: &mut Bench) -> Vec<DriverEvent> {
     while let Some(message) = driver.next_message(13, 0) {
         bench.message(message);
     }
     answers(driver, bench)
 }
 
-fn answers(driver: &mut DlpDriver, bench: &mut Bench) -> Vec<DriverEvent> {
+fn answers(driver: &mut FramedDriver, bench: &mut Bench) -> Vec<DriverEvent> {
     let replies = std::mem::take(&mut bench.replies);
     replies.into_iter().map(|(number, reply)| driver.handle(DeviceMessage::Reply { number, reply })).collect()
 }
@@ -200,7 +200,7 @@ fn a_new_sessions_driver_learns_of_an_exposure_that_goes_on() {
     bench.replies.clear();
     bench.hello();
     let mut driver = driver();
-    let ask = |driver: &mut DlpDriver, bench: &mut Bench| {
+    let ask = |driver: &mut FramedDriver, bench: &mut Bench| {
         driver.query_state(0);
         match exchange(driver, bench).as_slice() {
             [DriverEvent::StateKnown { state, .. }] => (state.exposing, state.last_exposed),

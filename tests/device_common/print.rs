@@ -1,7 +1,7 @@
 //! The smallest host that prints: uploads ahead, exposes, reconnects; what the daemon does, without geometry and plate.
 
 use layerd::device::encoding::{encode, picture_crc32};
-use layerd::device::{Act, DlpDriver, DriverEvent, Outcome};
+use layerd::device::{Act, DriverEvent, FramedDriver, Outcome};
 use layerd::link::message::{DeviceMessage, DeviceState, Encoding, ExposureId, Fault, HostMessage, Refusal};
 use layerd::link::session::{HostSession, SendError};
 
@@ -11,7 +11,7 @@ pub struct Printer {
     layers: u32,
     exposure_ms: u32,
     next: u32,
-    driver: Option<DlpDriver>,
+    driver: Option<FramedDriver>,
     /// The layer in each of the device's slots.
     slots: Vec<Option<u32>>,
     /// The layer on its way, and its slot.
@@ -46,7 +46,7 @@ impl Printer {
     }
 
     pub fn connected(&mut self, state: &DeviceState) {
-        self.driver = Some(DlpDriver::new(id(0).job));
+        self.driver = Some(FramedDriver::new(id(0).job));
         self.unsent = None;
         self.uploading = None;
         let own = |slot: &Option<ExposureId>| slot.filter(|held| held.job == id(0).job).map(|held| held.layer);

@@ -10,7 +10,7 @@ use crate::daemon::host::clock::unix_ms;
 use crate::daemon::jobs::opened::Opened;
 use crate::daemon::jobs::opened::spool_text;
 use crate::device::encoding::Choice;
-use crate::device::{DlpDriver, DriverEvent, LightWatch, Outcome, check_fit};
+use crate::device::{DriverEvent, FramedDriver, LightWatch, Outcome, check_fit};
 use crate::job::{Action, Command, Engine, Event, JobPlan, Journal, Record};
 use crate::link::message::{Capabilities, DeviceState, Urgent};
 use crate::pipeline::{EncodedLayer, Layers, Part};
@@ -45,7 +45,7 @@ pub(crate) struct Running {
     journal: Arc<Mutex<Journal>>,
     background: mpsc::Sender<Background>,
     /// The session's driver; `None` without a session.
-    pub driver: Option<DlpDriver>,
+    pub driver: Option<FramedDriver>,
     encoding: Option<Choice>,
     layers: Layers,
     /// Layer and slot that the engine wants uploaded; the layer is not computed yet.
@@ -105,7 +105,7 @@ impl Running {
             Ok(encoding) => self.encoding = Some(encoding),
             Err(misfit) => return self.engine.handle(Event::Unfit(misfit.to_string()), now_us),
         }
-        self.driver = Some(DlpDriver::new(self.key));
+        self.driver = Some(FramedDriver::new(self.key));
         let max_position_um = capabilities.max_position_um;
         self.engine.handle(Event::Connected { state: state.clone(), max_position_um }, now_us);
     }
@@ -247,7 +247,7 @@ impl Running {
 
     /// The next deadline of engine and driver.
     pub(crate) fn next_timeout_us(&self) -> Option<u64> {
-        let driver = self.driver.as_ref().and_then(DlpDriver::next_timeout_us);
+        let driver = self.driver.as_ref().and_then(FramedDriver::next_timeout_us);
         self.engine.next_timeout_us().into_iter().chain(driver).min()
     }
 

@@ -28,7 +28,7 @@ use super::machine::raised::RaisedNote;
 use super::machine::running::Running;
 use super::setting::Setting;
 use crate::api::DeviceView;
-use crate::device::DlpDriver;
+use crate::device::FramedDriver;
 use crate::job::{Progress, Spool};
 use crate::link::message::{Capabilities, DeviceState, HostMessage, Request, Urgent};
 use crate::stream::MemoryBudget;
@@ -127,7 +127,7 @@ impl Printer {
     }
 
     /// The driver of the present session: the running job's, else the idle device's.
-    pub(crate) fn driver(&mut self) -> Option<&mut DlpDriver> {
+    pub(crate) fn driver(&mut self) -> Option<&mut FramedDriver> {
         match &mut self.running {
             Some(running) => running.driver.as_mut(),
             None => self.idle.driver.as_mut(),

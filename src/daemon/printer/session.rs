@@ -3,7 +3,7 @@
 use super::Printer;
 use crate::api::{Event as News, LinkState, LinkView};
 use crate::daemon::machine::view;
-use crate::device::{DlpDriver, DriverEvent, check_fit};
+use crate::device::{DriverEvent, FramedDriver, check_fit};
 use crate::job::Event;
 use crate::link::driver::LinkEvent;
 use crate::link::message::{Capabilities, DeviceMessage, Urgent};
@@ -26,7 +26,7 @@ impl Printer {
                     Some(running) if may_begin => running.connected(&capabilities, &state, now_us),
                     Some(_) => {}
                     None => {
-                        self.idle.driver = Some(DlpDriver::new(0));
+                        self.idle.driver = Some(FramedDriver::new(0));
                         self.idle_state(&state, now_us);
                     }
                 }

@@ -1,7 +1,8 @@
-//! The driver of a DLP machine: turns acts and layers into messages, and replies into events. It does no I/O and reads no clock.
+//! The driver of machines that speak the framed protocol: turns acts and layers into messages, and replies into events. It does no
+//! I/O and reads no clock.
 //!
-//! The owner passes acts and encoded layers to the driver, sends the messages of [`DlpDriver::next_message`] while the session
-//! has room, and passes received messages to [`DlpDriver::handle`]. Requests go before layer data, so that layer n is exposed
+//! The owner passes acts and encoded layers to the driver, sends the messages of [`FramedDriver::next_message`] while the session
+//! has room, and passes received messages to [`FramedDriver::handle`]. Requests go before layer data, so that layer n is exposed
 //! while layer n + 1 is sent. Replies are matched to requests by number; a report is never an answer.
 //!
 //! The job engine decides which layer goes into which slot and whether a refused layer is sent again. A driver lasts for one
@@ -9,8 +10,8 @@
 
 use std::collections::VecDeque;
 
-use super::{Act, Outcome};
 use crate::deadline::Deadline;
+use crate::device::{Act, Outcome};
 use crate::link::message::{
     DeviceMessage, DeviceState, Encoding, ExposureId, Fault, HostMessage, Refusal, Reply, Report, Request,
 };
@@ -69,7 +70,7 @@ pub enum DriverBusy {
 
 /// One session's driver.
 #[derive(Debug)]
-pub struct DlpDriver {
+pub struct FramedDriver {
     job: u64,
     last_number: u32,
     /// Requests not yet sent: at most one act, [`MAX_QUESTIONS`] State requests and one LayerBegin.
@@ -93,7 +94,7 @@ struct Upload {
     due: Option<Deadline>,
 }
 
-impl DlpDriver {
+impl FramedDriver {
     /// A driver for a job (its key in [`ExposureId`]) in a session that just began.
     pub fn new(job: u64) -> Self {
         Self { job, last_number: 0, requests: VecDeque::new(), act: None, questions: VecDeque::new(), upload: None }
@@ -155,7 +156,7 @@ impl DlpDriver {
     }
 
     /// Begins to send a layer into a slot. The end is reported as [`DriverEvent::Uploaded`] or [`DriverEvent::UploadRefused`].
-    /// `crc32` is the CRC-32 of the decoded rows ([`super::encoding::picture_crc32`]).
+    /// `crc32` is the CRC-32 of the decoded rows ([`crate::device::encoding::picture_crc32`]).
     ///
     /// # Errors
     /// [`DriverBusy::UploadUnderWay`].

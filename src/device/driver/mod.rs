@@ -1,0 +1,9 @@
+//! Drivers: each turns acts and layers into what one kind of device understands, and its answers into events. All of them do no
+//! I/O and read no clock.
+//!
+//! [`FramedDriver`] drives machines that speak the framed protocol of `docs/protocol.md`. The daemon's loop uses it
+//! (`daemon/running.rs`).
+
+mod framed;
+
+pub use framed::{DriverBusy, DriverEvent, FramedDriver};
