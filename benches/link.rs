@@ -11,7 +11,9 @@ use std::time::{Duration, Instant};
 use divan::Bencher;
 use divan::counter::BytesCount;
 use layerd::link::driver::{LinkEvent, LinkHandle, link};
-use layerd::link::message::{Capabilities, DeviceKind, DeviceMessage, DeviceState, HostMessage, Reply, Request};
+use layerd::link::message::{
+    Capabilities, DeviceMessage, DeviceState, HostMessage, MachineCapabilities, Reply, Request, VatCapabilities,
+};
 use layerd::link::session::{DeviceEvent, DeviceSession, DeviceSettings, HostEvent};
 use layerd::link::wire::{FrameDecoder, FrameKind, encode_frame};
 use layerd::link::{FlowControl, LinkSettings};
@@ -98,17 +100,18 @@ async fn transfer(handle: &LinkHandle, events: &mut Receiver<LinkEvent>, session
 /// of the time is lost.
 fn device(master: &OwnedFd, stop: &AtomicBool) {
     let capabilities = Capabilities {
-        kind: DeviceKind::Dlp,
         name: "bench".into(),
-        width_px: 16,
-        height_px: 16,
-        pixel_nm: [50_000; 2],
         layer_slots: 2,
         window_bytes: 4096,
         largest_frame_bytes: 601,
         encodings: Vec::new(),
         max_exposure_ms: 1,
-        max_position_um: 1,
+        machine: MachineCapabilities::Vat(VatCapabilities {
+            width_px: 16,
+            height_px: 16,
+            pixel_nm: [50_000; 2],
+            max_position_um: 1,
+        }),
     };
     rustix::io::ioctl_fionbio(master, true).expect("non-blocking");
     let start = Instant::now();

@@ -5,21 +5,24 @@ mod properties;
 
 use device_common::{Bench, capabilities, id, picture};
 use layerd::device::encoding::{encode, picture_crc32};
-use layerd::link::message::{Encoding, Fault, HostMessage, Refusal, Reply, Request, Urgent};
+use layerd::link::message::{
+    Encoding, ExposureId, Fault, HostMessage, MachineCapabilities, Refusal, Reply, Request, Urgent, VatCapabilities,
+    VatReply, VatRequest,
+};
 use proptest::prelude::*;
 
 #[test]
 fn an_exposure_shines_for_its_time_and_is_written_before_it_is_reported() {
     let mut bench = Bench::new();
     bench.upload(0, id(0));
-    let number = bench.request(Request::Expose { id: id(0), duration_ms: 1500, light_pwm: 255 });
+    let number = bench.request(Request::Vat(VatRequest::Expose { id: id(0), duration_ms: 1500, light_pwm: 255 }));
     assert!(bench.core.state().light_on);
     assert_eq!(bench.core.state().exposing, Some(id(0)));
     bench.advance(1_499_999);
     assert!(bench.core.state().light_on, "not a microsecond too short");
     // Asked late, the device has still switched off in time.
     bench.advance(700_001);
-    assert_eq!(bench.reply(number), Some(Reply::Exposed { id: id(0), duration_ms: 1500 }));
+    assert_eq!(bench.reply(number), Some(Reply::Vat(VatReply::Exposed { id: id(0), duration_ms: 1500 })));
     assert_eq!(bench.events(), ["hello", "light_on", "light_off", "exposed"]);
     assert_eq!(bench.records[3].t_ms - bench.records[1].t_ms, 1500);
     assert_eq!(bench.pictures, [(0, picture(0))]);
@@ -34,7 +37,7 @@ fn what_must_not_be_exposed_is_refused_and_stays_dark() {
     bench.expose(id(3), 100);
     bench.upload(0, id(3));
     bench.upload(1, id(4));
-    let expose = |id, duration_ms, light_pwm| Request::Expose { id, duration_ms, light_pwm };
+    let expose = |id, duration_ms, light_pwm| Request::Vat(VatRequest::Expose { id, duration_ms, light_pwm });
     let cases = [
         (expose(id(3), 100, 255), Refusal::AlreadyExposed),
         (expose(id(2), 100, 255), Refusal::AlreadyExposed),
@@ -44,7 +47,7 @@ fn what_must_not_be_exposed_is_refused_and_stays_dark() {
         (expose(id(5), 100, 255), Refusal::NoSuchLayer),
     ];
     for (request, refusal) in cases {
-        let number = bench.request(request.clone());
+        let number = bench.request(request);
         assert_eq!(bench.reply(number), Some(Reply::Refused(refusal)), "{request:?}");
         assert!(!bench.core.state().light_on);
     }
@@ -60,13 +63,14 @@ fn what_must_not_be_exposed_is_refused_and_stays_dark() {
 #[test]
 fn the_plate_moves_only_homed_inside_its_travel_and_in_the_dark() {
     let mut bench = Bench::new();
-    let go = |position_um, speed_um_s| Request::Move { position_um, speed_um_s };
+    let go = |position_um, speed_um_s| Request::Vat(VatRequest::Move { position_um, speed_um_s });
     let number = bench.request(go(1000, 1000));
     assert_eq!(bench.reply(number), Some(Reply::Refused(Refusal::NotHomed)));
-    let home = bench.request(Request::Home);
+    let home = bench.request(Request::Vat(VatRequest::Home));
     bench.advance(10_000_000);
-    assert_eq!(bench.reply(home), Some(Reply::Moved { position_um: 0 }));
-    for wrong in [go(-1, 1000), go(capabilities().max_position_um + 1, 1000), go(1000, 0)] {
+    assert_eq!(bench.reply(home), Some(Reply::Vat(VatReply::Moved { position_um: 0 })));
+    let MachineCapabilities::Vat(VatCapabilities { max_position_um, .. }) = capabilities().machine;
+    for wrong in [go(-1, 1000), go(max_position_um + 1, 1000), go(1000, 0)] {
         let number = bench.request(wrong);
         assert_eq!(bench.reply(number), Some(Reply::Refused(Refusal::BadMove)));
     }
@@ -75,11 +79,11 @@ fn the_plate_moves_only_homed_inside_its_travel_and_in_the_dark() {
     let state = bench.core.state();
     assert_eq!((state.position_um, state.moving), (Some(2500), true));
     bench.upload(0, id(0));
-    let expose = Request::Expose { id: id(0), duration_ms: 1000, light_pwm: 255 };
-    let number = bench.request(expose.clone());
+    let expose = Request::Vat(VatRequest::Expose { id: id(0), duration_ms: 1000, light_pwm: 255 });
+    let number = bench.request(expose);
     assert_eq!(bench.reply(number), Some(Reply::Refused(Refusal::Busy)), "no light while the plate moves");
     bench.advance(2_500_000);
-    assert_eq!(bench.reply(lift), Some(Reply::Moved { position_um: 5000 }));
+    assert_eq!(bench.reply(lift), Some(Reply::Vat(VatReply::Moved { position_um: 5000 })));
     bench.request(expose);
     let number = bench.request(go(0, 1000));
     assert_eq!(bench.reply(number), Some(Reply::Refused(Refusal::Busy)), "no move while there is light");
@@ -110,7 +114,7 @@ fn a_damaged_or_misplaced_layer_is_refused() {
         (begin(0, Encoding::RawBit, length, crc32), Refusal::BadLayer),
     ];
     for (request, refusal) in cases {
-        let number = bench.request(request.clone());
+        let number = bench.request(request);
         bench.data(&bytes);
         assert_eq!(bench.reply(number), Some(Reply::Refused(refusal)), "{request:?}");
         assert_eq!(bench.core.state().slots, [None, None]);
@@ -122,7 +126,7 @@ fn a_damaged_or_misplaced_layer_is_refused() {
     assert_eq!(bench.reply(first), Some(Reply::Refused(Refusal::BadLayer)));
     assert_eq!(bench.core.state().slots, [None, Some(id(0))]);
     // The slot that shines takes nothing, the other one does.
-    bench.request(Request::Expose { id: id(0), duration_ms: 1000, light_pwm: 1 });
+    bench.request(Request::Vat(VatRequest::Expose { id: id(0), duration_ms: 1000, light_pwm: 1 }));
     let number = bench.request(begin(1, Encoding::Group4, length, crc32));
     assert_eq!(bench.reply(number), Some(Reply::Refused(Refusal::SlotBusy)));
     bench.upload(0, id(1));
@@ -133,23 +137,23 @@ fn an_abort_is_dark_at_once_and_lasts_until_a_hello() {
     let mut bench = Bench::new();
     bench.upload(0, id(0));
     bench.upload(1, id(1));
-    let shining = bench.request(Request::Expose { id: id(0), duration_ms: 1000, light_pwm: 255 });
+    let shining = bench.request(Request::Vat(VatRequest::Expose { id: id(0), duration_ms: 1000, light_pwm: 255 }));
     bench.advance(400_000);
     assert!(!bench.urgent(Urgent::Abort));
     assert_eq!(bench.reply(shining), Some(Reply::Refused(Refusal::CutShort)));
     let state = bench.core.state();
     assert_eq!((state.light_on, state.cut_short), (false, Some((id(0), 400))));
     assert_eq!((state.slots, state.last_exposed), (vec![None, None], None));
-    let home = bench.request(Request::Home);
+    let home = bench.request(Request::Vat(VatRequest::Home));
     assert_eq!(bench.reply(home), Some(Reply::Refused(Refusal::NotReady)));
     bench.advance(5_000_000);
     assert!(bench.pictures.is_empty(), "what was cut short is not exposed");
     // Then the plate can be lifted.
     bench.hello();
-    let home = bench.request(Request::Home);
+    let home = bench.request(Request::Vat(VatRequest::Home));
     bench.advance(5_000_000);
-    assert_eq!(bench.reply(home), Some(Reply::Moved { position_um: 0 }));
-    let lift = bench.request(Request::Move { position_um: 60_000, speed_um_s: 1000 });
+    assert_eq!(bench.reply(home), Some(Reply::Vat(VatReply::Moved { position_um: 0 })));
+    let lift = bench.request(Request::Vat(VatRequest::Move { position_um: 60_000, speed_um_s: 1000 }));
     bench.advance(1_000_000);
     assert!(!bench.urgent(Urgent::Abort));
     assert_eq!(bench.reply(lift), Some(Reply::Refused(Refusal::CutShort)));
@@ -161,7 +165,7 @@ fn light_off_cuts_short_and_work_goes_on() {
     let mut bench = Bench::new();
     bench.upload(0, id(0));
     bench.upload(1, id(1));
-    let shining = bench.request(Request::Expose { id: id(0), duration_ms: 1000, light_pwm: 255 });
+    let shining = bench.request(Request::Vat(VatRequest::Expose { id: id(0), duration_ms: 1000, light_pwm: 255 }));
     bench.advance(250_000);
     assert!(!bench.urgent(Urgent::LightOff));
     assert_eq!(bench.reply(shining), Some(Reply::Refused(Refusal::CutShort)));
@@ -174,18 +178,18 @@ fn a_hold_lets_what_runs_end_and_the_next_begin_only_after_the_release() {
     let mut bench = Bench::new();
     bench.upload(0, id(0));
     bench.upload(1, id(1));
-    let first = bench.request(Request::Expose { id: id(0), duration_ms: 1000, light_pwm: 255 });
+    let first = bench.request(Request::Vat(VatRequest::Expose { id: id(0), duration_ms: 1000, light_pwm: 255 }));
     assert!(bench.urgent(Urgent::Hold), "a hold leaves the light on");
     bench.advance(1_000_000);
-    assert!(matches!(bench.reply(first), Some(Reply::Exposed { .. })));
-    let second = bench.request(Request::Expose { id: id(1), duration_ms: 1000, light_pwm: 255 });
-    let third = bench.request(Request::Home);
+    assert!(matches!(bench.reply(first), Some(Reply::Vat(VatReply::Exposed { .. }))));
+    let second = bench.request(Request::Vat(VatRequest::Expose { id: id(1), duration_ms: 1000, light_pwm: 255 }));
+    let third = bench.request(Request::Vat(VatRequest::Home));
     assert_eq!(bench.reply(third), Some(Reply::Refused(Refusal::Busy)), "one request waits, not more");
     bench.advance(60_000_000);
     assert!(!bench.core.state().light_on && bench.reply(second).is_none());
     assert!(bench.urgent(Urgent::Release));
     bench.advance(1_000_000);
-    assert!(matches!(bench.reply(second), Some(Reply::Exposed { .. })));
+    assert!(matches!(bench.reply(second), Some(Reply::Vat(VatReply::Exposed { .. }))));
 }
 
 #[test]
@@ -193,14 +197,14 @@ fn a_silent_host_lets_the_exposure_end_and_nothing_begin() {
     let mut bench = Bench::new();
     bench.upload(0, id(0));
     bench.upload(1, id(1));
-    let shining = bench.request(Request::Expose { id: id(0), duration_ms: 3000, light_pwm: 255 });
+    let shining = bench.request(Request::Vat(VatRequest::Expose { id: id(0), duration_ms: 3000, light_pwm: 255 }));
     bench.advance(2_000_000);
     bench.silence();
     assert!(bench.core.state().light_on, "once begun, an exposure ends by the device's clock");
     bench.advance(1_000_000);
     assert!(!bench.core.state().light_on);
     assert_eq!(bench.reply(shining), None, "that session has ended");
-    let number = bench.request(Request::Expose { id: id(1), duration_ms: 10, light_pwm: 255 });
+    let number = bench.request(Request::Vat(VatRequest::Expose { id: id(1), duration_ms: 10, light_pwm: 255 }));
     assert_eq!(bench.reply(number), Some(Reply::Refused(Refusal::NotReady)));
     let state = bench.hello();
     assert_eq!((state.last_exposed, state.exposing, state.slots), (Some(id(0)), None, vec![None, Some(id(1))]));
@@ -215,10 +219,10 @@ fn a_reset_forgets_all_but_what_was_exposed_and_where_the_plate_rests() {
     bench.expose(id(0), 100);
     bench.upload(0, id(1));
     bench.upload(1, id(2));
-    let home = bench.request(Request::Home);
+    let home = bench.request(Request::Vat(VatRequest::Home));
     bench.advance(5_000_000);
     assert!(bench.reply(home).is_some());
-    bench.request(Request::Expose { id: id(1), duration_ms: 1000, light_pwm: 255 });
+    bench.request(Request::Vat(VatRequest::Expose { id: id(1), duration_ms: 1000, light_pwm: 255 }));
     bench.advance(300_000);
     let boot_id = bench.core.state().boot_id;
     bench.reset(boot_id + 1);
@@ -227,9 +231,9 @@ fn a_reset_forgets_all_but_what_was_exposed_and_where_the_plate_rests() {
     assert_eq!((state.boot_id, state.last_exposed), (boot_id + 1, Some(id(0))));
     assert_eq!((state.cut_short, state.slots, state.position_um), (Some((id(1), 300)), vec![None, None], Some(0)));
     bench.upload(0, id(0));
-    let again = bench.request(Request::Expose { id: id(0), duration_ms: 100, light_pwm: 255 });
+    let again = bench.request(Request::Vat(VatRequest::Expose { id: id(0), duration_ms: 100, light_pwm: 255 }));
     assert_eq!(bench.reply(again), Some(Reply::Refused(Refusal::AlreadyExposed)), "nothing is exposed twice");
-    bench.request(Request::Move { position_um: 5000, speed_um_s: 1000 });
+    bench.request(Request::Vat(VatRequest::Move { position_um: 5000, speed_um_s: 1000 }));
     bench.advance(1_000_000);
     bench.reset(boot_id + 2);
     assert_eq!(bench.hello().position_um, None, "a plate in motion is lost");
@@ -239,23 +243,23 @@ fn a_reset_forgets_all_but_what_was_exposed_and_where_the_plate_rests() {
 fn a_fault_is_dark_and_reported() {
     let mut bench = Bench::new();
     bench.upload(0, id(0));
-    bench.request(Request::Expose { id: id(0), duration_ms: 1000, light_pwm: 255 });
+    bench.request(Request::Vat(VatRequest::Expose { id: id(0), duration_ms: 1000, light_pwm: 255 }));
     let fault = Fault { code: 9, text: "door open".into() };
     bench.fault(Some(fault.clone()));
     assert_eq!((bench.core.state().light_on, bench.core.state().fault), (false, Some(fault.clone())));
     assert_eq!(bench.faults, [Some(fault)]);
-    let number = bench.request(Request::Home);
+    let number = bench.request(Request::Vat(VatRequest::Home));
     assert_eq!(bench.reply(number), Some(Reply::Refused(Refusal::NotReady)));
     bench.fault(None);
-    assert!(bench.request(Request::Home) > number && bench.core.state().moving);
+    assert!(bench.request(Request::Vat(VatRequest::Home)) > number && bench.core.state().moving);
 }
 
 /// A device with layer 1 exposed, layer 2 in slot 0, and homed.
 fn busy_bench() -> Bench {
     let mut bench = Bench::new();
-    let home = bench.request(Request::Home);
+    let home = bench.request(Request::Vat(VatRequest::Home));
     bench.advance(5_000_000);
-    assert_eq!(bench.reply(home), Some(Reply::Moved { position_um: 0 }));
+    assert_eq!(bench.reply(home), Some(Reply::Vat(VatReply::Moved { position_um: 0 })));
     bench.upload(0, id(1));
     bench.expose(id(1), 100);
     bench.upload(0, id(2));
@@ -267,7 +271,7 @@ fn fault() -> Option<Fault> {
 }
 
 fn refused_with(bench: &mut Bench, request: &Request, refusal: Refusal, when: &str) {
-    let number = bench.request(request.clone());
+    let number = bench.request(*request);
     assert_eq!(bench.reply(number), Some(Reply::Refused(refusal)), "{when}: {request:?}");
 }
 
@@ -288,7 +292,7 @@ fn of_several_refusals_the_first_in_the_documents_order_wins() {
         (begin(1, Encoding::Group4, 0), Refusal::BadLayer),
     ];
     let mut bench = busy_bench();
-    bench.request(Request::Expose { id: id(2), duration_ms: 1000, light_pwm: 255 });
+    bench.request(Request::Vat(VatRequest::Expose { id: id(2), duration_ms: 1000, light_pwm: 255 }));
     for (request, refusal) in rows {
         // Each also ends the layer on its way, which is told first.
         let on_its_way = bench.request(begin(1, Encoding::Group4, 500));
@@ -300,14 +304,23 @@ fn of_several_refusals_the_first_in_the_documents_order_wins() {
     bench.fault(fault());
     refused_with(&mut bench, &begin(9, Encoding::RawGrey, 0), Refusal::NotReady, "fault");
 
-    let expose = |layer, duration_ms| Request::Expose { id: id(layer), duration_ms, light_pwm: 255 };
+    let expose = |layer, duration_ms| Request::Vat(VatRequest::Expose { id: id(layer), duration_ms, light_pwm: 255 });
     let mut bench = busy_bench();
-    bench.request(Request::Move { position_um: 50_000, speed_um_s: 1000 });
+    bench.request(Request::Vat(VatRequest::Move { position_um: 50_000, speed_um_s: 1000 }));
     refused_with(&mut bench, &expose(0, 0), Refusal::Busy, "moving");
-    refused_with(&mut bench, &Request::Move { position_um: -1, speed_um_s: 0 }, Refusal::Busy, "moving");
-    refused_with(&mut bench, &Request::Home, Refusal::Busy, "moving");
+    refused_with(
+        &mut bench,
+        &Request::Vat(VatRequest::Move { position_um: -1, speed_um_s: 0 }),
+        Refusal::Busy,
+        "moving",
+    );
+    refused_with(&mut bench, &Request::Vat(VatRequest::Home), Refusal::Busy, "moving");
     bench.fault(fault());
-    for request in [expose(0, 0), Request::Move { position_um: -1, speed_um_s: 0 }, Request::Home] {
+    for request in [
+        expose(0, 0),
+        Request::Vat(VatRequest::Move { position_um: -1, speed_um_s: 0 }),
+        Request::Vat(VatRequest::Home),
+    ] {
         refused_with(&mut bench, &request, Refusal::NotReady, "fault");
     }
     bench.fault(None);
@@ -315,17 +328,52 @@ fn of_several_refusals_the_first_in_the_documents_order_wins() {
     refused_with(&mut bench, &expose(0, 100), Refusal::AlreadyExposed, "exposed before, in no slot");
     refused_with(&mut bench, &expose(5, 100), Refusal::NoSuchLayer, "in no slot");
     let mut bench = Bench::new();
-    let home = bench.request(Request::Home);
-    refused_with(&mut bench, &Request::Move { position_um: -1, speed_um_s: 0 }, Refusal::Busy, "homing");
+    let home = bench.request(Request::Vat(VatRequest::Home));
+    refused_with(
+        &mut bench,
+        &Request::Vat(VatRequest::Move { position_um: -1, speed_um_s: 0 }),
+        Refusal::Busy,
+        "homing",
+    );
     assert!(!bench.urgent(Urgent::Abort) && bench.reply(home).is_some());
-    refused_with(&mut bench, &Request::Move { position_um: -1, speed_um_s: 0 }, Refusal::NotReady, "aborted");
+    refused_with(
+        &mut bench,
+        &Request::Vat(VatRequest::Move { position_um: -1, speed_um_s: 0 }),
+        Refusal::NotReady,
+        "aborted",
+    );
     bench.hello();
-    refused_with(&mut bench, &Request::Move { position_um: -1, speed_um_s: 0 }, Refusal::NotHomed, "not homed");
+    refused_with(
+        &mut bench,
+        &Request::Vat(VatRequest::Move { position_um: -1, speed_um_s: 0 }),
+        Refusal::NotHomed,
+        "not homed",
+    );
+}
+
+#[test]
+fn the_passes_of_a_layer_are_exposed_in_ascending_order_and_each_only_once() {
+    let pass = |layer, pass| ExposureId { pass, ..id(layer) };
+    let mut bench = Bench::new();
+    bench.upload(0, pass(0, 0));
+    bench.expose(pass(0, 0), 100);
+    bench.upload(0, pass(0, 2));
+    let wrong = Request::Vat(VatRequest::Expose { id: pass(0, 1), duration_ms: 100, light_pwm: 255 });
+    refused_with(&mut bench, &wrong, Refusal::NoSuchLayer, "a slot holds one pass");
+    bench.expose(pass(0, 2), 100);
+    assert_eq!(bench.core.state().last_exposed, Some(pass(0, 2)));
+    for repeat in [pass(0, 2), pass(0, 1), pass(0, 0)] {
+        bench.upload(0, repeat);
+        let wrong = Request::Vat(VatRequest::Expose { id: repeat, duration_ms: 100, light_pwm: 255 });
+        refused_with(&mut bench, &wrong, Refusal::AlreadyExposed, "a repeat");
+    }
+    bench.upload(0, pass(1, 0));
+    bench.expose(pass(1, 0), 100);
 }
 
 #[test]
 fn a_held_request_is_checked_at_its_release_as_if_it_had_just_come() {
-    let expose = |layer, duration_ms| Request::Expose { id: id(layer), duration_ms, light_pwm: 255 };
+    let expose = |layer, duration_ms| Request::Vat(VatRequest::Expose { id: id(layer), duration_ms, light_pwm: 255 });
     let mut bench = busy_bench();
     bench.urgent(Urgent::Hold);
     let waits = bench.request(expose(2, 0));
@@ -396,7 +444,7 @@ fn of_two_slots_with_one_layer_the_lower_is_exposed_and_freed() {
     assert_eq!(bench.core.state().slots, [Some(id(0)), Some(id(0))]);
     bench.expose(id(0), 100);
     assert_eq!(bench.core.state().slots, [None, Some(id(0))]);
-    let again = bench.request(Request::Expose { id: id(0), duration_ms: 100, light_pwm: 255 });
+    let again = bench.request(Request::Vat(VatRequest::Expose { id: id(0), duration_ms: 100, light_pwm: 255 }));
     assert_eq!(bench.reply(again), Some(Reply::Refused(Refusal::AlreadyExposed)));
     bench.upload(1, id(1));
 }
@@ -415,9 +463,9 @@ fn step() -> impl Strategy<Value = Step> {
     let layer = 0u32..6;
     let request = prop_oneof![
         4 => (layer, prop_oneof![Just(0u32), 1u32..3000, Just(400_000)])
-            .prop_map(|(layer, duration_ms)| Request::Expose { id: id(layer), duration_ms, light_pwm: 200 }),
-        1 => Just(Request::Home),
-        1 => (-5i32..70_000, 0u32..30_000).prop_map(|(position_um, speed_um_s)| Request::Move { position_um, speed_um_s }),
+            .prop_map(|(layer, duration_ms)| Request::Vat(VatRequest::Expose { id: id(layer), duration_ms, light_pwm: 200 })),
+        1 => Just(Request::Vat(VatRequest::Home)),
+        1 => (-5i32..70_000, 0u32..30_000).prop_map(|(position_um, speed_um_s)| Request::Vat(VatRequest::Move { position_um, speed_um_s })),
         1 => Just(Request::State),
     ];
     let urgent = prop_oneof![Just(Urgent::Abort), Just(Urgent::LightOff), Just(Urgent::Hold), Just(Urgent::Release)];

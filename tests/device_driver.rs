@@ -10,7 +10,8 @@ use layerd::device::encoding::{encode, picture_crc32};
 use layerd::device::{Act, DriverBusy, DriverEvent, FramedDriver, Misfit, Outcome, check_capabilities, check_fit};
 use layerd::job::{Action, Engine, Event, JobPlan, StartPoint};
 use layerd::link::message::{
-    DeviceKind, DeviceMessage, DeviceState, Encoding, Fault, HostMessage, Refusal, Reply, Report, Request,
+    Capabilities, DeviceMessage, DeviceState, Encoding, ExposureId, Fault, HostMessage, MachineCapabilities, Refusal,
+    Reply, Report, Request, VatCapabilities, VatReply, VatRequest,
 };
 
 fn driver() -> FramedDriver {
@@ -58,7 +59,7 @@ fn the_next_layer_travels_while_one_shines() {
             requests.as_slice(),
             [
                 HostMessage::Request { request: Request::LayerBegin { .. }, .. },
-                HostMessage::Request { request: Request::Expose { .. }, .. },
+                HostMessage::Request { request: Request::Vat(VatRequest::Expose { .. }), .. },
                 HostMessage::Request { request: Request::State, .. },
             ]
         ),
@@ -122,19 +123,22 @@ fn news_and_strange_numbers_are_not_taken_for_answers() {
     let fault = Some(Fault { code: 3, text: "door open".into() });
     let event = driver.handle(DeviceMessage::Report(Report::Fault(fault.clone())));
     assert_eq!(event, DriverEvent::Fault(fault));
-    let strange = driver.handle(reply(number + 7, Reply::Moved { position_um: 0 }));
+    let strange = driver.handle(reply(number + 7, Reply::Vat(VatReply::Moved { position_um: 0 })));
     assert!(misbehaved(&strange, "request 8, which awaits no reply"), "{strange:?}");
     let other = driver.handle(reply(number, Reply::Done));
     assert!(misbehaved(&other, "asked for Home (request 1) and replied with done"), "{other:?}");
     assert!(driver.is_acting());
-    let done = driver.handle(reply(number, Reply::Moved { position_um: 0 }));
+    let done = driver.handle(reply(number, Reply::Vat(VatReply::Moved { position_um: 0 })));
     assert_eq!(done, DriverEvent::ActDone(Outcome::Arrived { position_um: 0 }));
-    let again = driver.handle(reply(number, Reply::Moved { position_um: 0 }));
+    let again = driver.handle(reply(number, Reply::Vat(VatReply::Moved { position_um: 0 })));
     assert!(misbehaved(&again, "awaits no reply"), "a repeated reply answers nothing: {again:?}");
     driver.act(Act::Expose { layer: 3, duration_ms: 10, light_pwm: 255 }, 0).expect("idle");
     let number = number + 2;
-    let wrong = driver.handle(reply(number, Reply::Exposed { id: id(4), duration_ms: 10 }));
+    let wrong = driver.handle(reply(number, Reply::Vat(VatReply::Exposed { id: id(4), duration_ms: 10 })));
     assert!(misbehaved(&wrong, "replied with an exposure of 10 ms of layer 4"), "{wrong:?}");
+    let other_pass = ExposureId { pass: 1, ..id(3) };
+    let wrong = driver.handle(reply(number, Reply::Vat(VatReply::Exposed { id: other_pass, duration_ms: 10 })));
+    assert!(misbehaved(&wrong, "layer 3, pass 1"), "ids are compared whole: {wrong:?}");
 }
 
 fn misbehaved(event: &DriverEvent, words: &str) -> bool {
@@ -195,7 +199,7 @@ fn a_new_sessions_driver_learns_of_an_exposure_that_goes_on() {
     let mut bench = Bench::new();
     bench.upload(0, id(4));
     bench.upload(1, id(5));
-    bench.request(Request::Expose { id: id(4), duration_ms: 1000, light_pwm: 255 });
+    bench.request(Request::Vat(VatRequest::Expose { id: id(4), duration_ms: 1000, light_pwm: 255 }));
     // What was said in the old session reaches nobody.
     bench.replies.clear();
     bench.hello();
@@ -230,17 +234,14 @@ fn recipe(exposure_ms: u32, antialias: bool) -> Recipe {
 fn a_device_that_is_not_the_configured_machine_is_named() {
     let machine = machine();
     assert_eq!(check_capabilities(&machine, &capabilities()), Ok(()));
-    let mut wide = capabilities();
-    wide.width_px = 1920;
+    let MachineCapabilities::Vat(vat) = capabilities().machine;
+    let machine_of = |vat| Capabilities { machine: MachineCapabilities::Vat(vat), ..capabilities() };
+    let wide = machine_of(VatCapabilities { width_px: 1920, ..vat.clone() });
     let message = check_capabilities(&machine, &wide).expect_err("too wide").to_string();
     assert!(message.contains("70 × 20 pixels") && message.contains("1920 × 20 pixels"), "{message}");
-    let mut fine = capabilities();
-    fine.pixel_nm[1] = 35_000;
+    let fine = machine_of(VatCapabilities { pixel_nm: [40_000, 35_000], ..vat });
     let message = check_capabilities(&machine, &fine).expect_err("too fine").to_string();
     assert!(message.contains("40 × 40 µm") && message.contains("40 × 35 µm"), "{message}");
-    let mut laser = capabilities();
-    laser.kind = DeviceKind::Slm;
-    assert!(check_capabilities(&machine, &laser).expect_err("a laser").to_string().contains("says slm"));
 }
 
 #[test]

@@ -12,7 +12,7 @@ use hostile_peer::{
     CLEAR_UM, Controls, EXPOSURE_MS, Entry, LAYER_UM, LIFT_UM, Moment, PATIENCE, Script, Seen, Stage, Stray, honest,
     side_by_side, soon,
 };
-use layerd::link::message::{ExposureId, Reply, Request, Urgent};
+use layerd::link::message::{ExposureId, Reply, Request, Urgent, VatReply, VatRequest};
 use serde_json::Value;
 use support::signal;
 
@@ -35,7 +35,7 @@ fn reason(job: &Value) -> &str {
 }
 
 fn exposes(request: &Request, layer: u32) -> bool {
-    matches!(request, Request::Expose { id, .. } if id.layer == layer)
+    matches!(request, Request::Vat(VatRequest::Expose { id, .. }) if id.layer == layer)
 }
 
 fn sends(request: &Request, layer: u32) -> bool {
@@ -43,13 +43,13 @@ fn sends(request: &Request, layer: u32) -> bool {
 }
 
 fn moves_to(request: &Request, to_um: i32) -> bool {
-    matches!(request, Request::Move { position_um, .. } if *position_um == to_um)
+    matches!(request, Request::Vat(VatRequest::Move { position_um, .. }) if *position_um == to_um)
 }
 
 /// A light source that does not go off by itself: it takes `LAYER` for a layer of a minute.
 fn shines_on(moment: &mut Moment<'_>) -> bool {
     match moment {
-        Moment::Asked(Some(Request::Expose { id, duration_ms, .. })) if id.layer == LAYER => {
+        Moment::Asked(Some(Request::Vat(VatRequest::Expose { id, duration_ms, .. }))) if id.layer == LAYER => {
             *duration_ms = 60_000;
             true
         }
@@ -196,7 +196,7 @@ fn light_in_a_device_without_a_job_is_put_off() {
                 && controls.once()
             {
                 controls.stray = Some(Stray { outlasts });
-                (state.light_on, state.exposing) = (true, Some(ExposureId { job: 77, layer: 5 }));
+                (state.light_on, state.exposing) = (true, Some(ExposureId::first_pass(77, 5)));
             }
         }));
         let dark = |stage: &Stage, times: usize| {
@@ -225,7 +225,7 @@ fn no_job_begins_in_light_that_nothing_puts_off() {
         matches!(seen, Seen::Urgent(_, Urgent::LightOff))
     });
     std::thread::sleep(Duration::from_millis(1500));
-    let acts = |seen: &Seen| matches!(seen, Seen::Asked(Request::Home | Request::Move { .. } | Request::Expose { .. }));
+    let acts = |seen: &Seen| matches!(seen, Seen::Asked(Request::Vat(_)));
     assert!(!stage.log().iter().any(|entry| acts(&entry.seen)), "{}", stage.story());
     let job = stage.bench.job(id);
     assert!(job["state"] == "queued" && reason(&job).contains("waits for a dark device"), "{job}");
@@ -378,7 +378,7 @@ fn an_abort_that_is_neither_obeyed_nor_answered_goes_again_in_the_next_session()
 fn says_it_shone(told_ms: u32) -> Script {
     Box::new(move |controls, moment| {
         if let Moment::Answers(_, answers) = moment
-            && let [(_, Reply::Exposed { id, duration_ms })] = &mut answers[..]
+            && let [(_, Reply::Vat(VatReply::Exposed { id, duration_ms }))] = &mut answers[..]
             && id.layer == LAYER
             && controls.once()
         {
@@ -413,11 +413,13 @@ fn the_time_with_light_is_compared_with_the_commanded_one() {
 #[test]
 fn a_layer_that_ends_too_soon_by_the_hosts_clock_is_in_doubt() {
     let stage = Stage::with(Box::new(|controls, moment| match moment {
-        Moment::Asked(Some(Request::Expose { id, duration_ms, .. })) if id.layer == LAYER && controls.once() => {
+        Moment::Asked(Some(Request::Vat(VatRequest::Expose { id, duration_ms, .. })))
+            if id.layer == LAYER && controls.once() =>
+        {
             *duration_ms /= 3;
         }
         Moment::Answers(_, answers) => {
-            if let [(_, Reply::Exposed { duration_ms, .. })] = &mut answers[..] {
+            if let [(_, Reply::Vat(VatReply::Exposed { duration_ms, .. }))] = &mut answers[..] {
                 *duration_ms = EXPOSURE_MS;
             }
         }
@@ -460,7 +462,7 @@ fn is_too_much(stage: &Stage, job: &Value, told_ms: u32) {
 /// A device that is asked for the plate at `wanted_um` and takes it to `found_um` once.
 fn goes_astray(wanted_um: i32, found_um: i32) -> Script {
     Box::new(move |controls, moment| {
-        if let Moment::Asked(Some(Request::Move { position_um, .. })) = moment
+        if let Moment::Asked(Some(Request::Vat(VatRequest::Move { position_um, .. }))) = moment
             && *position_um == wanted_um
             && controls.once()
         {
@@ -512,7 +514,7 @@ fn a_plate_that_did_not_come_clear_is_told_and_the_job_can_go_on() {
 #[test]
 fn a_plate_that_never_moves_again_ends_the_job() {
     let stage = Stage::with(Box::new(|controls, moment| {
-        if let Moment::Asked(Some(Request::Move { position_um, .. })) = moment {
+        if let Moment::Asked(Some(Request::Vat(VatRequest::Move { position_um, .. }))) = moment {
             if *position_um == LIFTED_UM {
                 controls.once();
             }
@@ -524,7 +526,7 @@ fn a_plate_that_never_moves_again_ends_the_job() {
     let job = stage.ended(stage.print());
     assert_eq!(job["state"], "interrupted", "{job}\n{}", stage.story());
     assert!(reason(&job).contains("not lifted"), "{job}");
-    let moves = |entry: &&Entry| matches!(entry.seen, Seen::Asked(Request::Move { .. }));
+    let moves = |entry: &&Entry| matches!(entry.seen, Seen::Asked(Request::Vat(VatRequest::Move { .. })));
     let in_vain = stage.log().iter().skip_while(|entry| entry.seen != Seen::Lied).filter(moves).count();
     assert!(in_vain <= 5, "{in_vain} moves in vain\n{}", stage.story());
     assert_eq!(stage.after_lie(|seen| matches!(seen, Seen::Lit(_))), None, "{}", stage.story());
@@ -608,7 +610,9 @@ fn forgets_its_light() -> Script {
 fn creeps_and_is_silent() -> Script {
     let mut silent = false;
     Box::new(move |controls, moment| match moment {
-        Moment::Asked(Some(Request::Move { position_um: AT_LAYER_UM, speed_um_s })) if controls.once() => {
+        Moment::Asked(Some(Request::Vat(VatRequest::Move { position_um: AT_LAYER_UM, speed_um_s })))
+            if controls.once() =>
+        {
             *speed_um_s = 400;
             silent = true;
         }
@@ -634,10 +638,12 @@ fn an_answer_that_makes_no_sense_ends_the_session_and_the_print_goes_on() {
     }
     let cases: [Case<Make>; 9] = [
         ("a wrong number", || answers(exposes_it, |answers| answers[0].0 += 1000)),
-        ("another kind", || answers(exposes_it, |answers| answers[0].1 = Reply::Moved { position_um: AT_LAYER_UM })),
+        ("another kind", || {
+            answers(exposes_it, |answers| answers[0].1 = Reply::Vat(VatReply::Moved { position_um: AT_LAYER_UM }))
+        }),
         ("another layer", || {
             answers(exposes_it, |answers| {
-                if let Reply::Exposed { id, .. } = &mut answers[0].1 {
+                if let Reply::Vat(VatReply::Exposed { id, .. }) = &mut answers[0].1 {
                     id.layer += 1;
                 }
             })
@@ -657,7 +663,10 @@ fn an_answer_that_makes_no_sense_ends_the_session_and_the_print_goes_on() {
             answers(|request| moves_to(request, AT_LAYER_UM), |answers| answers[0].1 = Reply::Done)
         }),
         ("a layer that was a move", || {
-            answers(|request| sends(request, LAYER), |answers| answers[0].1 = Reply::Moved { position_um: 0 })
+            answers(
+                |request| sends(request, LAYER),
+                |answers| answers[0].1 = Reply::Vat(VatReply::Moved { position_um: 0 }),
+            )
         }),
     ];
     side_by_side(&cases, |script| {
@@ -702,7 +711,7 @@ fn a_device_that_answers_nothing_but_nonsense_ends_the_job() {
                     if controls.lied || sends(request, LAYER) =>
                 {
                     controls.lied = true;
-                    answers[0].1 = Reply::Moved { position_um: 0 };
+                    answers[0].1 = Reply::Vat(VatReply::Moved { position_um: 0 });
                 }
                 Moment::Tells(state) if controls.lied => state.slots.fill(None),
                 _ => {}

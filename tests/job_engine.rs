@@ -237,7 +237,7 @@ fn a_word_about_a_layer_in_doubt_holds_for_no_other() {
         world.flushing = None;
         world.drop_line(1_000_000);
         world.tell(Event::Ready);
-        while world.device.exposing != Some(ExposureId { job: KEY, layer: 2 }) {
+        while world.device.exposing != Some(ExposureId::first_pass(KEY, 2)) {
             assert!(world.next_event(), "the device knows of layer 0, and the print goes on");
         }
         world.urgent(Urgent::LightOff);
@@ -260,7 +260,7 @@ fn a_job_whose_device_has_printed_another_since_moves_nothing() {
         assert!(world.next_event());
     }
     let acts = world.acts.len();
-    world.device.last_exposed = Some(ExposureId { job: KEY + 1, layer: 90 });
+    world.device.last_exposed = Some(ExposureId::first_pass(KEY + 1, 90));
     world.crash();
     while world.finished.is_none() {
         assert!(world.next_event());
@@ -288,7 +288,7 @@ fn decided(exposed: bool) -> World {
 #[test]
 fn a_first_layer_that_the_operator_decided_on_goes_on_with_an_older_jobs_exposure_in_the_device() {
     let mut world = decided(true);
-    world.device.last_exposed = Some(ExposureId { job: KEY + 1, layer: 90 });
+    world.device.last_exposed = Some(ExposureId::first_pass(KEY + 1, 90));
     world.device.position_um = Some(50);
     assert!(world.run());
     assert_eq!((world.end(), world.exposed.as_slice()), ((JobState::Completed, ""), [1, 2, 3, 4].as_slice()));

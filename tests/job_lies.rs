@@ -101,7 +101,7 @@ fn steps_of_a_print() -> usize {
 
 #[test]
 fn light_without_an_exposure_is_put_off_at_every_step_and_the_print_stops() {
-    let others = Some(ExposureId { job: KEY + 1, layer: 3 });
+    let others = Some(ExposureId::first_pass(KEY + 1, 3));
     for (step, exposing) in (1..steps_of_a_print() - 2).flat_map(|step| [(step, None), (step, others)]) {
         let mut world = World::new();
         world.tell(Event::Ready);
@@ -259,7 +259,7 @@ fn light_that_comes_back_after_an_obeyed_abort_is_put_off_at_once() {
             assert!(world.next_event());
         }
         let acts = world.acts.len();
-        (world.device.light_on, world.device.exposing) = (true, Some(ExposureId { job: KEY, layer: 2 }));
+        (world.device.light_on, world.device.exposing) = (true, Some(ExposureId::first_pass(KEY, 2)));
         let lit_us = if in_welcome { world.reconnect_at_us.expect("a new session") } else { world.now_us };
         if !in_welcome {
             world.tell(Event::State(world.device.clone()));
@@ -330,7 +330,7 @@ fn an_exposure_that_ends_too_soon_by_the_hosts_clock_is_in_doubt() {
     let ends_after = |part_us: u64, time_scale: f64| {
         let mut world = World::scaled(time_scale);
         world.tell(Event::Ready);
-        while world.device.exposing != Some(ExposureId { job: KEY, layer: 2 }) {
+        while world.device.exposing != Some(ExposureId::first_pass(KEY, 2)) {
             assert!(world.next_event());
         }
         world.device_act.as_mut().expect("it shines").0 = world.now_us + part_us;
@@ -432,7 +432,7 @@ fn an_exposure_that_was_withdrawn_leaves_the_plate_bare() {
 
 #[test]
 fn a_device_that_withholds_its_state_gains_no_more_than_the_longest_round_trip() {
-    let id = ExposureId { job: KEY, layer: 2 };
+    let id = ExposureId::first_pass(KEY, 2);
     let mut light = layerd::device::LightWatch::default();
     light.command(id, 6000, 0);
     light.taken(4_800_000);
@@ -448,7 +448,7 @@ fn a_layer_that_a_state_names_as_exposed_too_soon_is_in_doubt_and_dark() {
     let mut world = world_exposing(2);
     let began_us = world.now_us;
     world.now_us += SECOND_US / 2;
-    let id = ExposureId { job: KEY, layer: 2 };
+    let id = ExposureId::first_pass(KEY, 2);
     let lie = DeviceState { last_exposed: Some(id), exposing: None, light_on: false, ..world.device.clone() };
     world.engine.handle(Event::State(lie), world.now_us);
     world.carry_out();
@@ -682,7 +682,7 @@ fn a_device_whose_last_exposed_layer_goes_back_stops_the_print() {
     // In a state during the next exposure, and in a welcome.
     for in_welcome in [false, true] {
         let mut world = world_exposing(3);
-        world.device.last_exposed = Some(ExposureId { job: KEY, layer: 1 });
+        world.device.last_exposed = Some(ExposureId::first_pass(KEY, 1));
         if in_welcome {
             world.drop_line(SECOND_US / 2);
             world.tell(Event::LineLost("cable".into()));
@@ -713,7 +713,7 @@ fn a_layer_that_a_device_denies_whose_memory_went_back_is_in_doubt() {
     assert!(matches!(world.engine.next_action(), Some(Action::Act { act: Act::Expose { layer: 3, .. }, .. })));
     world.drop_line(SECOND_US / 2);
     world.tell(Event::LineLost("cable".into()));
-    world.device.last_exposed = Some(ExposureId { job: KEY, layer: 1 });
+    world.device.last_exposed = Some(ExposureId::first_pass(KEY, 1));
     world.finish();
     assert_stopped_safely(&world);
     assert!(world.end().1.contains("layer 3 is in doubt: the device denies"), "{:?}", world.end());
@@ -763,7 +763,7 @@ fn the_time_left_follows_the_pace_and_is_silent_without_a_device() {
     let planned_ms = world.engine.progress().eta_ms.expect("it prints");
     // Every layer is late by a minute.
     world.upload_us = 60 * SECOND_US;
-    while world.device.exposing != Some(ExposureId { job: KEY, layer: 4 }) {
+    while world.device.exposing != Some(ExposureId::first_pass(KEY, 4)) {
         assert!(world.next_event());
     }
     let progress = world.engine.progress();

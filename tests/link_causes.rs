@@ -4,11 +4,12 @@
 mod link_pair;
 
 use layerd::link::message::{
-    Capabilities, DeviceMessage, DeviceState, ExposureId, HostMessage, Reply, Request, Urgent,
+    Capabilities, DeviceMessage, DeviceState, ExposureId, HostMessage, Reply, Request, Urgent, VatRequest,
 };
 use layerd::link::session::{HelloRefusal, Hindrance, HostEvent, HostSession, HostSettings, LostReason};
 use layerd::link::wire::{
-    Ack, Decoded, Frame, FrameDecoder, FrameKind, Welcome, WireError, encode_device_message, encode_frame,
+    Ack, Decoded, Frame, FrameDecoder, FrameKind, HelloRefused, VERSIONS, VersionRange, Welcome, WireError,
+    encode_device_message, encode_frame,
 };
 
 const SESSION: u32 = 7;
@@ -90,7 +91,7 @@ impl Script {
     }
 
     fn request(&mut self, number: u32) {
-        self.host.send(&HostMessage::Request { number, request: Request::Home }).expect("room");
+        self.host.send(&HostMessage::Request { number, request: Request::Vat(VatRequest::Home) }).expect("room");
     }
 }
 
@@ -191,13 +192,14 @@ fn reports_of_an_unknown_kind_are_counted_for_themselves_and_change_nothing() {
 }
 
 #[test]
-fn a_welcome_of_another_version_is_refused_by_its_version_whatever_follows() {
-    for rest in [&b""[..], b"of a far future", &[0; 300]] {
+fn a_version_that_the_host_did_not_offer_is_refused_whatever_follows() {
+    for (chosen, rest) in [(0, &b""[..]), (2, b"of a far future"), (u16::MAX, &[0; 300])] {
         let mut script = Script::greeting();
-        script.say(FrameKind::Welcome, 0, &[&2_u16.to_le_bytes(), rest].concat());
-        let refusal = HelloRefusal::Version { lowest: 2, highest: 2 };
+        script.say(FrameKind::Welcome, 0, &[&u16::to_le_bytes(chosen), rest].concat());
+        let refusal = HelloRefusal::NotOffered { host: VERSIONS, chosen };
         assert_eq!(script.host.event(), Some(HostEvent::Refused(refusal)), "{rest:?}");
-        assert!(refusal.to_string().contains("speaks version 2 of"), "{refusal}");
+        let text = refusal.to_string();
+        assert!(text.contains(&format!("chose version {chosen} of")) && text.contains("offered version 1"), "{text}");
     }
     let mut script = Script::greeting();
     script.say(FrameKind::Welcome, 0, &1_u16.to_le_bytes());
@@ -205,8 +207,59 @@ fn a_welcome_of_another_version_is_refused_by_its_version_whatever_follows() {
 }
 
 #[test]
+fn without_a_common_version_the_operator_is_told_both_ranges_and_what_to_update() {
+    for (lowest, highest, words) in [
+        (2, 3, "the device speaks versions 2 to 3 of the protocol, this host speaks version 1: update layerd"),
+        (0, 0, "the device speaks version 0 of the protocol, this host speaks version 1: update the device's firmware"),
+        (1, 4, "it refuses a version that both speak"),
+    ] {
+        let mut script = Script::greeting();
+        let device = VersionRange { lowest, highest };
+        script.say(FrameKind::HelloRefused, 0, &HelloRefused::Version { device }.encode());
+        let refusal = HelloRefusal::Version { host: VERSIONS, device };
+        assert_eq!(script.host.event(), Some(HostEvent::Refused(refusal)));
+        assert!(refusal.to_string().contains(words), "{refusal}");
+    }
+}
+
+#[test]
+fn both_ends_agree_on_the_highest_common_version() {
+    let range = |lowest, highest| VersionRange { lowest, highest };
+    for (host, device, common) in [
+        (range(1, 1), range(1, 1), Some(1)),
+        (range(1, 3), range(2, 9), Some(3)),
+        (range(2, 9), range(1, 3), Some(3)),
+        (range(1, 2), range(3, 4), None),
+        (range(3, 4), range(1, 2), None),
+        (range(5, 4), range(1, 9), None),
+        (range(0, u16::MAX), range(7, 7), Some(7)),
+    ] {
+        assert_eq!(host.highest_common(device), common, "{host} and {device}");
+        assert_eq!(device.highest_common(host), common, "{device} and {host}");
+    }
+}
+
+#[test]
+fn a_machine_of_an_unknown_kind_is_refused_by_its_kind_whatever_follows() {
+    let capabilities = link_pair::capabilities(WINDOW_BYTES, 1024);
+    let lists_bytes = capabilities.name.len() + capabilities.encodings.len();
+    let mut welcome = Welcome { version: 1, capabilities, state: DeviceState::default() }.encode();
+    // Behind version, name, slots, window, largest frame, encodings and longest exposure.
+    let kind_at = 2 + 1 + 1 + 4 + 2 + 1 + 4 + lists_bytes;
+    assert_eq!(welcome[kind_at], 1, "a vat");
+    for (kind, length) in [(0, welcome.len()), (2, kind_at + 1), (255, welcome.len())] {
+        welcome[kind_at] = kind;
+        let mut script = Script::greeting();
+        script.say(FrameKind::Welcome, 0, &welcome[..length]);
+        let refusal = HelloRefusal::UnknownMachine { kind };
+        assert_eq!(script.host.event(), Some(HostEvent::Refused(refusal)));
+        assert!(refusal.to_string().contains(&format!("kind {kind}, which this host does not know")), "{refusal}");
+    }
+}
+
+#[test]
 fn slots_left_out_of_a_state_are_empty_and_more_than_there_are_make_no_sense() {
-    let held = Some(ExposureId { job: 1, layer: 2 });
+    let held = Some(ExposureId::first_pass(1, 2));
     let of = |slots: &[Option<ExposureId>]| DeviceState { slots: slots.to_vec(), ..DeviceState::default() };
     let capabilities = link_pair::capabilities(WINDOW_BYTES, 1024);
     for (stated, meant) in [(of(&[]), [None; 2]), (of(&[held]), [held, None]), (of(&[None, held]), [None, held])] {

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use layerd::link::driver::{LinkEvent, link};
 use layerd::link::message::{
-    Capabilities, DeviceKind, DeviceMessage, DeviceState, HostMessage, Reply, Request, Urgent,
+    Capabilities, DeviceMessage, DeviceState, HostMessage, MachineCapabilities, Reply, Request, Urgent, VatCapabilities,
 };
 use layerd::link::session::{DeviceEvent, DeviceSession, DeviceSettings, HostEvent};
 use layerd::link::transport::{OpenError, SerialLine};
@@ -34,17 +34,18 @@ fn config(path: &Path) -> LinkSettings {
 /// Answers every request with `Done` and every urgent frame, until the time is over or `requests` were answered.
 fn run_device(master: &OwnedFd, requests: usize) -> Vec<DeviceEvent> {
     let capabilities = Capabilities {
-        kind: DeviceKind::Dlp,
         name: "test".into(),
-        width_px: 16,
-        height_px: 16,
-        pixel_nm: [50_000; 2],
         layer_slots: 2,
         window_bytes: 4096,
         largest_frame_bytes: 1024,
         encodings: Vec::new(),
         max_exposure_ms: 1,
-        max_position_um: 1,
+        machine: MachineCapabilities::Vat(VatCapabilities {
+            width_px: 16,
+            height_px: 16,
+            pixel_nm: [50_000; 2],
+            max_position_um: 1,
+        }),
     };
     rustix::io::ioctl_fionbio(master, true).expect("non-blocking");
     let start = Instant::now();

@@ -7,7 +7,9 @@ use layerd::link::message::{DeviceMessage, DeviceState, HostMessage, Refusal, Re
 use layerd::link::session::{
     DeviceEvent, DeviceSession, DeviceSettings, HostEvent, HostSession, HostSettings, LostReason,
 };
-use layerd::link::wire::{FrameDecoder, FrameKind, Hello, decode_device_message, encode_frame};
+use layerd::link::wire::{
+    FrameDecoder, FrameKind, Hello, HelloRefused, VERSIONS, VersionRange, Welcome, decode_device_message, encode_frame,
+};
 use link_pair::{Faults, Pair, capabilities};
 use proptest::prelude::*;
 
@@ -356,13 +358,13 @@ fn limits_of_a_device_are_kept() {
 fn a_request_that_cannot_be_read_is_answered_by_its_number_and_delivered_to_nobody() {
     let frame = |kind, sequence, payload: &[u8]| encode_frame(kind, 7, sequence, payload);
     let mut device = DeviceSession::new(capabilities(4096, 1024), DeviceSettings { baud: 115_200, escaped: false }, 0);
-    let hello = Hello { version: 1, window_bytes: 8192, largest_frame_bytes: 1024 };
+    let hello = Hello { versions: VERSIONS, window_bytes: 8192, largest_frame_bytes: 1024 };
     device.receive(&frame(FrameKind::Hello, 0, &hello.encode()), 0);
     assert!(matches!(device.event(), Some(DeviceEvent::Hello { .. })));
     device.welcome(&DeviceState::default(), 0);
     // Unknown; too short; too long; a layer in an encoding that nobody knows.
-    let begin = [&[1, 4, 0, 0, 0, 2, 0][..], &[0; 12], &[9], &[1, 0, 0, 0], &[0; 4]].concat();
-    let requests = [&[1, 1, 0, 0, 0, 77][..], &[1, 2, 0, 0, 0, 5, 1], &[1, 3, 0, 0, 0, 4, 0], &begin];
+    let begin = [&[1, 4, 0, 0, 0, 2, 0][..], &[0; 13], &[9], &[1, 0, 0, 0], &[0; 4]].concat();
+    let requests = [&[1, 1, 0, 0, 0, 77][..], &[1, 2, 0, 0, 0, 0x22, 1], &[1, 3, 0, 0, 0, 0x21, 0], &begin];
     for (sequence, request) in (0..).zip(requests) {
         device.receive(&frame(FrameKind::Data, sequence, request), 1000);
         assert_eq!(device.event(), None, "{request:?}");
@@ -378,6 +380,36 @@ fn a_request_that_cannot_be_read_is_answered_by_its_number_and_delivered_to_nobo
     }
     let unknown = |number| DeviceMessage::Reply { number, reply: Reply::Refused(Refusal::Unknown) };
     assert_eq!(replies, (1..=4).map(unknown).collect::<Vec<_>>());
+}
+
+#[test]
+fn a_device_answers_a_hello_with_the_highest_version_that_both_speak() {
+    let hello = |lowest, highest| Hello {
+        versions: VersionRange { lowest, highest },
+        window_bytes: 8192,
+        largest_frame_bytes: 1024,
+    };
+    let answer_to = |payload: &[u8]| {
+        let settings = DeviceSettings { baud: 115_200, escaped: false };
+        let mut device = DeviceSession::new(capabilities(4096, 1024), settings, 0);
+        device.receive(&encode_frame(FrameKind::Hello, 7, 0, payload), 0);
+        while device.event().is_some() {
+            device.welcome(&DeviceState::default(), 0);
+        }
+        let bytes = device.transmit(0).expect("an answer");
+        FrameDecoder::new(1024).next_frame(&mut &bytes[..]).expect("a frame").expect("a good one").frame
+    };
+    // A host of a later version may append what this device does not know.
+    for payload in [hello(1, 1).encode(), [hello(1, 9).encode(), vec![7; 40]].concat(), hello(0, 1).encode()] {
+        let answer = answer_to(&payload);
+        assert_eq!(answer.kind, FrameKind::Welcome);
+        assert_eq!(Welcome::decode(&answer.payload).expect("a welcome").version, 1);
+    }
+    for payload in [hello(2, 9).encode(), hello(0, 0).encode(), hello(2, 1).encode()] {
+        let answer = answer_to(&payload);
+        assert_eq!(answer.kind, FrameKind::HelloRefused);
+        assert_eq!(HelloRefused::decode(&answer.payload), Ok(HelloRefused::Version { device: VERSIONS }));
+    }
 }
 
 #[test]

@@ -11,17 +11,21 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use layerd::device::sim::{CoreAction, DlpCore, SimulateOptions, run};
-use layerd::link::message::{Capabilities, DeviceKind, DeviceMessage, DeviceState, Encoding, HostMessage, Report};
+use layerd::link::message::{
+    Capabilities, DeviceMessage, DeviceState, Encoding, HostMessage, MachineCapabilities, Report, VatCapabilities,
+};
 use layerd::link::session::{DeviceEvent, DeviceSession, DeviceSettings, SendError};
-use layerd::link::wire::{FrameDecoder, FrameKind, HelloRefused, encode_frame};
+use layerd::link::wire::{FrameDecoder, FrameKind, HelloRefused, VersionRange, Welcome, encode_frame};
 use serialport::{SerialPort, TTYPort};
 use support::{Bench, Setup, bench_device, wait_until};
 
 const SMALL: [&str; 8] = ["generate", "bcc", "--struts", "100", "--box", "8,8,1", "-o", "part.layerd"];
 
-/// A device of the bench's size that is a laser machine by its own word.
-fn laser() -> Capabilities {
-    Capabilities { kind: DeviceKind::Slm, name: "laser".into(), max_exposure_ms: 10_000, ..bench_device() }
+/// A device with another picture than the bench's.
+fn wide() -> Capabilities {
+    let MachineCapabilities::Vat(vat) = bench_device().machine;
+    let machine = MachineCapabilities::Vat(VatCapabilities { width_px: 4096, ..vat });
+    Capabilities { name: "wide".into(), max_exposure_ms: 10_000, machine, ..bench_device() }
 }
 
 /// The machine that the bench is configured for. It reads raw layers alone: a layer takes several windows.
@@ -80,14 +84,14 @@ fn log_lines(bench: &Bench, part: &str) -> usize {
 }
 
 #[test]
-fn a_device_of_another_kind_is_told_when_it_connects_and_no_job_is_taken_for_it() {
+fn a_device_of_another_size_is_told_when_it_connects_and_no_job_is_taken_for_it() {
     let mut bench = Bench::prepare(Setup::default());
     bench.ok(&SMALL);
-    with_device(&mut bench, laser(), |bench| {
+    with_device(&mut bench, wide(), |bench| {
         bench.start_daemon();
         wait_until("the device", || bench.json(&["status"])["link"]["state"] == "connected");
         let is_named = |text: &str| {
-            let names = text.contains("`bench`") && text.contains("`laser`") && text.contains("slm");
+            let names = text.contains("`bench`") && text.contains("`wide`") && text.contains("4096 × ");
             assert!(names && text.contains("connect the right device"), "{text}");
         };
         is_named(bench.json(&["status"])["misfit"].as_str().expect("a misfit"));
@@ -106,7 +110,7 @@ fn a_device_of_another_kind_is_told_when_it_connects_and_no_job_is_taken_for_it(
     assert_eq!(bench.json(&["status"])["misfit"], serde_json::Value::Null, "nothing is connected");
     // Without a device a job is taken. It waits for one that fits, with or without a confirmation.
     let id = bench.start_job("part.layerd");
-    with_device(&mut bench, laser(), |bench| {
+    with_device(&mut bench, wide(), |bench| {
         let waits = || bench.job(id)["reason"].as_str().is_some_and(|it| it.contains("waits for a device that fits"));
         wait_until("its reason", waits);
         assert_eq!(bench.job(id)["state"], "queued", "{}", bench.job(id));
@@ -130,7 +134,7 @@ fn a_plate_is_not_taken_to_be_empty_for_a_device_that_does_not_fit() {
     let id = bench.start_job("part.layerd");
     bench.kill_daemon();
     let confirm = |bench: &Bench| bench.layerctl(&["resume", &id.to_string()]);
-    with_device(&mut bench, laser(), |bench| {
+    with_device(&mut bench, wide(), |bench| {
         bench.start_daemon();
         wait_until("the device", || bench.json(&["status"])["link"]["state"] == "connected");
         let output = confirm(bench);
@@ -157,7 +161,7 @@ fn another_device_that_comes_in_mid_print_interrupts_the_job_at_once() {
     let id = bench.start_job("part.layerd");
     wait_until("light", || bench.acts().iter().any(|act| act["event"] == "exposed"));
     bench.kill_device();
-    with_device(&mut bench, laser(), |bench| {
+    with_device(&mut bench, wide(), |bench| {
         wait_until("the device", || bench.json(&["status"])["link"]["state"] == "connected");
         let began = Instant::now();
         let job = bench.wait_for(id, &["interrupted", "failed", "completed"]);
@@ -178,7 +182,7 @@ fn a_recipe_longer_than_the_device_allows_is_refused_before_the_job_has_a_number
     let slow = recipe.replace("\nexposure_ms = 400", "\nexposure_ms = 10001");
     assert_ne!(slow, recipe);
     std::fs::write(bench.path("slow.toml"), slow).expect("written");
-    with_device(&mut bench, Capabilities { kind: DeviceKind::Dlp, ..laser() }, |bench| {
+    with_device(&mut bench, Capabilities { machine: bench_device().machine, ..wide() }, |bench| {
         bench.start_daemon();
         wait_until("the device", || bench.json(&["status"])["link"]["state"] == "connected");
         assert_eq!(bench.json(&["status"])["misfit"], serde_json::Value::Null, "the default recipe fits");
@@ -197,6 +201,28 @@ fn a_recipe_longer_than_the_device_allows_is_refused_before_the_job_has_a_number
 
 #[test]
 fn a_device_of_another_protocol_version_is_named_in_the_status() {
+    let device = VersionRange { lowest: 2, highest: 3 };
+    let reason = refused_hello(FrameKind::HelloRefused, HelloRefused::Version { device }.encode());
+    assert!(reason.contains("the device speaks versions 2 to 3 of the protocol"), "{reason}");
+    assert!(reason.contains("this host speaks version 1: update layerd"), "{reason}");
+}
+
+#[test]
+fn a_machine_of_an_unknown_kind_is_named_in_the_status() {
+    let capabilities = bench_device();
+    let lists_bytes = capabilities.name.len() + capabilities.encodings.len();
+    let mut welcome = Welcome { version: 1, capabilities, state: DeviceState::default() }.encode();
+    // Behind version, name, slots, window, largest frame, encodings and longest exposure.
+    welcome[2 + 1 + 1 + 4 + 2 + 1 + 4 + lists_bytes] = 2;
+    let reason = refused_hello(FrameKind::Welcome, welcome);
+    assert!(
+        reason.contains("a machine of kind 2, which this host does not know: connect the right device"),
+        "{reason}"
+    );
+}
+
+/// The daemon's reason for not using a device that answers every hello with this frame.
+fn refused_hello(kind: FrameKind, payload: Vec<u8>) -> String {
     let mut bench = Bench::prepare(Setup::default());
     let (mut master, slave) = TTYPort::pair().expect("a pseudo-terminal");
     symlink(slave.name().expect("its name"), bench.path("device")).expect("link");
@@ -212,8 +238,7 @@ fn a_device_of_another_protocol_version_is_named_in_the_status() {
             while let Some(frame) = decoder.next_frame(&mut input) {
                 let Ok(hello) = frame.map(|decoded| decoded.frame) else { continue };
                 if hello.kind == FrameKind::Hello {
-                    let refused = HelloRefused::Version { lowest: 2, highest: 3 }.encode();
-                    let answer = encode_frame(FrameKind::HelloRefused, hello.session_id, 0, &refused);
+                    let answer = encode_frame(kind, hello.session_id, 0, &payload);
                     master.write_all(&answer).expect("written");
                 }
             }
@@ -221,11 +246,11 @@ fn a_device_of_another_protocol_version_is_named_in_the_status() {
     });
     bench.start_daemon();
     let reason = || bench.json(&["status"])["link"]["reason"].as_str().unwrap_or_default().to_owned();
-    wait_until("the refusal", || reason().contains("the device speaks versions 2 to 3 of the protocol"));
-    assert!(reason().contains("this host speaks 1"), "{}", reason());
+    wait_until("the refusal", || reason().contains("the device"));
     stop.store(true, Ordering::Relaxed);
     device.join().expect("no panic");
     drop(slave);
+    reason()
 }
 
 /// A device of the bench's size on a pseudo-terminal of its own, whose every message passes through the test's hands.

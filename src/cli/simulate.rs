@@ -9,7 +9,7 @@ use clap::{Args, ValueEnum};
 use crate::config::Machine;
 use crate::device::sim::{FAULT_HELP, FaultSpec, SimulateOptions, Statistics, run as simulate};
 use crate::link::FlowControl;
-use crate::link::message::{Capabilities, DeviceKind, Encoding};
+use crate::link::message::{Capabilities, Encoding, MachineCapabilities, VatCapabilities};
 use crate::signals::Signals;
 use crate::text::{count_text, size_text};
 
@@ -119,17 +119,18 @@ fn capabilities(args: &SimulateArgs, machine: Option<&Machine>) -> Capabilities 
             ([machine.width_px, machine.height_px], machine.pixel_um, travel_um)
         });
     Capabilities {
-        kind: DeviceKind::Dlp,
         name: "simulated dlp".into(),
-        width_px: size_px[0],
-        height_px: size_px[1],
-        pixel_nm: pixel_um.map(|um| (um * 1000.0).round() as u32),
         layer_slots: 2,
         window_bytes: args.window,
         largest_frame_bytes: 1024,
         encodings: vec![Encoding::RawBit, Encoding::Group4, Encoding::RawGrey, Encoding::RunGrey],
         max_exposure_ms: args.max_exposure_ms,
-        max_position_um: travel_um as i32,
+        machine: MachineCapabilities::Vat(VatCapabilities {
+            width_px: size_px[0],
+            height_px: size_px[1],
+            pixel_nm: pixel_um.map(|um| (um * 1000.0).round() as u32),
+            max_position_um: travel_um as i32,
+        }),
     }
 }
 
@@ -169,8 +170,9 @@ mod tests {
             parse("simulate dlp --link p --fault drop=0.01 --fault disconnect=3 --time-scale 20").expect("correct");
         assert_eq!(args.faults, [FaultSpec::Drop(0.01), FaultSpec::Disconnect(3)]);
         let made = capabilities(&args, None);
-        assert_eq!((made.width_px, made.height_px, made.pixel_nm), (960, 540, [40_000, 40_000]));
-        assert_eq!((made.window_bytes, made.layer_slots, made.max_position_um), (4096, 2, 60_000));
+        let vat = VatCapabilities { width_px: 960, height_px: 540, pixel_nm: [40_000; 2], max_position_um: 60_000 };
+        assert_eq!(made.machine, MachineCapabilities::Vat(vat));
+        assert_eq!((made.window_bytes, made.layer_slots), (4096, 2));
         let message = parse("simulate dlp --link p --fault fire=1").expect_err("no such fault");
         assert!(message.contains("fire=1") && message.contains("disconnect=N"), "{message}");
         assert!(parse("simulate dlp --link p --time-scale 0").is_err());

@@ -1,8 +1,8 @@
 //! Checks that the connected device is the configured machine and can print a recipe.
 
 use super::encoding::{self, Choice};
-use crate::config::{Machine, Recipe};
-use crate::link::message::{Capabilities, DeviceKind};
+use crate::config::{DlpMachine, Machine, Recipe};
+use crate::link::message::{Capabilities, MachineCapabilities, VatCapabilities};
 
 /// One layer is exposed while the next one arrives.
 const MIN_SLOTS: u8 = 2;
@@ -83,35 +83,48 @@ pub fn check_fit(machine: &Machine, recipe: &Recipe, capabilities: &Capabilities
     })
 }
 
-/// Checks that a device is the configured machine: kind, picture size, pixel pitch and number of slots.
+/// Checks that a device is the configured machine.
 ///
 /// # Errors
 /// [`MachineMismatch`] names the first difference, configured and found.
 pub fn check_capabilities(machine: &Machine, capabilities: &Capabilities) -> Result<(), MachineMismatch> {
-    let Machine::Dlp(machine) = machine;
-    let differs = |what, configured: String, found: String| {
-        let (machine, device) = (machine.name.clone(), capabilities.name.clone());
-        Err(MachineMismatch { machine, device, what, configured, found })
+    let (name, difference) = match (machine, &capabilities.machine) {
+        (Machine::Dlp(machine), MachineCapabilities::Vat(vat)) => (&machine.name, vat_difference(machine, vat)),
     };
-    if capabilities.kind != DeviceKind::Dlp {
-        return differs("kind", "dlp".into(), "slm".into());
-    }
+    let Some(Difference { what, configured, found }) = difference.or_else(|| slots_difference(capabilities)) else {
+        return Ok(());
+    };
+    Err(MachineMismatch { machine: name.clone(), device: capabilities.name.clone(), what, configured, found })
+}
+
+/// What differs, as configured and as the device says.
+struct Difference {
+    what: &'static str,
+    configured: String,
+    found: String,
+}
+
+/// A vat machine's picture size and pixel pitch.
+fn vat_difference(machine: &DlpMachine, vat: &VatCapabilities) -> Option<Difference> {
     let pixels = |[x, y]: [u32; 2]| format!("{x} × {y} pixels");
-    let (wanted, found) = ([machine.width_px, machine.height_px], [capabilities.width_px, capabilities.height_px]);
+    let (wanted, found) = ([machine.width_px, machine.height_px], [vat.width_px, vat.height_px]);
     if wanted != found {
-        return differs("a picture of", pixels(wanted), pixels(found));
+        return Some(Difference { what: "a picture of", configured: pixels(wanted), found: pixels(found) });
     }
     let pitch = |[x, y]: [u32; 2]| format!("{} × {} µm", f64::from(x) / 1000.0, f64::from(y) / 1000.0);
     let wanted = machine.pixel_um.map(|um| (um * 1000.0).round() as u32);
-    if wanted != capabilities.pixel_nm {
-        return differs("a pixel pitch of", pitch(wanted), pitch(capabilities.pixel_nm));
-    }
-    if capabilities.layer_slots < MIN_SLOTS {
-        return differs(
-            "a device of",
-            format!("{MIN_SLOTS} layer slots or more"),
-            capabilities.layer_slots.to_string(),
-        );
-    }
-    Ok(())
+    (wanted != vat.pixel_nm).then(|| Difference {
+        what: "a pixel pitch of",
+        configured: pitch(wanted),
+        found: pitch(vat.pixel_nm),
+    })
+}
+
+/// The number of slots, which every kind of machine has.
+fn slots_difference(capabilities: &Capabilities) -> Option<Difference> {
+    (capabilities.layer_slots < MIN_SLOTS).then(|| Difference {
+        what: "a device of",
+        configured: format!("{MIN_SLOTS} layer slots or more"),
+        found: capabilities.layer_slots.to_string(),
+    })
 }

@@ -17,7 +17,7 @@ pub enum Event {
     Connected {
         /// From the welcome of this session.
         state: DeviceState,
-        /// Highest plate position of the device ([`crate::link::message::Capabilities::max_position_um`]).
+        /// Highest plate position of the device ([`crate::link::message::VatCapabilities::max_position_um`]).
         max_position_um: i32,
     },
     /// Comes before [`Event::Connected`] for a job without light: the plate is empty, or the operator confirmed that it is.

@@ -30,7 +30,7 @@ pub fn fate(
         let whole = exposure_ms.map_or_else(String::new, |exposure_ms| format!(" of {exposure_ms} ms"));
         return Fate::Unknown(format!("its light was cut short after {light_ms} ms{whole}"));
     }
-    if device.last_exposed.is_some_and(|last| last.job == id.job && last.layer > id.layer) {
+    if device.last_exposed.is_some_and(|last| last.job == id.job && last > id) {
         return Fate::Unknown("the device says it exposed a later layer".into());
     }
     match commanded {

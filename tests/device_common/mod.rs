@@ -7,8 +7,8 @@ use layerd::device::encoding::{encode, picture_crc32};
 use layerd::device::sim::{ActRecord, CoreAction, DlpCore};
 use layerd::layer::{Bitmap, Depth};
 use layerd::link::message::{
-    Capabilities, DeviceKind, DeviceMessage, DeviceState, Encoding, ExposureId, Fault, HostMessage, Reply, Report,
-    Request, Urgent,
+    Capabilities, DeviceMessage, DeviceState, Encoding, ExposureId, Fault, HostMessage, MachineCapabilities, Reply,
+    Report, Request, Urgent, VatCapabilities, VatReply, VatRequest,
 };
 
 pub const WIDTH_PX: u32 = 70;
@@ -16,22 +16,23 @@ pub const HEIGHT_PX: u32 = 20;
 
 pub fn capabilities() -> Capabilities {
     Capabilities {
-        kind: DeviceKind::Dlp,
         name: "bench dlp".into(),
-        width_px: WIDTH_PX,
-        height_px: HEIGHT_PX,
-        pixel_nm: [40_000, 40_000],
         layer_slots: 2,
         window_bytes: 4096,
         largest_frame_bytes: 1024,
         encodings: vec![Encoding::RawBit, Encoding::Group4],
         max_exposure_ms: 60_000,
-        max_position_um: 60_000,
+        machine: MachineCapabilities::Vat(VatCapabilities {
+            width_px: WIDTH_PX,
+            height_px: HEIGHT_PX,
+            pixel_nm: [40_000, 40_000],
+            max_position_um: 60_000,
+        }),
     }
 }
 
 pub fn id(layer: u32) -> ExposureId {
-    ExposureId { job: 0x1234_5678_9abc_def0, layer }
+    ExposureId::first_pass(0x1234_5678_9abc_def0, layer)
 }
 
 /// A picture that no other layer has.
@@ -114,9 +115,9 @@ impl Bench {
 
     /// Exposes to the end.
     pub fn expose(&mut self, id: ExposureId, duration_ms: u32) {
-        let number = self.request(Request::Expose { id, duration_ms, light_pwm: 255 });
+        let number = self.request(Request::Vat(VatRequest::Expose { id, duration_ms, light_pwm: 255 }));
         self.advance(u64::from(duration_ms) * 1000);
-        assert_eq!(self.reply(number), Some(Reply::Exposed { id, duration_ms }));
+        assert_eq!(self.reply(number), Some(Reply::Vat(VatReply::Exposed { id, duration_ms })));
     }
 
     pub fn urgent(&mut self, urgent: Urgent) -> bool {

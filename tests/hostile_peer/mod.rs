@@ -15,7 +15,9 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use layerd::device::sim::{CoreAction, DlpCore};
-use layerd::link::message::{Capabilities, DeviceMessage, DeviceState, HostMessage, Reply, Request, Urgent};
+use layerd::link::message::{
+    Capabilities, DeviceMessage, DeviceState, HostMessage, Reply, Request, Urgent, VatRequest,
+};
 use layerd::link::session::{DeviceEvent, DeviceSession, DeviceSettings, SendError};
 use line::Line;
 pub use stage::{CLEAR_UM, EXPOSURE_MS, LAYER_UM, LIFT_UM, PATIENCE, Stage, side_by_side};
@@ -159,8 +161,8 @@ fn capabilities() -> Capabilities {
 fn set_up() -> DlpCore {
     let mut core = DlpCore::new(capabilities(), 1);
     core.hello(0);
-    core.handle(HostMessage::Request { number: 1, request: Request::Home }, 0);
-    let clear = Request::Move { position_um: CLEAR_UM, speed_um_s: 1_000_000 };
+    core.handle(HostMessage::Request { number: 1, request: Request::Vat(VatRequest::Home) }, 0);
+    let clear = Request::Vat(VatRequest::Move { position_um: CLEAR_UM, speed_um_s: 1_000_000 });
     core.handle(HostMessage::Request { number: 2, request: clear }, SET_UP_US / 2);
     core.advance(SET_UP_US);
     while core.action().is_some() {}
@@ -264,8 +266,8 @@ impl Device {
     }
 
     fn asked(&mut self, number: u32, request: Request, now_us: u64) {
-        self.note(Seen::Asked(request.clone()));
-        self.open.insert(number, request.clone());
+        self.note(Seen::Asked(request));
+        self.open.insert(number, request);
         let mut left = Some(request);
         self.step_in(Moment::Asked(&mut left));
         if let Some(request) = left {

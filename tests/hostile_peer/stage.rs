@@ -239,8 +239,7 @@ impl Stage {
     /// From each order to be dark until the device says that it is, nothing is commanded that moves or shines.
     pub fn assert_nothing_commanded_before_dark(&self) {
         let log = self.log();
-        let is_act =
-            |seen: &Seen| matches!(seen, Seen::Asked(Request::Move { .. } | Request::Home | Request::Expose { .. }));
+        let is_act = |seen: &Seen| matches!(seen, Seen::Asked(Request::Vat(_)));
         for (place, order) in log.iter().enumerate() {
             if !matches!(order.seen, Seen::Urgent(_, Urgent::LightOff)) {
                 continue;

@@ -331,7 +331,7 @@ impl World {
                 assert!(at_um.is_some_and(|at_um| at_um.abs_diff(target_um) <= 25), "layer {layer} at {at_um:?} µm");
                 assert_eq!(duration_ms, [20_000, 11_000, 2000, 2000, 2000][layer as usize]);
                 self.awaited = Some(number);
-                let id = ExposureId { job: KEY, layer };
+                let id = ExposureId::first_pass(KEY, layer);
                 if self.device.last_exposed.is_some_and(|last| last.job == KEY && last.layer >= layer) {
                     return self.answer(number, Outcome::Refused(Refusal::AlreadyExposed));
                 }
@@ -447,7 +447,7 @@ impl World {
             self.end_act();
         } else if upload_us == Some(at_us) {
             if let Some((_, layer, slot)) = self.upload.take() {
-                self.device.slots[usize::from(slot)] = Some(ExposureId { job: KEY, layer });
+                self.device.slots[usize::from(slot)] = Some(ExposureId::first_pass(KEY, layer));
                 self.tell(Event::Uploaded { layer });
             }
         } else if self.reconnect_at_us == Some(at_us) {
@@ -490,7 +490,7 @@ impl World {
                 self.exposed.push(layer);
                 self.device.light_on = false;
                 self.device.exposing = None;
-                self.device.cut_short = hidden.then_some((ExposureId { job: KEY, layer }, 400));
+                self.device.cut_short = hidden.then_some((ExposureId::first_pass(KEY, layer), 400));
                 Outcome::Refused(refusal)
             }
             Act::Expose { layer, duration_ms, .. } => {
@@ -521,7 +521,7 @@ impl World {
 pub(crate) fn world_exposing(layer: u32) -> World {
     let mut world = World::new();
     world.tell(Event::Ready);
-    while world.device.exposing != Some(ExposureId { job: KEY, layer }) {
+    while world.device.exposing != Some(ExposureId::first_pass(KEY, layer)) {
         assert!(world.next_event());
     }
     world

@@ -3,7 +3,7 @@
 
 use std::collections::VecDeque;
 
-use layerd::link::message::{Capabilities, DeviceKind, DeviceState, Encoding};
+use layerd::link::message::{Capabilities, DeviceState, Encoding, MachineCapabilities, VatCapabilities};
 use layerd::link::session::{
     DeviceEvent, DeviceSession, DeviceSettings, HostEvent, HostSession, HostSettings, line_time_us,
 };
@@ -70,17 +70,18 @@ pub(crate) struct Pair {
 /// A small DLP.
 pub(crate) fn capabilities(window_bytes: u32, largest_frame_bytes: u16) -> Capabilities {
     Capabilities {
-        kind: DeviceKind::Dlp,
         name: "test".into(),
-        width_px: 1920,
-        height_px: 1080,
-        pixel_nm: [50_000; 2],
         layer_slots: 2,
         window_bytes,
         largest_frame_bytes,
         encodings: vec![Encoding::RawBit],
         max_exposure_ms: 60_000,
-        max_position_um: 100_000,
+        machine: MachineCapabilities::Vat(VatCapabilities {
+            width_px: 1920,
+            height_px: 1080,
+            pixel_nm: [50_000; 2],
+            max_position_um: 100_000,
+        }),
     }
 }
 

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use layerd::link::message::{Capabilities, DeviceKind, Encoding};
+use layerd::link::message::{Capabilities, Encoding, MachineCapabilities, VatCapabilities};
 use serde_json::Value;
 pub(crate) use skip::skipped;
 
@@ -65,17 +65,18 @@ impl Default for Setup {
 /// What a device says of itself that fits the bench's default machine file.
 pub(crate) fn bench_device() -> Capabilities {
     Capabilities {
-        kind: DeviceKind::Dlp,
         name: "bench".into(),
-        width_px: 400,
-        height_px: 300,
-        pixel_nm: [50_000; 2],
         layer_slots: 2,
         window_bytes: 4096,
         largest_frame_bytes: 1024,
         encodings: vec![Encoding::RawBit, Encoding::Group4],
         max_exposure_ms: 600_000,
-        max_position_um: 100_000,
+        machine: MachineCapabilities::Vat(VatCapabilities {
+            width_px: 400,
+            height_px: 300,
+            pixel_nm: [50_000; 2],
+            max_position_um: 100_000,
+        }),
     }
 }
 

@@ -87,7 +87,8 @@ impl Jobs {
     pub(crate) fn commanded_ms(&self, id: ExposureId, boot_id: u32) -> Option<u32> {
         let job = self.by_key(id.job)?;
         let commanded = Some(Unconfirmed { layer: id.layer, boot_id });
-        job.unconfirmed_ms.filter(|_| job.past.unconfirmed == commanded)
+        let is_commanded = job.past.unconfirmed == commanded && id == ExposureId::first_pass(job.key, id.layer);
+        job.unconfirmed_ms.filter(|_| is_commanded)
     }
 
     /// Every job as operators see it, the oldest first.

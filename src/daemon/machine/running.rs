@@ -12,7 +12,7 @@ use crate::daemon::jobs::opened::spool_text;
 use crate::device::encoding::Choice;
 use crate::device::{DriverEvent, FramedDriver, LightWatch, Outcome, check_fit};
 use crate::job::{Action, Command, Engine, Event, JobPlan, Journal, Record};
-use crate::link::message::{Capabilities, DeviceState, Urgent};
+use crate::link::message::{Capabilities, DeviceState, MachineCapabilities, Urgent, VatCapabilities};
 use crate::pipeline::{EncodedLayer, Layers, Part};
 use crate::stream::{Finished, MemoryBudget, Room};
 
@@ -106,7 +106,7 @@ impl Running {
             Err(misfit) => return self.engine.handle(Event::Unfit(misfit.to_string()), now_us),
         }
         self.driver = Some(FramedDriver::new(self.key));
-        let max_position_um = capabilities.max_position_um;
+        let MachineCapabilities::Vat(VatCapabilities { max_position_um, .. }) = capabilities.machine;
         self.engine.handle(Event::Connected { state: state.clone(), max_position_um }, now_us);
     }
 

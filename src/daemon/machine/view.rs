@@ -3,7 +3,7 @@
 use crate::api::{BudgetView, CutShortView, DeviceInfo, DeviceStateView, DeviceView, ExposureView, JobView, LineView};
 use crate::daemon::jobs::Jobs;
 use crate::device::{DriverEvent, Outcome};
-use crate::link::message::{Capabilities, DeviceKind, DeviceState, ExposureId};
+use crate::link::message::{Capabilities, DeviceState, ExposureId, MachineCapabilities};
 use crate::link::session::{Hindrance, Statistics};
 use crate::stream::MemoryBudget;
 use crate::text::{plain_line, short_name};
@@ -36,23 +36,20 @@ pub(crate) fn line(
 
 /// Updates the view when a device connects.
 pub(crate) fn device_connected(view: &mut DeviceView, capabilities: &Capabilities, state: &DeviceState, jobs: &Jobs) {
-    let kind = match capabilities.kind {
-        DeviceKind::Dlp => "dlp",
-        DeviceKind::Slm => "slm",
-    };
+    let MachineCapabilities::Vat(vat) = &capabilities.machine;
     view.connected = true;
     view.info = Some(DeviceInfo {
         name: capabilities.name.clone(),
-        kind: kind.into(),
-        width_px: capabilities.width_px,
-        height_px: capabilities.height_px,
-        pixel_um: capabilities.pixel_nm.map(|nm| f64::from(nm) / 1000.0),
+        kind: "dlp".into(),
+        width_px: vat.width_px,
+        height_px: vat.height_px,
+        pixel_um: vat.pixel_nm.map(|nm| f64::from(nm) / 1000.0),
         layer_slots: capabilities.layer_slots,
         window_bytes: capabilities.window_bytes,
         largest_frame_bytes: capabilities.largest_frame_bytes,
         encodings: capabilities.encodings.iter().map(|encoding| format!("{encoding:?}")).collect(),
         max_exposure_ms: capabilities.max_exposure_ms,
-        max_position_um: capabilities.max_position_um,
+        max_position_um: vat.max_position_um,
     });
     view.state = Some(state_view(state, jobs));
 }

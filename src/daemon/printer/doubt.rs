@@ -29,6 +29,6 @@ impl Printer {
         let id = self.jobs.interrupted()?;
         let job = self.jobs.get(id)?;
         let commanded = job.past.unconfirmed?;
-        Some((id, ExposureId { job: job.key, layer: commanded.layer }, commanded))
+        Some((id, ExposureId::first_pass(job.key, commanded.layer), commanded))
     }
 }

@@ -136,8 +136,9 @@ impl Printer {
 
     pub(crate) fn send_urgent(&mut self, urgent: Urgent) {
         // An exposure that waits for room must not reach the device after an order to go dark. An abort drops every message.
-        let is_exposure =
-            |message: &mut HostMessage| matches!(message, HostMessage::Request { request: Request::Expose { .. }, .. });
+        let is_exposure = |message: &mut HostMessage| {
+            matches!(message, HostMessage::Request { request: Request::Vat(VatRequest::Expose { .. }), .. })
+        };
         let is_unsent = self.message.as_mut().is_some_and(is_exposure);
         self.message.take_if(|message| urgent == Urgent::Abort || is_exposure(message));
         if urgent == Urgent::LightOff {

@@ -13,7 +13,7 @@ use crate::daemon::jobs::job::{Job, TakeUp};
 use crate::daemon::jobs::sign::{CLEAR_TOLERANCE_UM, Seen, Sign, text, traces};
 use crate::daemon::machine::idle::Idle;
 use crate::job::{Event, Trace};
-use crate::link::message::DeviceState;
+use crate::link::message::{Capabilities, DeviceState, MachineCapabilities};
 
 impl Printer {
     /// The signs that the operator must still confirm before this job, which has had no light, may move the plate down. `state` is
@@ -50,7 +50,11 @@ impl Printer {
         // `as` saturates; the configuration allows two metres.
         let Machine::Dlp(machine) = &self.setting.machine;
         let clear_um = machine.clear_height_um.ceil() as i32;
-        self.capabilities.as_ref().map_or(clear_um, |capabilities| clear_um.min(capabilities.max_position_um))
+        let highest_um = self
+            .capabilities
+            .as_ref()
+            .map(|Capabilities { machine: MachineCapabilities::Vat(vat), .. }| vat.max_position_um);
+        clear_um.min(highest_um.unwrap_or(clear_um))
     }
 
     /// Updates what each queued job waits for; returns the jobs where that changed.

@@ -13,7 +13,8 @@ use std::collections::VecDeque;
 use crate::deadline::Deadline;
 use crate::device::{Act, Outcome};
 use crate::link::message::{
-    DeviceMessage, DeviceState, Encoding, ExposureId, Fault, HostMessage, Refusal, Reply, Report, Request,
+    DeviceMessage, DeviceState, Encoding, ExposureId, Fault, HostMessage, Refusal, Reply, Report, Request, VatReply,
+    VatRequest,
 };
 use crate::text::mm_text;
 
@@ -115,10 +116,10 @@ impl FramedDriver {
             return Err(DriverBusy::ActUnderWay);
         }
         let number = self.request(match act {
-            Act::Home => Request::Home,
-            Act::Move { position_um, speed_um_s } => Request::Move { position_um, speed_um_s },
+            Act::Home => Request::Vat(VatRequest::Home),
+            Act::Move { position_um, speed_um_s } => Request::Vat(VatRequest::Move { position_um, speed_um_s }),
             Act::Expose { layer, duration_ms, light_pwm } => {
-                Request::Expose { id: self.id(layer), duration_ms, light_pwm }
+                Request::Vat(VatRequest::Expose { id: self.id(layer), duration_ms, light_pwm })
             }
         });
         self.act = Some((number, act));
@@ -253,10 +254,10 @@ impl FramedDriver {
 
     fn act_replied(&mut self, act: Act, number: u32, reply: &Reply) -> DriverEvent {
         let outcome = match (act, reply) {
-            (Act::Home | Act::Move { .. }, Reply::Moved { position_um }) => {
+            (Act::Home | Act::Move { .. }, Reply::Vat(VatReply::Moved { position_um })) => {
                 Outcome::Arrived { position_um: *position_um }
             }
-            (Act::Expose { layer, .. }, Reply::Exposed { id, duration_ms }) if *id == self.id(layer) => {
+            (Act::Expose { layer, .. }, Reply::Vat(VatReply::Exposed { id, duration_ms })) if *id == self.id(layer) => {
                 Outcome::Exposed { layer, duration_ms: *duration_ms }
             }
             (_, Reply::Refused(refusal)) => Outcome::Refused(*refusal),
@@ -267,7 +268,7 @@ impl FramedDriver {
     }
 
     fn id(&self, layer: u32) -> ExposureId {
-        ExposureId { job: self.job, layer }
+        ExposureId::first_pass(self.job, layer)
     }
 
     /// Queues a request and returns its number, which the reply repeats.
@@ -305,10 +306,10 @@ fn nonsense(request: &str, reply: &Reply) -> DriverEvent {
     let reply = match reply {
         Reply::Done => "done".into(),
         Reply::State(_) => "a state".into(),
-        Reply::Exposed { id, duration_ms } => {
-            format!("an exposure of {duration_ms} ms of layer {} of job {:016x}", id.layer, id.job)
+        Reply::Vat(VatReply::Exposed { id, duration_ms }) => {
+            format!("an exposure of {duration_ms} ms of layer {}, pass {}, of job {:016x}", id.layer, id.pass, id.job)
         }
-        Reply::Moved { position_um } => format!("a move to {}", mm_text(*position_um)),
+        Reply::Vat(VatReply::Moved { position_um }) => format!("a move to {}", mm_text(*position_um)),
         Reply::Refused(refusal) => format!("a refusal ({refusal:?})"),
     };
     DriverEvent::Misbehaved(format!("the device was asked for {request} and replied with {reply}: check its firmware"))

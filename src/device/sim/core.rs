@@ -16,6 +16,7 @@ use super::log::ActRecord;
 use crate::layer::Bitmap;
 use crate::link::message::{
     Capabilities, DeviceMessage, DeviceState, ExposureId, Fault, HostMessage, Refusal, Reply, Report, Request, Urgent,
+    VatReply, VatRequest,
 };
 
 /// Where the plate stands before the first homing. Only the simulation knows it.
@@ -85,7 +86,7 @@ pub struct DlpCore {
     upload: Option<Upload>,
     exposure: Option<Exposure>,
     motion: Option<Motion>,
-    waiting: Option<(u32, Request)>,
+    waiting: Option<(u32, VatRequest)>,
     position_um: i32,
     homed: bool,
     /// Kept across resets, as in a real device's non-volatile memory.
@@ -233,7 +234,7 @@ impl DlpCore {
             Urgent::Release if self.readiness == Readiness::Held => {
                 self.readiness = Readiness::Ready;
                 if let Some((number, request)) = self.waiting.take() {
-                    self.request(number, &request);
+                    self.request(number, Request::Vat(request));
                 }
             }
             Urgent::Hold | Urgent::Release => {}
@@ -258,45 +259,46 @@ impl DlpCore {
     pub fn handle(&mut self, message: HostMessage, now_us: u64) {
         self.advance(now_us);
         match message {
-            HostMessage::Request { number, request } => self.request(number, &request),
+            HostMessage::Request { number, request } => self.request(number, request),
             HostMessage::LayerData(bytes) => self.layer_data(&bytes),
         }
     }
 
-    fn request(&mut self, number: u32, request: &Request) {
-        let result = match *request {
+    fn request(&mut self, number: u32, request: Request) {
+        let (result, (what, id)) = match request {
             Request::State => {
                 let state = self.state();
                 self.reply(Some(number), Reply::State(state));
                 return;
             }
             Request::LayerBegin { slot, id, encoding, encoded_bytes, decoded_crc32 } => {
-                self.layer_begin(number, slot, id, (encoding, encoded_bytes, decoded_crc32))
+                let layer = (encoding, encoded_bytes, decoded_crc32);
+                (self.layer_begin(number, slot, id, layer), ("layer_begin", Some(id)))
             }
-            Request::Expose { .. } | Request::Home | Request::Move { .. } => self.begin_act(number, request),
+            Request::Vat(request) => (self.begin_act(number, request), act_named(request)),
         };
         if let Err(refusal) = result {
-            self.refuse(number, request, refusal);
+            self.refused(number, id, what, refusal);
         }
     }
 
-    fn begin_act(&mut self, number: u32, request: &Request) -> Result<(), Refusal> {
+    fn begin_act(&mut self, number: u32, request: VatRequest) -> Result<(), Refusal> {
         self.check_ready()?;
         if self.readiness == Readiness::Held {
             if self.waiting.is_some() {
                 return Err(Refusal::Busy);
             }
-            self.waiting = Some((number, request.clone()));
+            self.waiting = Some((number, request));
             return Ok(());
         }
         // Light while the plate moves would smear the layer.
         if self.exposure.is_some() || self.motion.is_some() {
             return Err(Refusal::Busy);
         }
-        match *request {
-            Request::Expose { id, duration_ms, light_pwm } => self.expose(number, id, duration_ms, light_pwm),
-            Request::Move { position_um, speed_um_s } => self.begin_move(number, position_um, speed_um_s),
-            _ => {
+        match request {
+            VatRequest::Expose { id, duration_ms, light_pwm } => self.expose(number, id, duration_ms, light_pwm),
+            VatRequest::Move { position_um, speed_um_s } => self.begin_move(number, position_um, speed_um_s),
+            VatRequest::Home => {
                 self.begin_motion(number, 0, HOMING_SPEED_UM_S, true);
                 Ok(())
             }
@@ -312,7 +314,7 @@ impl DlpCore {
         if duration_ms == 0 || light_pwm == 0 || duration_ms > self.capabilities.max_exposure_ms {
             return Err(Refusal::BadDuration);
         }
-        if self.last_exposed.is_some_and(|last| last.job == id.job && id.layer <= last.layer) {
+        if self.last_exposed.is_some_and(|last| last.job == id.job && id <= last) {
             return Err(Refusal::AlreadyExposed);
         }
         let held = |slot: &Option<(ExposureId, Bitmap)>| slot.as_ref().is_some_and(|(held, _)| *held == id);
@@ -333,7 +335,7 @@ impl DlpCore {
             self.actions.push_back(CoreAction::Picture(id.layer, picture));
         }
         self.record(ActRecord { duration_ms: Some(duration_ms), ..of_layer("exposed", id) });
-        self.reply(number, Reply::Exposed { id, duration_ms });
+        self.reply(number, Reply::Vat(VatReply::Exposed { id, duration_ms }));
     }
 
     fn cut_exposure(&mut self, reason: &str) {
@@ -358,17 +360,6 @@ impl DlpCore {
         }
     }
 
-    fn refuse(&mut self, number: u32, request: &Request, refusal: Refusal) {
-        let (what, id) = match request {
-            Request::State => ("state", None),
-            Request::LayerBegin { id, .. } => ("layer_begin", Some(*id)),
-            Request::Expose { id, .. } => ("expose", Some(*id)),
-            Request::Home => ("home", None),
-            Request::Move { .. } => ("move", None),
-        };
-        self.refused(number, id, what, refusal);
-    }
-
     fn refused(&mut self, number: u32, id: Option<ExposureId>, what: &str, refusal: Refusal) {
         self.statistics.refused += 1;
         let reason = Some(format!("{what}: {refusal:?}"));
@@ -389,6 +380,15 @@ impl DlpCore {
 
     fn record(&mut self, record: ActRecord) {
         self.actions.push_back(CoreAction::Record(ActRecord { t_ms: self.now_us / 1000, ..record }));
+    }
+}
+
+/// The name of a request in the log, and its exposure.
+fn act_named(request: VatRequest) -> (&'static str, Option<ExposureId>) {
+    match request {
+        VatRequest::Expose { id, .. } => ("expose", Some(id)),
+        VatRequest::Home => ("home", None),
+        VatRequest::Move { .. } => ("move", None),
     }
 }
 

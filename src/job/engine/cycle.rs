@@ -104,7 +104,7 @@ impl Engine {
 
     /// Identifies the exposure of the next layer.
     pub(super) fn exposure_id(&self) -> ExposureId {
-        ExposureId { job: self.plan.key, layer: self.next_layer }
+        ExposureId::first_pass(self.plan.key, self.next_layer)
     }
 
     /// The device has received the act under way. The machine stood still until then.

@@ -218,7 +218,7 @@ impl Engine {
     pub(super) fn take_stock(&mut self, now_us: u64) {
         let state = self.device.clone();
         if let Some(commanded) = self.unconfirmed.filter(|commanded| commanded.boot_id == state.boot_id) {
-            let id = ExposureId { job: self.plan.key, layer: commanded.layer };
+            let id = ExposureId::first_pass(self.plan.key, commanded.layer);
             if state.exposing == Some(id) {
                 self.light.found(id, self.plan.recipe.layer_exposure_ms(commanded.layer), now_us);
             }

@@ -1,6 +1,6 @@
 //! Which layers the device holds, and which one to send next.
 
-use crate::link::message::{DeviceState, Refusal};
+use crate::link::message::{DeviceState, ExposureId, Refusal};
 
 /// Refusals in a row after which a layer is not sent again. The line repairs its own errors, so a second refusal already means
 /// that the device cannot decode the layer.
@@ -29,7 +29,7 @@ pub(super) struct Wanted {
 impl Uploads {
     /// Takes the slots from the state of a new session. An upload under way is void.
     pub(super) fn reset(&mut self, key: u64, state: &DeviceState) {
-        let ours = |slot: &Option<_>| slot.filter(|id: &crate::link::message::ExposureId| id.job == key);
+        let ours = |slot: &Option<ExposureId>| slot.filter(|id| *id == ExposureId::first_pass(key, id.layer));
         self.slots = state.slots.iter().map(|slot| ours(slot).map(|id| id.layer)).collect();
         self.cancel();
     }

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use crate::link::message::{Capabilities, DeviceMessage, DeviceState, HostMessage, Refusal, Reply, Urgent};
 use crate::link::wire::{
-    Ack, Decoded, Frame, FrameKind, Hello, HelloRefused, MIN_HOST_FRAME_BYTES, PROTOCOL_VERSION, UrgentDone, Welcome,
+    Ack, Decoded, Frame, FrameKind, Hello, HelloRefused, MIN_HOST_FRAME_BYTES, UrgentDone, VERSIONS, Welcome,
     WireError, decode_host_message, decode_urgent, encode_device_message,
 };
 
@@ -81,10 +81,12 @@ enum Phase {
     Greeted {
         session_id: u32,
         hello: Hello,
+        version: u16,
     },
     /// `confirmed` once the host was heard in the session, so it has the welcome.
     Open {
         endpoint: Box<Endpoint>,
+        version: u16,
         confirmed: bool,
     },
 }
@@ -145,10 +147,10 @@ impl DeviceSession {
             return;
         };
         let session_id = frame.session_id;
-        if hello.version != PROTOCOL_VERSION {
-            let refused = HelloRefused::Version { lowest: PROTOCOL_VERSION, highest: PROTOCOL_VERSION };
+        let Some(version) = VERSIONS.highest_common(hello.versions) else {
+            let refused = HelloRefused::Version { device: VERSIONS };
             return self.answer(FrameKind::HelloRefused, session_id, 0, refused.encode());
-        }
+        };
         if hello.largest_frame_bytes < MIN_HOST_FRAME_BYTES || hello.window_bytes < u32::from(MIN_HOST_FRAME_BYTES) {
             return self.answer(FrameKind::HelloRefused, session_id, 0, HelloRefused::Limits.encode());
         }
@@ -157,12 +159,12 @@ impl DeviceSession {
             return;
         }
         match &self.phase {
-            Phase::Open { endpoint, confirmed: true } if endpoint.session_id() == session_id => {
+            Phase::Open { endpoint, confirmed: true, .. } if endpoint.session_id() == session_id => {
                 self.line.statistics.stale_frames += 1;
                 return;
             }
-            Phase::Open { endpoint, confirmed: false } if endpoint.session_id() == session_id => {}
-            _ => self.greet(session_id, hello),
+            Phase::Open { endpoint, confirmed: false, .. } if endpoint.session_id() == session_id => {}
+            _ => self.greet(session_id, hello, version),
         }
         let event = DeviceEvent::Hello { session_id };
         if !self.events.contains(&event) {
@@ -171,13 +173,13 @@ impl DeviceSession {
     }
 
     /// Ends the old session, if any, and begins a new one.
-    fn greet(&mut self, session_id: u32, hello: Hello) {
+    fn greet(&mut self, session_id: u32, hello: Hello, version: u16) {
         self.close();
         self.events.clear();
         self.answers.clear();
         self.urgents.clear();
         self.last_hold = None;
-        self.phase = Phase::Greeted { session_id, hello };
+        self.phase = Phase::Greeted { session_id, hello, version };
     }
 
     fn close(&mut self) {
@@ -193,10 +195,10 @@ impl DeviceSession {
     /// Answers a [`DeviceEvent::Hello`]. Does nothing if there was none.
     pub fn welcome(&mut self, state: &DeviceState, now_us: u64) {
         self.now_us = now_us;
-        let session_id = match &self.phase {
+        let (session_id, version) = match &self.phase {
             Phase::Closed => return,
-            Phase::Open { endpoint, .. } => endpoint.session_id(),
-            Phase::Greeted { session_id, hello } => {
+            Phase::Open { endpoint, version, .. } => (endpoint.session_id(), *version),
+            Phase::Greeted { session_id, hello, version } => {
                 let terms = Terms {
                     session_id: *session_id,
                     baud: self.settings.baud,
@@ -205,14 +207,13 @@ impl DeviceSession {
                     own_window_bytes: usize::try_from(self.capabilities.window_bytes).unwrap_or(usize::MAX),
                     first_sequence: self.first_sequence,
                 };
-                let session_id = *session_id;
+                let (session_id, version) = (*session_id, *version);
                 let endpoint = Box::new(Endpoint::new(&terms, now_us));
-                self.phase = Phase::Open { endpoint, confirmed: false };
-                session_id
+                self.phase = Phase::Open { endpoint, version, confirmed: false };
+                (session_id, version)
             }
         };
-        let welcome =
-            Welcome { version: PROTOCOL_VERSION, capabilities: self.capabilities.clone(), state: state.clone() };
+        let welcome = Welcome { version, capabilities: self.capabilities.clone(), state: state.clone() };
         self.answer(FrameKind::Welcome, session_id, 0, welcome.encode());
     }
 
@@ -220,7 +221,7 @@ impl DeviceSession {
         let now_us = self.now_us;
         let Frame { kind, session_id, sequence, ref payload } = decoded.frame;
         match &mut self.phase {
-            Phase::Open { endpoint, confirmed } if endpoint.session_id() == session_id => {
+            Phase::Open { endpoint, confirmed, .. } if endpoint.session_id() == session_id => {
                 *confirmed = true;
                 endpoint.heard(now_us);
                 match kind {

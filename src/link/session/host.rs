@@ -8,8 +8,8 @@ pub use event::{HelloRefusal, HostEvent, LostReason};
 
 use crate::link::message::{DeviceMessage, DeviceState, HostMessage, Reply, Urgent};
 use crate::link::wire::{
-    Ack, Decoded, Frame, FrameKind, Hello, HelloRefused, MAX_SLOTS, MIN_FRAME_BYTES, PROTOCOL_VERSION, UrgentDone,
-    Welcome, WireError, decode_device_message, encode_host_message, encode_urgent,
+    Ack, Decoded, Frame, FrameKind, Hello, HelloRefused, MAX_SLOTS, MIN_FRAME_BYTES, UrgentDone, VERSIONS, Welcome,
+    WireError, decode_device_message, encode_host_message, encode_urgent,
 };
 
 use super::endpoint::{Endpoint, Terms};
@@ -137,14 +137,16 @@ impl HostSession {
         match (&mut self.phase, kind) {
             (Phase::Greeting { .. }, FrameKind::Welcome) => match Welcome::decode(payload) {
                 Ok(welcome) => self.open(welcome),
+                // All of `VERSIONS` were offered, so this one was not.
                 Err(WireError::OtherVersion { version }) => {
-                    self.refuse(HelloRefusal::Version { lowest: version, highest: version });
+                    self.refuse(HelloRefusal::NotOffered { host: VERSIONS, chosen: version });
                 }
+                Err(WireError::UnknownMachine { kind }) => self.refuse(HelloRefusal::UnknownMachine { kind }),
                 Err(error) => self.refuse(HelloRefusal::BadWelcome(error)),
             },
             (Phase::Greeting { .. }, FrameKind::HelloRefused) => match HelloRefused::decode(payload) {
-                Ok(HelloRefused::Version { lowest, highest }) => {
-                    self.refuse(HelloRefusal::Version { lowest, highest });
+                Ok(HelloRefused::Version { device }) => {
+                    self.refuse(HelloRefusal::Version { host: VERSIONS, device });
                 }
                 Ok(HelloRefused::Limits) => self.refuse(HelloRefusal::Limits),
                 Err(error) => self.refuse(HelloRefusal::BadWelcome(error)),
@@ -231,11 +233,8 @@ impl HostSession {
                     return None;
                 }
                 *hello_at_us = now_us + HELLO_REPEAT_US;
-                let hello = Hello {
-                    version: PROTOCOL_VERSION,
-                    window_bytes: WINDOW_BYTES,
-                    largest_frame_bytes: MAX_FRAME_BYTES,
-                };
+                let hello =
+                    Hello { versions: VERSIONS, window_bytes: WINDOW_BYTES, largest_frame_bytes: MAX_FRAME_BYTES };
                 Some(self.line.frame(FrameKind::Hello, self.session_id, 0, &hello.encode()))
             }
             Phase::Open(endpoint) => {

@@ -1,22 +1,23 @@
 //! Tests that need private parts: sequence numbers that wrap around.
 
 use super::{DeviceEvent, DeviceSession, DeviceSettings, HostEvent, HostSession, HostSettings};
-use crate::link::message::{Capabilities, DeviceKind, DeviceState, HostMessage};
+use crate::link::message::{Capabilities, DeviceState, HostMessage, MachineCapabilities, VatCapabilities};
 
 #[test]
 fn sequences_wrap_around() {
     let capabilities = Capabilities {
-        kind: DeviceKind::Dlp,
         name: "test".into(),
-        width_px: 16,
-        height_px: 16,
-        pixel_nm: [50_000; 2],
         layer_slots: 2,
         window_bytes: 256,
         largest_frame_bytes: 64,
         encodings: Vec::new(),
         max_exposure_ms: 1,
-        max_position_um: 1,
+        machine: MachineCapabilities::Vat(VatCapabilities {
+            width_px: 16,
+            height_px: 16,
+            pixel_nm: [50_000; 2],
+            max_position_um: 1,
+        }),
     };
     let first = u32::MAX - 20;
     let mut host = HostSession::new(7, HostSettings { baud: 115_200, escaped: false }, 0).starting_at(first);

@@ -40,11 +40,17 @@ pub enum WireError {
         /// The kind's code.
         kind: u8,
     },
-    /// A welcome of another protocol version. Nothing after the version is read.
+    /// A welcome of a version that is not known here. Nothing after the version is read.
     #[error("version {version} of the protocol is not known here")]
     OtherVersion {
         /// The version it names.
         version: u16,
+    },
+    /// A machine of a kind that is not known here. Nothing after the kind is read.
+    #[error("machines of kind {kind} are not known here")]
+    UnknownMachine {
+        /// The kind's code.
+        kind: u8,
     },
     /// A text that is not UTF-8.
     #[error("{field} is not UTF-8")]

@@ -6,14 +6,34 @@ use alloc::vec::Vec;
 
 use super::bytes::{Reader, WireError, Writer};
 use super::message::{
-    Capabilities, DeviceKind, DeviceMessage, DeviceState, Encoding, ExposureId, Fault, HostMessage, Refusal, Reply,
-    Report, Request,
+    Capabilities, DeviceMessage, DeviceState, Encoding, ExposureId, Fault, HostMessage, MachineCapabilities, Refusal,
+    Reply, Report, Request, VatCapabilities, VatReply, VatRequest,
 };
 
+// Kinds of messages.
 const REQUEST: u8 = 0x01;
 const LAYER_DATA: u8 = 0x02;
 const REPLY: u8 = 0x81;
 const REPORT: u8 = 0x82;
+
+// Kinds of machines. 2 is reserved for machines that melt powder with a laser.
+const VAT: u8 = 1;
+
+// Requests and replies: 0x01 to 0x1F are for every machine, 0x20 to 0x3F for vats. 0x40 to 0x5F are reserved for powder.
+const STATE: u8 = 0x01;
+const LAYER_BEGIN: u8 = 0x02;
+const EXPOSE: u8 = 0x20;
+const HOME: u8 = 0x21;
+const MOVE: u8 = 0x22;
+
+const DONE: u8 = 0x01;
+const STATE_IS: u8 = 0x02;
+const REFUSED: u8 = 0x03;
+const EXPOSED: u8 = 0x20;
+const MOVED: u8 = 0x21;
+
+// Reports.
+const FAULT: u8 = 0x01;
 
 /// Longest device name, bytes.
 const MAX_NAME_BYTES: u8 = 64;
@@ -66,7 +86,7 @@ pub fn encode_device_message(message: &DeviceMessage) -> Vec<u8> {
             write_reply(&mut writer, reply);
         }
         DeviceMessage::Report(Report::Fault(fault)) => {
-            writer.u8(REPORT).u8(1).option(fault.as_ref(), write_fault);
+            writer.u8(REPORT).u8(FAULT).option(fault.as_ref(), write_fault);
         }
     }
     writer.finish()
@@ -81,7 +101,7 @@ pub fn decode_device_message(payload: &[u8]) -> Result<DeviceMessage, WireError>
     let message = match reader.u8("message")? {
         REPLY => DeviceMessage::Reply { number: reader.u32("number")?, reply: read_reply(&mut reader)? },
         REPORT => match reader.u8("report")? {
-            1 => DeviceMessage::Report(Report::Fault(reader.option("fault", read_fault)?)),
+            FAULT => DeviceMessage::Report(Report::Fault(reader.option("fault", read_fault)?)),
             kind => return Err(WireError::UnknownReport { kind }),
         },
         other => return Err(WireError::BadValue { field: "message", value: other.into() }),
@@ -93,44 +113,47 @@ pub fn decode_device_message(payload: &[u8]) -> Result<DeviceMessage, WireError>
 fn write_request(writer: &mut Writer, request: &Request) {
     match request {
         Request::State => {
-            writer.u8(1);
+            writer.u8(STATE);
         }
         Request::LayerBegin { slot, id, encoding, encoded_bytes, decoded_crc32 } => {
-            writer.u8(2).u8(*slot);
+            writer.u8(LAYER_BEGIN).u8(*slot);
             write_id(writer, id);
             writer.u8(*encoding as u8).u32(*encoded_bytes).u32(*decoded_crc32);
         }
-        Request::Expose { id, duration_ms, light_pwm } => {
-            writer.u8(3);
+        Request::Vat(VatRequest::Expose { id, duration_ms, light_pwm }) => {
+            writer.u8(EXPOSE);
             write_id(writer, id);
             writer.u32(*duration_ms).u8(*light_pwm);
         }
-        Request::Home => {
-            writer.u8(4);
+        Request::Vat(VatRequest::Home) => {
+            writer.u8(HOME);
         }
-        Request::Move { position_um, speed_um_s } => {
-            writer.u8(5).i32(*position_um).u32(*speed_um_s);
+        Request::Vat(VatRequest::Move { position_um, speed_um_s }) => {
+            writer.u8(MOVE).i32(*position_um).u32(*speed_um_s);
         }
     }
 }
 
 fn read_request(reader: &mut Reader<'_>) -> Result<Request, WireError> {
     Ok(match reader.u8("request")? {
-        1 => Request::State,
-        2 => Request::LayerBegin {
+        STATE => Request::State,
+        LAYER_BEGIN => Request::LayerBegin {
             slot: reader.u8("slot")?,
             id: read_id(reader)?,
             encoding: read_encoding(reader)?,
             encoded_bytes: reader.u32("encoded_bytes")?,
             decoded_crc32: reader.u32("decoded_crc32")?,
         },
-        3 => Request::Expose {
+        EXPOSE => Request::Vat(VatRequest::Expose {
             id: read_id(reader)?,
             duration_ms: reader.u32("duration_ms")?,
             light_pwm: reader.u8("light_pwm")?,
-        },
-        4 => Request::Home,
-        5 => Request::Move { position_um: reader.i32("position_um")?, speed_um_s: reader.u32("speed_um_s")? },
+        }),
+        HOME => Request::Vat(VatRequest::Home),
+        MOVE => Request::Vat(VatRequest::Move {
+            position_um: reader.i32("position_um")?,
+            speed_um_s: reader.u32("speed_um_s")?,
+        }),
         other => return Err(WireError::BadValue { field: "request", value: other.into() }),
     })
 }
@@ -138,66 +161,61 @@ fn read_request(reader: &mut Reader<'_>) -> Result<Request, WireError> {
 fn write_reply(writer: &mut Writer, reply: &Reply) {
     match reply {
         Reply::Done => {
-            writer.u8(1);
+            writer.u8(DONE);
         }
         Reply::State(state) => {
-            writer.u8(2);
+            writer.u8(STATE_IS);
             write_state(writer, state);
         }
-        Reply::Exposed { id, duration_ms } => {
-            writer.u8(3);
+        Reply::Refused(refusal) => {
+            writer.u8(REFUSED).u8(*refusal as u8);
+        }
+        Reply::Vat(VatReply::Exposed { id, duration_ms }) => {
+            writer.u8(EXPOSED);
             write_id(writer, id);
             writer.u32(*duration_ms);
         }
-        Reply::Moved { position_um } => {
-            writer.u8(4).i32(*position_um);
-        }
-        Reply::Refused(refusal) => {
-            writer.u8(5).u8(*refusal as u8);
+        Reply::Vat(VatReply::Moved { position_um }) => {
+            writer.u8(MOVED).i32(*position_um);
         }
     }
 }
 
 fn read_reply(reader: &mut Reader<'_>) -> Result<Reply, WireError> {
     Ok(match reader.u8("reply")? {
-        1 => Reply::Done,
-        2 => Reply::State(read_state(reader)?),
-        3 => Reply::Exposed { id: read_id(reader)?, duration_ms: reader.u32("duration_ms")? },
-        4 => Reply::Moved { position_um: reader.i32("position_um")? },
-        5 => Reply::Refused(read_refusal(reader)?),
+        DONE => Reply::Done,
+        STATE_IS => Reply::State(read_state(reader)?),
+        REFUSED => Reply::Refused(read_refusal(reader)?),
+        EXPOSED => Reply::Vat(VatReply::Exposed { id: read_id(reader)?, duration_ms: reader.u32("duration_ms")? }),
+        MOVED => Reply::Vat(VatReply::Moved { position_um: reader.i32("position_um")? }),
         other => return Err(WireError::BadValue { field: "reply", value: other.into() }),
     })
 }
 
 pub(super) fn write_capabilities(writer: &mut Writer, capabilities: &Capabilities) {
     writer
-        .u8(capabilities.kind as u8)
         .text(&capabilities.name, MAX_NAME_BYTES)
-        .u32(capabilities.width_px)
-        .u32(capabilities.height_px)
-        .u32(capabilities.pixel_nm[0])
-        .u32(capabilities.pixel_nm[1])
         .u8(capabilities.layer_slots)
         .u32(capabilities.window_bytes)
         .u16(capabilities.largest_frame_bytes)
         .list(&capabilities.encodings, MAX_ENCODINGS, |writer, encoding| {
             writer.u8(*encoding as u8);
         })
-        .u32(capabilities.max_exposure_ms)
-        .i32(capabilities.max_position_um);
+        .u32(capabilities.max_exposure_ms);
+    match &capabilities.machine {
+        MachineCapabilities::Vat(vat) => writer
+            .u8(VAT)
+            .u32(vat.width_px)
+            .u32(vat.height_px)
+            .u32(vat.pixel_nm[0])
+            .u32(vat.pixel_nm[1])
+            .i32(vat.max_position_um),
+    };
 }
 
 pub(super) fn read_capabilities(reader: &mut Reader<'_>) -> Result<Capabilities, WireError> {
     Ok(Capabilities {
-        kind: match reader.u8("kind")? {
-            1 => DeviceKind::Dlp,
-            2 => DeviceKind::Slm,
-            other => return Err(WireError::BadValue { field: "kind", value: other.into() }),
-        },
         name: reader.text("name", MAX_NAME_BYTES.into())?,
-        width_px: reader.u32("width_px")?,
-        height_px: reader.u32("height_px")?,
-        pixel_nm: [reader.u32("pixel_nm")?, reader.u32("pixel_nm")?],
         layer_slots: reader.u8("layer_slots")?,
         window_bytes: reader.u32("window_bytes")?,
         largest_frame_bytes: reader.u16("largest_frame_bytes")?,
@@ -208,7 +226,15 @@ pub(super) fn read_capabilities(reader: &mut Reader<'_>) -> Result<Capabilities,
             .filter_map(encoding_from_code)
             .collect(),
         max_exposure_ms: reader.u32("max_exposure_ms")?,
-        max_position_um: reader.i32("max_position_um")?,
+        machine: match reader.u8("machine")? {
+            VAT => MachineCapabilities::Vat(VatCapabilities {
+                width_px: reader.u32("width_px")?,
+                height_px: reader.u32("height_px")?,
+                pixel_nm: [reader.u32("pixel_nm")?, reader.u32("pixel_nm")?],
+                max_position_um: reader.i32("max_position_um")?,
+            }),
+            kind => return Err(WireError::UnknownMachine { kind }),
+        },
     })
 }
 
@@ -247,11 +273,11 @@ pub(super) fn read_state(reader: &mut Reader<'_>) -> Result<DeviceState, WireErr
 }
 
 fn write_id(writer: &mut Writer, id: &ExposureId) {
-    writer.u64(id.job).u32(id.layer);
+    writer.u64(id.job).u32(id.layer).u8(id.pass);
 }
 
 fn read_id(reader: &mut Reader<'_>) -> Result<ExposureId, WireError> {
-    Ok(ExposureId { job: reader.u64("job")?, layer: reader.u32("layer")? })
+    Ok(ExposureId { job: reader.u64("job")?, layer: reader.u32("layer")?, pass: reader.u8("pass")? })
 }
 
 fn write_fault(writer: &mut Writer, fault: &Fault) {

@@ -7,12 +7,13 @@ use alloc::vec::Vec;
 use super::bytes::{Reader, WireError, Writer};
 use super::codec::{read_capabilities, read_state, write_capabilities, write_state};
 use super::message::{Capabilities, DeviceState, Urgent};
+use super::version::{VERSIONS, VersionRange};
 
 /// What the host states when it opens a session.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Hello {
-    /// Version that the host speaks.
-    pub version: u16,
+    /// Versions that the host speaks.
+    pub versions: VersionRange,
     /// Most unacknowledged bytes of data frames that the device may have in flight.
     pub window_bytes: u32,
     /// Largest frame that the host takes, delimiter included.
@@ -22,7 +23,7 @@ pub struct Hello {
 /// What the device states when it accepts.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Welcome {
-    /// Version of the session.
+    /// Version of the session: the highest that both ends speak.
     pub version: u16,
     /// What the device is.
     pub capabilities: Capabilities,
@@ -33,12 +34,10 @@ pub struct Welcome {
 /// Why a device does not accept a hello.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HelloRefused {
-    /// It does not speak the host's version.
+    /// It speaks none of the host's versions.
     Version {
-        /// Lowest version it speaks.
-        lowest: u16,
-        /// Highest version it speaks.
-        highest: u16,
+        /// The versions it speaks.
+        device: VersionRange,
     },
     /// The host's window or largest frame is below the limit of the protocol.
     Limits,
@@ -67,24 +66,23 @@ pub struct UrgentDone {
 impl Hello {
     /// The payload.
     pub fn encode(&self) -> Vec<u8> {
-        Writer::default().u16(self.version).u32(self.window_bytes).u16(self.largest_frame_bytes).finish()
+        let mut writer = Writer::default();
+        write_versions(&mut writer, self.versions);
+        writer.u32(self.window_bytes).u16(self.largest_frame_bytes).finish()
     }
 
-    /// Reads a payload. Version and both limits come first in every version; later versions may append fields.
+    /// Reads a payload. These fields come first in every version of the protocol. A later version may append fields, which are
+    /// ignored.
     ///
     /// # Errors
-    /// [`WireError`] if it is too short, or too long for version 1.
+    /// [`WireError::Short`] if it is too short.
     pub fn decode(payload: &[u8]) -> Result<Self, WireError> {
         let mut reader = Reader::new(payload);
-        let hello = Self {
-            version: reader.u16("version")?,
+        Ok(Self {
+            versions: read_versions(&mut reader)?,
             window_bytes: reader.u32("window_bytes")?,
             largest_frame_bytes: reader.u16("largest_frame_bytes")?,
-        };
-        if hello.version == super::PROTOCOL_VERSION {
-            reader.end()?;
-        }
-        Ok(hello)
+        })
     }
 }
 
@@ -98,14 +96,14 @@ impl Welcome {
         writer.finish()
     }
 
-    /// Reads a payload. The version comes first in every version; for another version nothing else is read.
+    /// Reads a payload. The version comes first in every version of the protocol.
     ///
     /// # Errors
-    /// [`WireError::OtherVersion`], or another [`WireError`] that names the field that does not fit.
+    /// [`WireError::OtherVersion`] if the version is not one of [`VERSIONS`], then nothing else is read; or another [`WireError`] that names the field that does not fit.
     pub fn decode(payload: &[u8]) -> Result<Self, WireError> {
         let mut reader = Reader::new(payload);
         let version = reader.u16("version")?;
-        if version != super::PROTOCOL_VERSION {
+        if !VERSIONS.contains(version) {
             return Err(WireError::OtherVersion { version });
         }
         let (capabilities, state) = (read_capabilities(&mut reader)?, read_state(&mut reader)?);
@@ -123,7 +121,7 @@ impl HelloRefused {
     pub fn encode(&self) -> Vec<u8> {
         let mut writer = Writer::default();
         match *self {
-            Self::Version { lowest, highest } => writer.u8(1).u16(lowest).u16(highest),
+            Self::Version { device } => write_versions(writer.u8(1), device),
             Self::Limits => writer.u8(2),
         };
         writer.finish()
@@ -136,7 +134,7 @@ impl HelloRefused {
     pub fn decode(payload: &[u8]) -> Result<Self, WireError> {
         let mut reader = Reader::new(payload);
         let refused = match reader.u8("reason")? {
-            1 => Self::Version { lowest: reader.u16("lowest")?, highest: reader.u16("highest")? },
+            1 => Self::Version { device: read_versions(&mut reader)? },
             2 => Self::Limits,
             other => return Err(WireError::BadValue { field: "reason", value: other.into() }),
         };
@@ -184,6 +182,14 @@ impl UrgentDone {
         reader.end()?;
         Ok(done)
     }
+}
+
+fn write_versions(writer: &mut Writer, versions: VersionRange) -> &mut Writer {
+    writer.u16(versions.lowest).u16(versions.highest)
+}
+
+fn read_versions(reader: &mut Reader<'_>) -> Result<VersionRange, WireError> {
+    Ok(VersionRange { lowest: reader.u16("lowest")?, highest: reader.u16("highest")? })
 }
 
 /// The payload of an urgent frame.

@@ -8,23 +8,22 @@ extern crate alloc;
 use alloc::string::String;
 use alloc::vec::Vec;
 
-/// Identifies an exposure for all time: the job's key (random, drawn by the host when it accepts the job) and the layer.
+/// Identifies an exposure for all time. Both ends compare it whole. The exposures of a job are ordered by layer, then by pass.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct ExposureId {
-    /// Key of the job, never 0.
+    /// Key of the job: random, drawn by the host when it accepts the job, never 0.
     pub job: u64,
     /// Layer number, from 0.
     pub layer: u32,
+    /// Number of the exposure within the layer, from 0.
+    pub pass: u8,
 }
 
-/// Kind of machine at the other end.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u8)]
-pub enum DeviceKind {
-    /// Resin, a projector or masked panel.
-    Dlp = 1,
-    /// Metal powder, a laser.
-    Slm = 2,
+impl ExposureId {
+    /// The first exposure of a layer: pass 0. A layer of a vat machine has no other.
+    pub const fn first_pass(job: u64, layer: u32) -> Self {
+        Self { job, layer, pass: 0 }
+    }
 }
 
 /// How the pixels of a layer are encoded.
@@ -44,16 +43,8 @@ pub enum Encoding {
 /// What the device is and can do. Fixed from its start to its next reset.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Capabilities {
-    /// Kind of machine.
-    pub kind: DeviceKind,
     /// Model and firmware, for people; at most 64 bytes of UTF-8.
     pub name: String,
-    /// Pixels a row.
-    pub width_px: u32,
-    /// Rows.
-    pub height_px: u32,
-    /// Pixel pitch, nanometres.
-    pub pixel_nm: [u32; 2],
     /// Layers the device can hold, at least 2.
     pub layer_slots: u8,
     /// Size of its receive buffer, bytes: the most unacknowledged bytes in flight.
@@ -64,6 +55,26 @@ pub struct Capabilities {
     pub encodings: Vec<Encoding>,
     /// Longest exposure that it allows, milliseconds.
     pub max_exposure_ms: u32,
+    /// What only machines of its kind have.
+    pub machine: MachineCapabilities,
+}
+
+/// What a machine is and can do, by its kind.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum MachineCapabilities {
+    /// Resin in a vat, exposed by a projector or a masked panel (DLP).
+    Vat(VatCapabilities),
+}
+
+/// What a vat machine is and can do.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct VatCapabilities {
+    /// Pixels a row.
+    pub width_px: u32,
+    /// Rows.
+    pub height_px: u32,
+    /// Pixel pitch, x and y, nanometres.
+    pub pixel_nm: [u32; 2],
     /// Highest plate position above the bottom of the vat, micrometres.
     pub max_position_um: i32,
 }
@@ -105,8 +116,8 @@ pub enum HostMessage {
     LayerData(Vec<u8>),
 }
 
-/// A request to a DLP machine.
-#[derive(Clone, Debug, PartialEq, Eq)]
+/// A request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Request {
     /// Report the state. Answered by [`Reply::State`].
     State,
@@ -124,7 +135,14 @@ pub enum Request {
         /// CRC-32 (IEEE) of the decoded raw rows.
         decoded_crc32: u32,
     },
-    /// Expose the layer. Answered by [`Reply::Exposed`] when the light is off again.
+    /// A request that only vat machines know.
+    Vat(VatRequest),
+}
+
+/// A request to a vat machine. Each begins an act; acts run one at a time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum VatRequest {
+    /// Expose the layer. Answered by [`VatReply::Exposed`] when the light is off again.
     Expose {
         /// The layer. It must be in a slot, which becomes free.
         id: ExposureId,
@@ -133,9 +151,9 @@ pub enum Request {
         /// Light power, 1 to 255.
         light_pwm: u8,
     },
-    /// Find the zero position, plate at the bottom of the vat. Answered by [`Reply::Moved`].
+    /// Find the zero position, plate at the bottom of the vat. Answered by [`VatReply::Moved`].
     Home,
-    /// Move the plate. Answered by [`Reply::Moved`] on arrival.
+    /// Move the plate. Answered by [`VatReply::Moved`] on arrival.
     Move {
         /// Target above the bottom of the vat, micrometres.
         position_um: i32,
@@ -165,6 +183,15 @@ pub enum Reply {
     Done,
     /// The state.
     State(DeviceState),
+    /// The request was not carried out, and why.
+    Refused(Refusal),
+    /// An answer that only vat machines give.
+    Vat(VatReply),
+}
+
+/// An answer of a vat machine.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum VatReply {
     /// The exposure ran its whole time.
     Exposed {
         /// Which.
@@ -177,8 +204,6 @@ pub enum Reply {
         /// Where it is, micrometres.
         position_um: i32,
     },
-    /// The request was not carried out, and why.
-    Refused(Refusal),
 }
 
 /// Why a request was not carried out.
@@ -187,7 +212,7 @@ pub enum Reply {
 pub enum Refusal {
     /// The device has a fault or was aborted; a new hello clears an abort.
     NotReady = 1,
-    /// That layer, or a later one of its job, was already exposed.
+    /// That exposure, or a later one of its job, has already run its whole time.
     AlreadyExposed = 2,
     /// Longer than the device's maximum, 0 ms, or at light power 0.
     BadDuration = 3,

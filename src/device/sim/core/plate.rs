@@ -1,7 +1,7 @@
 //! The plate: position and moves.
 
 use super::{ActRecord, DlpCore};
-use crate::link::message::{Refusal, Reply};
+use crate::link::message::{MachineCapabilities, Refusal, Reply, VatReply};
 
 /// Speed of homing, micrometres a second.
 pub(super) const HOMING_SPEED_UM_S: u32 = 20_000;
@@ -22,7 +22,8 @@ impl DlpCore {
         if !self.homed {
             return Err(Refusal::NotHomed);
         }
-        if speed_um_s == 0 || !(0..=self.capabilities.max_position_um).contains(&position_um) {
+        let MachineCapabilities::Vat(vat) = &self.capabilities.machine;
+        if speed_um_s == 0 || !(0..=vat.max_position_um).contains(&position_um) {
             return Err(Refusal::BadMove);
         }
         self.begin_motion(number, position_um, speed_um_s, false);
@@ -43,7 +44,7 @@ impl DlpCore {
         self.homed |= motion.homing;
         self.statistics.moves += 1;
         self.record(ActRecord { event: "moved", position_um: Some(motion.to_um), ..ActRecord::default() });
-        self.reply(motion.number, Reply::Moved { position_um: motion.to_um });
+        self.reply(motion.number, Reply::Vat(VatReply::Moved { position_um: motion.to_um }));
     }
 
     /// The plate stops where it is. An interrupted homing has not found the zero position.

@@ -2,7 +2,7 @@
 
 use super::DlpCore;
 use crate::device::encoding::Decoder;
-use crate::link::message::{Encoding, ExposureId, Refusal, Reply};
+use crate::link::message::{Encoding, ExposureId, MachineCapabilities, Refusal, Reply};
 
 /// The layer being received.
 #[derive(Debug)]
@@ -42,7 +42,8 @@ impl DlpCore {
             return Err(Refusal::BadLayer);
         }
         self.slots[slot] = None;
-        let decoder = Decoder::new(encoding, self.capabilities.width_px, self.capabilities.height_px);
+        let MachineCapabilities::Vat(vat) = &self.capabilities.machine;
+        let decoder = Decoder::new(encoding, vat.width_px, vat.height_px);
         self.upload = Some(Upload { number, slot, id, remaining_bytes: encoded_bytes as usize, crc32, decoder });
         Ok(())
     }

@@ -1,7 +1,7 @@
 //! What a host session reports to its owner, and why a session ends.
 
 use crate::link::message::{Capabilities, DeviceMessage, DeviceState};
-use crate::link::wire::{MIN_FRAME_BYTES, PROTOCOL_VERSION, WireError};
+use crate::link::wire::{MIN_FRAME_BYTES, VersionRange, WireError};
 
 /// What happened.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -72,20 +72,46 @@ fn no_answer(garbage_frames: u64) -> &'static str {
     }
 }
 
-fn versions(lowest: u16, highest: u16) -> String {
-    if lowest == highest { format!("version {lowest}") } else { format!("versions {lowest} to {highest}") }
+/// Which side to update when host and device speak no common version.
+fn version_remedy(host: VersionRange, device: VersionRange) -> &'static str {
+    if host.highest_common(device).is_some() {
+        "it refuses a version that both speak: its firmware does not follow the protocol"
+    } else if device.highest < host.lowest {
+        "update the device's firmware"
+    } else {
+        "update layerd"
+    }
 }
 
 /// Why host and device do not fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum HelloRefusal {
-    /// No common version.
-    #[error("the device speaks {} of the protocol, this host speaks {PROTOCOL_VERSION}", versions(*.lowest, *.highest))]
+    /// Host and device speak no common version.
+    #[error("the device speaks {device} of the protocol, this host speaks {host}: {}", version_remedy(*.host, *.device))]
     Version {
-        /// Lowest version the device speaks.
-        lowest: u16,
-        /// Highest version the device speaks.
-        highest: u16,
+        /// The versions that the host speaks.
+        host: VersionRange,
+        /// The versions that the device speaks.
+        device: VersionRange,
+    },
+    /// The device chose a version that the host did not offer.
+    #[error(
+        "the device chose version {chosen} of the protocol, but this host offered {host}: its firmware does not follow the \
+         protocol"
+    )]
+    NotOffered {
+        /// The versions that the host offered.
+        host: VersionRange,
+        /// The version that the device chose.
+        chosen: u16,
+    },
+    /// The device is a machine of a kind that this host does not know.
+    #[error(
+        "the device is a machine of kind {kind}, which this host does not know: connect the right device, or update layerd"
+    )]
+    UnknownMachine {
+        /// The kind's code.
+        kind: u8,
     },
     /// The device requires larger limits than this host's.
     #[error("the device finds the host's window or frames too small")]
