@@ -15,11 +15,12 @@ use std::time::Duration;
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
 use layerd::buildfile::BuildFile;
-use layerd::device::encoding::{Decoder, encode};
+use layerd::device::encoding::encode;
 use layerd::layer::{Bitmap, Depth, Mirror, Raster};
 use layerd::link::message::Encoding;
 use layerd::slice::{BodySource, SlicePlan, Slicer};
 use layerd::stream::MemoryBudget;
+use layerd_wire::encoding::Decoder;
 use rustix::time::{ClockId, clock_gettime};
 
 const RASTER: Raster = Raster {
@@ -104,7 +105,7 @@ fn measure(part: &Path, depth: Depth, encoding: Encoding) -> Sum {
         }
         let (read, _) = decoder.finish().expect("a whole picture");
         sum.decoding += cpu_time() - start;
-        assert!(read == bitmap, "layer {layer} came back changed");
+        assert!(read == bitmap.data(), "layer {layer} came back changed");
 
         if layer % LAYERS_PER_PNG == LAYERS_PER_PNG / 2 {
             sum.png_layers += 1;

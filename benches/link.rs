@@ -14,9 +14,10 @@ use layerd::link::driver::{LinkEvent, LinkHandle, link};
 use layerd::link::message::{
     Capabilities, DeviceMessage, DeviceState, HostMessage, MachineCapabilities, Reply, Request, VatCapabilities,
 };
-use layerd::link::session::{DeviceEvent, DeviceSession, DeviceSettings, HostEvent};
-use layerd::link::wire::{FrameDecoder, FrameKind, encode_frame};
+use layerd::link::session::HostEvent;
 use layerd::link::{FlowControl, LinkSettings};
+use layerd_wire::session::{DeviceEvent, DeviceSession, DeviceSettings};
+use layerd_wire::{FrameDecoder, FrameKind, encode_frame};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use tokio::sync::mpsc::Receiver;
 

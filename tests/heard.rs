@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use layerd::link::message::DeviceState;
-use layerd::link::wire::{Ack, FrameDecoder, FrameKind, Welcome, encode_frame};
+use layerd_wire::{Ack, FrameDecoder, FrameKind, Welcome, encode_frame};
 use serialport::{SerialPort, TTYPort};
 use support::{Bench, Setup, bench_device, wait_until};
 

@@ -7,7 +7,7 @@ use layerd::link::message::{
     Capabilities, DeviceMessage, DeviceState, ExposureId, HostMessage, Reply, Request, Urgent, VatRequest,
 };
 use layerd::link::session::{HelloRefusal, Hindrance, HostEvent, HostSession, HostSettings, LostReason};
-use layerd::link::wire::{
+use layerd_wire::{
     Ack, Decoded, Frame, FrameDecoder, FrameKind, HelloRefused, VERSIONS, VersionRange, Welcome, WireError,
     encode_device_message, encode_frame,
 };

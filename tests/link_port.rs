@@ -9,9 +9,10 @@ use layerd::link::driver::{LinkEvent, link};
 use layerd::link::message::{
     Capabilities, DeviceMessage, DeviceState, HostMessage, MachineCapabilities, Reply, Request, Urgent, VatCapabilities,
 };
-use layerd::link::session::{DeviceEvent, DeviceSession, DeviceSettings, HostEvent};
+use layerd::link::session::HostEvent;
 use layerd::link::transport::{OpenError, SerialLine};
 use layerd::link::{FlowControl, LinkSettings};
+use layerd_wire::session::{DeviceEvent, DeviceSession, DeviceSettings};
 use rustix::fs::inotify;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{ControlModes, InputModes, LocalModes, OptionalActions, tcgetattr, tcsetattr};

@@ -4,10 +4,9 @@ mod link_pair;
 mod properties;
 
 use layerd::link::message::{DeviceMessage, DeviceState, HostMessage, Refusal, Reply, Request, Urgent};
-use layerd::link::session::{
-    DeviceEvent, DeviceSession, DeviceSettings, HostEvent, HostSession, HostSettings, LostReason,
-};
-use layerd::link::wire::{
+use layerd::link::session::{HostEvent, HostSession, HostSettings, LostReason};
+use layerd_wire::session::{DeviceEvent, DeviceSession, DeviceSettings};
+use layerd_wire::{
     FrameDecoder, FrameKind, Hello, HelloRefused, VERSIONS, VersionRange, Welcome, decode_device_message, encode_frame,
 };
 use link_pair::{Faults, Pair, capabilities};

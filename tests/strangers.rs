@@ -14,8 +14,9 @@ use layerd::device::sim::{CoreAction, DlpCore, SimulateOptions, run};
 use layerd::link::message::{
     Capabilities, DeviceMessage, DeviceState, Encoding, HostMessage, MachineCapabilities, Report, VatCapabilities,
 };
-use layerd::link::session::{DeviceEvent, DeviceSession, DeviceSettings, SendError};
-use layerd::link::wire::{FrameDecoder, FrameKind, HelloRefused, VersionRange, Welcome, encode_frame};
+use layerd::link::session::SendError;
+use layerd_wire::session::{DeviceEvent, DeviceSession, DeviceSettings};
+use layerd_wire::{FrameDecoder, FrameKind, HelloRefused, VersionRange, Welcome, encode_frame};
 use serialport::{SerialPort, TTYPort};
 use support::{Bench, Setup, bench_device, wait_until};
 

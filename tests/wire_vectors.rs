@@ -8,7 +8,7 @@ use layerd::link::message::{
     Capabilities, DeviceMessage, DeviceState, Encoding, ExposureId, Fault, HostMessage, MachineCapabilities, Refusal,
     Reply, Report, Request, Urgent, VatCapabilities, VatReply, VatRequest,
 };
-use layerd::link::wire::{
+use layerd_wire::{
     Ack, Decoded, Frame, FrameDecoder, FrameError, FrameKind, Hello, HelloRefused, MIN_HOST_FRAME_BYTES, Unescaper,
     UrgentDone, VERSIONS, VersionRange, Welcome, decode_device_message, decode_host_message, decode_urgent,
     encode_device_message, encode_frame, encode_host_message, encode_urgent, escape, payload_limit,

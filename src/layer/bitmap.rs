@@ -36,6 +36,12 @@ impl Bitmap {
         bitmap
     }
 
+    /// A picture of these rows, `height_px × stride_bytes`; `None` if their number of bytes is another.
+    pub fn from_rows(width_px: u32, height_px: u32, depth: Depth, data: Vec<u8>) -> Option<Self> {
+        let bitmap = Self { width_px, height_px, depth, data };
+        (bitmap.data.len() == bitmap.stride_bytes() * height_px as usize).then_some(bitmap)
+    }
+
     /// Bytes from one row to the next.
     pub fn stride_bytes(&self) -> usize {
         self.depth.stride_bytes(self.width_px)

@@ -1,13 +1,14 @@
-//! The line to the device: frames and messages, a reliable session with credit, the serial port.
+//! The line to the device: the host's session with it, and the serial port.
 //!
 //! | module        | owns                                                                                  |
 //! |---------------|---------------------------------------------------------------------------------------|
-//! | [`wire`]      | bytes: frames, messages, handshake; core and alloc only, so firmware can share it      |
-//! | [`session`]   | order, loss, credit, urgency, silence: a pure state machine for host and device        |
+//! | [`message`]   | what host and device say to each other; part of [`layerd_wire`], as all bytes are      |
+//! | [`session`]   | the host's session: urgent frames, versions, what hinders data: a pure state machine   |
 //! | [`transport`] | the serial port, real or pseudo-terminal                                               |
-//! | [`driver`]    | the task that joins a host session to its port: pacing, timers, reconnecting            |
+//! | [`driver`]    | the task that joins a session to its port: pacing, timers, reconnecting                 |
 //!
-//! `docs/protocol.md` is the contract between both ends.
+//! The crate [`layerd_wire`] has what firmware shares: frames, messages, handshake, the machinery of a session. `docs/protocol.md` is
+//! the contract between both ends. `tests/link_port.rs` shows a line from [`driver::link`] to a device.
 
 pub mod driver;
 mod pacing;
@@ -15,7 +16,6 @@ pub mod session;
 mod settings;
 mod spacing;
 pub mod transport;
-pub mod wire;
 
+pub use layerd_wire::message;
 pub use settings::{FlowControl, LinkSettings};
-pub use wire::message;

@@ -3,7 +3,7 @@
 //! An urgent frame waits behind all bytes in the kernel's buffer. So the buffer is filled at the rate of the line, not up to its
 //! size.
 
-use super::session::line_time_us;
+use layerd_wire::session::line_time_us;
 
 /// Line time of the bytes given to the kernel ahead. Short, because an urgent frame waits behind them; long enough that the line
 /// does not run dry while the host is busy.

@@ -4,9 +4,8 @@
 use std::collections::VecDeque;
 
 use layerd::link::message::{Capabilities, DeviceState, Encoding, MachineCapabilities, VatCapabilities};
-use layerd::link::session::{
-    DeviceEvent, DeviceSession, DeviceSettings, HostEvent, HostSession, HostSettings, line_time_us,
-};
+use layerd::link::session::{HostEvent, HostSession, HostSettings};
+use layerd_wire::session::{DeviceEvent, DeviceSession, DeviceSettings, line_time_us};
 
 /// How often a frame suffers.
 #[derive(Clone, Copy, Debug, Default)]

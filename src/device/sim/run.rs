@@ -18,8 +18,9 @@ use super::pace::Pace;
 use super::pty::{Claim, Pty};
 use super::{ActLog, CoreAction, DlpCore, Statistics};
 use crate::link::message::{Capabilities, DeviceMessage, Fault};
-use crate::link::session::{DeviceEvent, DeviceSession, DeviceSettings, SendError};
+use crate::link::session::SendError;
 use crate::text::eprint;
+use layerd_wire::session::{DeviceEvent, DeviceSession, DeviceSettings};
 
 /// The options of the command line.
 #[derive(Clone, Debug)]

@@ -6,17 +6,17 @@ use std::collections::VecDeque;
 
 pub use event::{HelloRefusal, HostEvent, LostReason};
 
-use crate::link::message::{DeviceMessage, DeviceState, HostMessage, Reply, Urgent};
-use crate::link::wire::{
+use layerd_wire::message::{DeviceMessage, DeviceState, HostMessage, Reply, Urgent};
+use layerd_wire::session::{
+    DEAD_MAN_US, Endpoint, FalseAck, Line, MAX_URGENTS, SendError, Statistics, Terms, line_bytes,
+};
+use layerd_wire::{
     Ack, Decoded, Frame, FrameKind, Hello, HelloRefused, MAX_SLOTS, MIN_FRAME_BYTES, UrgentDone, VERSIONS, Welcome,
     WireError, decode_device_message, encode_host_message, encode_urgent,
 };
 
-use super::endpoint::{Endpoint, Terms};
-use super::hindrance::Hindrance;
-use super::line::Line;
-use super::outgoing::FalseAck;
-use super::{DEAD_MAN_US, HELLO_REPEAT_US, MAX_URGENTS, SendError, Statistics, URGENT_REPEAT_US, line_bytes};
+use super::hindrance::{Hindrance, Watch};
+use super::{HELLO_REPEAT_US, URGENT_REPEAT_US};
 
 /// Largest frame that the host takes. The protocol needs at most 640 bytes.
 const MAX_FRAME_BYTES: u16 = 1024;
@@ -49,7 +49,6 @@ pub struct HostSession {
     last_urgent: u32,
     /// The device reported light last.
     lit: bool,
-    first_sequence: u32,
     /// The latest time passed in.
     now_us: u64,
 }
@@ -58,7 +57,7 @@ pub struct HostSession {
 enum Phase {
     Greeting { hello_at_us: u64, give_up_at_us: u64, garbage_before: u64 },
     // Boxed: the endpoint is many times larger than the rest.
-    Open(Box<Endpoint>),
+    Open { endpoint: Box<Endpoint>, watch: Watch },
     Ended,
 }
 
@@ -73,16 +72,10 @@ struct PendingUrgent {
 impl HostSession {
     /// Begins a session with a hello. `session_id` must be random: it identifies the session to the device.
     pub fn new(session_id: u32, settings: HostSettings, now_us: u64) -> Self {
-        Self::begin(session_id, settings, Statistics::default(), 0, now_us)
+        Self::begin(session_id, settings, Statistics::default(), now_us)
     }
 
-    fn begin(
-        session_id: u32,
-        settings: HostSettings,
-        statistics: Statistics,
-        first_sequence: u32,
-        now_us: u64,
-    ) -> Self {
+    fn begin(session_id: u32, settings: HostSettings, statistics: Statistics, now_us: u64) -> Self {
         let garbage_before = statistics.crc_errors + statistics.malformed_frames;
         Self {
             session_id,
@@ -94,22 +87,14 @@ impl HostSession {
             urgents: VecDeque::new(),
             last_urgent: 0,
             lit: false,
-            first_sequence,
             now_us,
         }
-    }
-
-    /// Sets the first data sequence of both ends, for tests of the wrap-around.
-    #[cfg(test)]
-    pub(super) fn starting_at(mut self, first_sequence: u32) -> Self {
-        self.first_sequence = first_sequence;
-        self
     }
 
     /// The next session on the same line. It takes over unanswered urgent frames and counts; messages of this session are void.
     #[must_use]
     pub fn successor(&self, session_id: u32, now_us: u64) -> Self {
-        let mut next = Self::begin(session_id, self.settings, self.line.statistics, self.first_sequence, now_us);
+        let mut next = Self::begin(session_id, self.settings, self.line.statistics, now_us);
         next.last_urgent = self.last_urgent;
         next.urgents = self.urgents.clone();
         next.lit = self.lit;
@@ -151,23 +136,25 @@ impl HostSession {
                 Ok(HelloRefused::Limits) => self.refuse(HelloRefusal::Limits),
                 Err(error) => self.refuse(HelloRefusal::BadWelcome(error)),
             },
-            (Phase::Open(_), FrameKind::NoSession) => self.lose(LostReason::DeviceForgot),
-            (Phase::Open(endpoint), FrameKind::Data) => {
+            (Phase::Open { .. }, FrameKind::NoSession) => self.lose(LostReason::DeviceForgot),
+            (Phase::Open { endpoint, .. }, FrameKind::Data) => {
                 endpoint.heard(now_us);
                 endpoint.receive_data(decoded, &mut self.line, now_us);
             }
-            (Phase::Open(endpoint), FrameKind::Ack) => {
+            (Phase::Open { endpoint, watch }, FrameKind::Ack) => {
                 endpoint.heard(now_us);
                 match Ack::decode(sequence, payload) {
-                    Ok(ack) => {
-                        if let Err(FalseAck { next_sequence }) = endpoint.receive_ack(&ack, &mut self.line, now_us) {
+                    Ok(ack) => match endpoint.receive_ack(&ack, &mut self.line, now_us) {
+                        Ok(0) => {}
+                        Ok(bytes) => watch.acknowledged(bytes, now_us),
+                        Err(FalseAck { next_sequence }) => {
                             self.lose(LostReason::FalseAck { acknowledged: sequence, sent: next_sequence });
                         }
-                    }
+                    },
                     Err(_) => self.line.statistics.malformed_frames += 1,
                 }
             }
-            (Phase::Open(endpoint), FrameKind::UrgentDone) => {
+            (Phase::Open { endpoint, .. }, FrameKind::UrgentDone) => {
                 endpoint.heard(now_us);
                 match UrgentDone::decode(payload) {
                     Ok(done) => self.urgent_done(sequence, done.light_on),
@@ -192,9 +179,12 @@ impl HostSession {
             peer_window_bytes: usize::try_from(window_bytes).unwrap_or(usize::MAX),
             frame_bytes: usize::from(largest_frame_bytes).min(timely_bytes),
             own_window_bytes: WINDOW_BYTES as usize,
-            first_sequence: self.first_sequence,
+            first_sequence: 0,
         };
-        self.phase = Phase::Open(Box::new(Endpoint::new(&terms, self.now_us)));
+        self.phase = Phase::Open {
+            endpoint: Box::new(Endpoint::new(&terms, self.now_us)),
+            watch: Watch::new(self.settings.baud),
+        };
         self.layer_slots = capabilities.layer_slots.min(MAX_SLOTS);
         name_every_slot(&mut state, self.layer_slots);
         self.lit = state.light_on || state.exposing.is_some();
@@ -237,7 +227,7 @@ impl HostSession {
                     Hello { versions: VERSIONS, window_bytes: WINDOW_BYTES, largest_frame_bytes: MAX_FRAME_BYTES };
                 Some(self.line.frame(FrameKind::Hello, self.session_id, 0, &hello.encode()))
             }
-            Phase::Open(endpoint) => {
+            Phase::Open { endpoint, .. } => {
                 if let Some(pending) = self.urgents.iter_mut().find(|pending| now_us >= pending.send_at_us) {
                     self.line.statistics.repeated_urgents += u64::from(pending.sent);
                     pending.sent = true;
@@ -255,7 +245,7 @@ impl HostSession {
         match &self.phase {
             Phase::Ended => None,
             Phase::Greeting { hello_at_us, give_up_at_us, .. } => Some(*hello_at_us.min(give_up_at_us)),
-            Phase::Open(endpoint) => {
+            Phase::Open { endpoint, .. } => {
                 let urgent = self.urgents.iter().map(|pending| pending.send_at_us).min();
                 Some(endpoint.next_timeout_us().min(urgent.unwrap_or(u64::MAX)))
             }
@@ -274,7 +264,8 @@ impl HostSession {
                     self.lose(LostReason::NoAnswer { garbage_frames });
                 }
             }
-            Phase::Open(endpoint) => {
+            Phase::Open { endpoint, watch } => {
+                watch.look(endpoint.queued_bytes() > 0, now_us);
                 if endpoint.handle_timeout(&mut self.line, now_us) {
                     self.lose(LostReason::Silent);
                 }
@@ -288,7 +279,7 @@ impl HostSession {
             return Some(event);
         }
         loop {
-            let Phase::Open(endpoint) = &mut self.phase else { return None };
+            let Phase::Open { endpoint, .. } = &mut self.phase else { return None };
             match decode_device_message(&endpoint.take_received(self.now_us)?) {
                 Ok(DeviceMessage::Reply { reply: Reply::State(state), .. })
                     if state.slots.len() > self.layer_slots.into() =>
@@ -319,7 +310,7 @@ impl HostSession {
     /// # Errors
     /// [`SendError`]; then the message is not queued.
     pub fn send(&mut self, message: &HostMessage) -> Result<(), SendError> {
-        let Phase::Open(endpoint) = &mut self.phase else { return Err(SendError::NotConnected) };
+        let Phase::Open { endpoint, .. } = &mut self.phase else { return Err(SendError::NotConnected) };
         endpoint.send(&encode_host_message(message), matches!(message, HostMessage::LayerData(_)))
     }
 
@@ -330,19 +321,19 @@ impl HostSession {
 
     /// What keeps data from getting through although the device is heard; `None` if nothing waits, or not for long.
     pub fn hindrance(&self) -> Option<Hindrance> {
-        let Phase::Open(endpoint) = &self.phase else { return None };
-        endpoint.hindrance(self.now_us)
+        let Phase::Open { endpoint, watch } = &self.phase else { return None };
+        watch.hindrance(endpoint.missing_credit(), self.now_us)
     }
 
     /// Bytes of layer data that may be queued now, in pieces of [`Self::largest_layer_data_bytes`].
     pub fn send_capacity_bytes(&self) -> usize {
-        let Phase::Open(endpoint) = &self.phase else { return 0 };
+        let Phase::Open { endpoint, .. } = &self.phase else { return 0 };
         endpoint.free_frames() * self.largest_layer_data_bytes()
     }
 
     /// The longest `LayerData` that fits a frame; 0 while not connected.
     pub fn largest_layer_data_bytes(&self) -> usize {
-        let Phase::Open(endpoint) = &self.phase else { return 0 };
+        let Phase::Open { endpoint, .. } = &self.phase else { return 0 };
         // One byte for the kind of message.
         endpoint.payload_limit() - 1
     }
@@ -366,12 +357,12 @@ impl HostSession {
 
     /// Whether messages can be sent.
     pub fn is_connected(&self) -> bool {
-        matches!(self.phase, Phase::Open(_))
+        matches!(self.phase, Phase::Open { .. })
     }
 
     /// Whether data waits for credit or for the line.
     pub fn has_unsent(&self) -> bool {
-        matches!(&self.phase, Phase::Open(endpoint) if endpoint.has_unsent())
+        matches!(&self.phase, Phase::Open { endpoint, .. } if endpoint.has_unsent())
     }
 
     /// Counts.

@@ -1,7 +1,9 @@
 //! A layer on its way into a slot: announced, received in pieces, decoded as it arrives, checked.
 
+use layerd_wire::encoding::Decoder;
+
 use super::DlpCore;
-use crate::device::encoding::Decoder;
+use crate::layer::{Bitmap, Depth};
 use crate::link::message::{Encoding, ExposureId, MachineCapabilities, Refusal, Reply};
 
 /// The layer being received.
@@ -10,6 +12,7 @@ pub(super) struct Upload {
     pub(super) number: u32,
     slot: usize,
     id: ExposureId,
+    encoding: Encoding,
     remaining_bytes: usize,
     crc32: u32,
     decoder: Decoder,
@@ -44,7 +47,8 @@ impl DlpCore {
         self.slots[slot] = None;
         let MachineCapabilities::Vat(vat) = &self.capabilities.machine;
         let decoder = Decoder::new(encoding, vat.width_px, vat.height_px);
-        self.upload = Some(Upload { number, slot, id, remaining_bytes: encoded_bytes as usize, crc32, decoder });
+        let remaining_bytes = encoded_bytes as usize;
+        self.upload = Some(Upload { number, slot, id, encoding, remaining_bytes, crc32, decoder });
         Ok(())
     }
 
@@ -63,15 +67,23 @@ impl DlpCore {
     }
 
     fn layer_complete(&mut self, upload: Upload) {
-        let Upload { number, slot, id, crc32, decoder, .. } = upload;
-        match decoder.finish() {
-            Ok((picture, found)) if found == crc32 => {
+        let Upload { number, slot, id, encoding, crc32, decoder, .. } = upload;
+        let decoded = decoder.finish().ok().filter(|(_, found)| *found == crc32);
+        match decoded.and_then(|(rows, _)| self.picture(encoding, rows)) {
+            Some(picture) => {
                 self.slots[slot] = Some((id, picture));
                 self.statistics.uploads += 1;
                 self.reply(Some(number), Reply::Done);
             }
-            _ => self.refused(number, Some(id), "bad layer", Refusal::BadLayer),
+            None => self.refused(number, Some(id), "bad layer", Refusal::BadLayer),
         }
+    }
+
+    /// Raw rows of this machine's size as a picture.
+    fn picture(&self, encoding: Encoding, rows: Vec<u8>) -> Option<Bitmap> {
+        let MachineCapabilities::Vat(vat) = &self.capabilities.machine;
+        let depth = if encoding.bits_per_pixel() == 1 { Depth::Bit } else { Depth::Grey };
+        Bitmap::from_rows(vat.width_px, vat.height_px, depth, rows)
     }
 
     fn refuse_layer(&mut self, upload: &Upload) {

@@ -1,7 +1,7 @@
 //! What a host session reports to its owner, and why a session ends.
 
-use crate::link::message::{Capabilities, DeviceMessage, DeviceState};
-use crate::link::wire::{MIN_FRAME_BYTES, VersionRange, WireError};
+use layerd_wire::message::{Capabilities, DeviceMessage, DeviceState};
+use layerd_wire::{MIN_FRAME_BYTES, VersionRange, WireError};
 
 /// What happened.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -1,8 +1,10 @@
 //! Data frames on their way out: queued, in flight, acknowledged, lost. Go-back-N under a credit of bytes.
+//! [`Endpoint`](super::Endpoint) uses it.
 
-use std::collections::VecDeque;
+use alloc::collections::VecDeque;
+use alloc::vec::Vec;
 
-use crate::link::wire::Ack;
+use crate::Ack;
 
 /// What an acknowledgement changed.
 #[derive(Debug, Default, PartialEq, Eq)]
@@ -19,9 +21,9 @@ pub(super) struct Progress {
 
 /// An acknowledgement of frames that were never sent. Its sender does not follow the protocol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct FalseAck {
+pub struct FalseAck {
     /// The first frame that was never sent.
-    pub(super) next_sequence: u32,
+    pub next_sequence: u32,
 }
 
 /// Frames not yet acknowledged, in order.

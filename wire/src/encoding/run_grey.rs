@@ -4,19 +4,20 @@
 //! row above. If all known neighbours of the next pixel have the same solid colour, a *zone* begins. It reaches as far as the
 //! row above stays solid; a single, nearly certain bit says that this row stays solid, too. Elsewhere pixels are written one by
 //! one: dark, lit, or grey with its difference from a prediction. A decoder needs only the current row, the previous row and
-//! the `Model`.
+//! the `Model`. [`encode`](super::encode) and [`Decoder`](super::Decoder) use it.
+
+use alloc::vec::Vec;
 
 use super::error::DecodeError;
 use super::grey_model::{Model, Near};
 use super::range::{RangeDecoder, RangeEncoder};
-use crate::layer::Bitmap;
 
 /// Appends a grey picture to `bytes`, which must be empty.
-pub(super) fn encode(bitmap: &Bitmap, bytes: &mut Vec<u8>) {
+pub(super) fn encode<'a>(rows: impl Iterator<Item = &'a [u8]>, bytes: &mut Vec<u8>) {
     let mut coder = RangeEncoder::new(bytes);
     let mut model = Model::default();
     let mut above: &[u8] = &[];
-    for row in bitmap.data().chunks_exact(bitmap.stride_bytes().max(1)) {
+    for row in rows {
         encode_row(row, above, &mut model, &mut coder);
         above = row;
     }

@@ -1,26 +1,20 @@
-//! Encodings of a layer's pixels.
+//! How layers are encoded for a device: which encoding, and a [`Bitmap`] in it. The encodings themselves are in
+//! [`layerd_wire::encoding`].
 //!
-//! | encoding  | bits a pixel | what it is                                                        |
-//! |-----------|--------------|-------------------------------------------------------------------|
-//! | `RawBit`  | 1            | the rows as they are: every device can read it                    |
-//! | `Group4`  | 1            | ITU-T T.6 with lit as black: see [`group4`]                       |
-//! | `RawGrey` | 8            | the rows as they are                                              |
-//! | `RunGrey` | 8            | runs and edge pixels, arithmetically coded: see [`run_grey`]      |
+//! ```
+//! use layerd::device::encoding::{choose, encode_shortest};
+//! use layerd::layer::{Bitmap, Depth};
+//! use layerd::link::message::Encoding;
 //!
-//! An encoder works on whole words and writes into a buffer that is reused for each layer. The [`Decoder`] takes the bytes in
-//! pieces as they arrive. Besides the picture it keeps the changes of the last row or a kilobyte of probabilities. It treats
-//! every byte as hostile: bad bytes give an error, never a panic. `docs/encodings.md` is for firmware writers.
+//! // A device states what it decodes.
+//! let choice = choose(Depth::Bit, &[Encoding::RawBit, Encoding::Group4]).expect("it decodes bits");
+//! let mut bytes = Vec::new();
+//! let used = encode_shortest(&Bitmap::new(64, 32, Depth::Bit), choice, &mut bytes)?;
+//! assert_eq!((used, bytes.len()), (Encoding::Group4, 7));
+//! # Ok::<(), layerd::device::encoding::WrongDepth>(())
+//! ```
 
-mod bits;
-mod decoder;
-mod error;
-mod grey_model;
-pub mod group4;
-mod range;
-pub mod run_grey;
-
-pub use decoder::Decoder;
-pub use error::DecodeError;
+use layerd_wire::encoding;
 
 use crate::layer::{Bitmap, Depth};
 use crate::link::message::Encoding;
@@ -35,14 +29,6 @@ pub struct WrongDepth {
     pub encoding: Encoding,
 }
 
-/// The pixel depth of an encoding.
-pub fn depth_of(encoding: Encoding) -> Depth {
-    match encoding {
-        Encoding::RawBit | Encoding::Group4 => Depth::Bit,
-        Encoding::RawGrey | Encoding::RunGrey => Depth::Grey,
-    }
-}
-
 /// How layers are encoded for one device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Choice {
@@ -50,6 +36,11 @@ pub struct Choice {
     pub encoding: Encoding,
     /// The raw encoding, for layers that are shorter in it; `None` if the device does not decode it.
     pub raw: Option<Encoding>,
+}
+
+/// The pixel depth of an encoding.
+fn depth_of(encoding: Encoding) -> Depth {
+    if encoding.bits_per_pixel() == 1 { Depth::Bit } else { Depth::Grey }
 }
 
 /// The best encoding for pictures of `depth` among those that a device decodes; `None` if it decodes none.
@@ -70,7 +61,7 @@ pub fn best(depth: Depth) -> Choice {
 
 /// CRC-32 (IEEE) of a picture's rows. A device compares it after decoding.
 pub fn picture_crc32(bitmap: &Bitmap) -> u32 {
-    crc32fast::hash(bitmap.data())
+    encoding::rows_crc32(bitmap.data())
 }
 
 /// Writes a picture in the chosen encoding, or raw if that is shorter and the device decodes it. Returns the encoding used.
@@ -89,17 +80,9 @@ pub fn encode_shortest(bitmap: &Bitmap, choice: Choice, bytes: &mut Vec<u8>) -> 
 }
 
 /// The most bytes [`encode`] can write for a picture of `raw_bytes`, in any encoding of `depth`.
-///
-/// Worst case of Group 4: single pixels of alternating colour, written as horizontal codes. Two pixels take 12 bits, and a row that
-/// begins lit takes 8 more: less than seven times the raw picture, plus 24 bits for the end.
-///
-/// Worst case of RunGrey: every second pixel breaks a run. Two pixels take 9 learned bits, which cost at most 1.03 bits each on
-/// average, and 21 even bits: less than twice the raw picture, plus 4 bytes for the end.
 pub fn largest_encoded_bytes(depth: Depth, raw_bytes: u64) -> u64 {
-    match depth {
-        Depth::Bit => 7 * raw_bytes + 4,
-        Depth::Grey => 2 * raw_bytes + 4,
-    }
+    // Never less than the raw rows.
+    encoding::largest_encoded_bytes(best(depth).encoding, raw_bytes)
 }
 
 /// Writes a picture into `bytes`, which is cleared first and keeps its memory.
@@ -107,14 +90,10 @@ pub fn largest_encoded_bytes(depth: Depth, raw_bytes: u64) -> u64 {
 /// # Errors
 /// [`WrongDepth`].
 pub fn encode(bitmap: &Bitmap, encoding: Encoding, bytes: &mut Vec<u8>) -> Result<(), WrongDepth> {
-    bytes.clear();
+    let wrong = WrongDepth { depth: bitmap.depth(), encoding };
     if depth_of(encoding) != bitmap.depth() {
-        return Err(WrongDepth { depth: bitmap.depth(), encoding });
+        return Err(wrong);
     }
-    match encoding {
-        Encoding::RawBit | Encoding::RawGrey => bytes.extend_from_slice(bitmap.data()),
-        Encoding::Group4 => group4::encode(bitmap, bytes),
-        Encoding::RunGrey => run_grey::encode(bitmap, bytes),
-    }
-    Ok(())
+    // A bitmap has whole rows of its depth.
+    encoding::encode(encoding, bitmap.width_px(), bitmap.data(), bytes).map_err(|_| wrong)
 }

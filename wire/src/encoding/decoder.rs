@@ -1,16 +1,23 @@
-//! Decodes a layer whose bytes arrive in pieces.
+//! Decodes a layer whose bytes arrive in pieces. The example of [`encoding`](super) uses it.
+
+use alloc::boxed::Box;
+use alloc::vec;
+use alloc::vec::Vec;
 
 use super::bits::BitReader;
 use super::error::DecodeError;
 use super::range::RangeDecoder;
-use super::{depth_of, group4, run_grey};
-use crate::layer::{Bitmap, Depth};
-use crate::link::message::Encoding;
+use super::{group4, run_grey};
+use crate::message::Encoding;
 
 /// Turns the bytes of one layer, given in pieces, into a picture. Its memory besides the picture does not grow with the bytes.
 #[derive(Debug)]
 pub struct Decoder {
-    picture: Bitmap,
+    encoding: Encoding,
+    width_px: u32,
+    height_px: u32,
+    /// The picture's raw rows.
+    rows: Vec<u8>,
     rows_done: usize,
     code: Code,
     failed: Option<DecodeError>,
@@ -80,7 +87,8 @@ impl Decoder {
             Encoding::Group4 => Code::Group4(BitReader::default(), group4::RowDecoder::new(width_px)),
             Encoding::RunGrey => Code::RunGrey(RangeDecoder::new(), Box::default()),
         };
-        Self { picture: Bitmap::new(width_px, height_px, depth_of(encoding)), rows_done: 0, code, failed: None }
+        let rows = vec![0; encoding.row_bytes(width_px) * height_px as usize];
+        Self { encoding, width_px, height_px, rows, rows_done: 0, code, failed: None }
     }
 
     /// Takes the next bytes.
@@ -90,7 +98,7 @@ impl Decoder {
     pub fn push(&mut self, mut bytes: &[u8]) -> Result<(), DecodeError> {
         self.guarded(|decoder| {
             if let Code::Raw(filled) = &mut decoder.code {
-                let room = decoder.picture.data_mut().get_mut(*filled..*filled + bytes.len());
+                let room = decoder.rows.get_mut(*filled..*filled + bytes.len());
                 room.ok_or(DecodeError::TooManyRows)?.copy_from_slice(bytes);
                 *filled += bytes.len();
                 return Ok(());
@@ -106,18 +114,18 @@ impl Decoder {
         })
     }
 
-    /// Ends the input. Returns the picture and the CRC-32 of its rows.
+    /// Ends the input. Returns the picture's raw rows and their CRC-32.
     ///
     /// # Errors
     /// [`DecodeError`].
-    pub fn finish(mut self) -> Result<(Bitmap, u32), DecodeError> {
+    pub fn finish(mut self) -> Result<(Vec<u8>, u32), DecodeError> {
         self.guarded(|decoder| {
             decoder.code.end();
             decoder.decode()?;
             decoder.check_end()
         })?;
-        let crc32 = super::picture_crc32(&self.picture);
-        Ok((self.picture, crc32))
+        let crc32 = super::rows_crc32(&self.rows);
+        Ok((self.rows, crc32))
     }
 
     fn guarded(&mut self, work: impl FnOnce(&mut Self) -> Result<(), DecodeError>) -> Result<(), DecodeError> {
@@ -130,14 +138,14 @@ impl Decoder {
     }
 
     fn is_full(&self) -> bool {
-        self.rows_done == self.picture.height_px() as usize
+        self.rows_done == self.height_px as usize
     }
 
     /// Decodes steps while their bytes are available. Every step advances in its row.
     fn decode(&mut self) -> Result<(), DecodeError> {
-        let stride = self.picture.stride_bytes();
+        let stride = self.encoding.row_bytes(self.width_px);
         while !self.is_full() && self.code.is_ready() {
-            let (above, row) = self.picture.data_mut().split_at_mut(self.rows_done * stride);
+            let (above, row) = self.rows.split_at_mut(self.rows_done * stride);
             let above = &above[above.len() - stride.min(above.len())..];
             self.rows_done += usize::from(self.code.step(above, &mut row[..stride])?);
         }
@@ -146,11 +154,7 @@ impl Decoder {
 
     fn check_end(&mut self) -> Result<(), DecodeError> {
         if let Code::Raw(filled) = self.code {
-            return if filled < self.picture.data().len() {
-                Err(DecodeError::TooFewRows)
-            } else {
-                self.check_padding()
-            };
+            return if filled < self.rows.len() { Err(DecodeError::TooFewRows) } else { self.check_padding() };
         }
         if !self.is_full() {
             return Err(DecodeError::TooFewRows);
@@ -166,11 +170,11 @@ impl Decoder {
 
     /// Checks that the padding of raw 1-bit rows is 0: the CRC covers it.
     fn check_padding(&self) -> Result<(), DecodeError> {
-        let used = self.picture.width_px() % 8;
-        if self.picture.depth() == Depth::Grey || used == 0 {
+        let used = self.width_px % 8;
+        if self.encoding.bits_per_pixel() == 8 || used == 0 {
             return Ok(());
         }
-        let mut rows = self.picture.data().chunks_exact(self.picture.stride_bytes());
+        let mut rows = self.rows.chunks_exact(self.encoding.row_bytes(self.width_px));
         let clean = rows.all(|row| row.last().is_none_or(|last| last & (0xff >> used) == 0));
         if clean { Ok(()) } else { Err(DecodeError::BadPadding) }
     }

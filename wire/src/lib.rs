@@ -1,19 +1,17 @@
-//! Bytes on the line: frames, messages and the handshake. Core and alloc only, so that firmware can share it with host and simulated
-//! device.
-//!
-//! ```text
-//! message ──codec──▶ payload ──frame──▶ type, session, sequence, payload, CRC ──COBS──▶ bytes, 0x00 (──escape──▶ line)
-//! ```
-//!
-//! All integers are little endian. Decoding returns a typed value or a typed error; no input makes it panic or allocate more
-//! than the largest frame.
+#![doc = include_str!("../README.md")]
+#![no_std]
+#![forbid(unsafe_code)]
+
+extern crate alloc;
 
 mod bytes;
 mod codec;
+pub mod encoding;
 mod escape;
 mod frame;
 mod handshake;
 pub mod message;
+pub mod session;
 mod version;
 
 pub use bytes::WireError;
@@ -26,6 +24,6 @@ pub use version::{VERSIONS, VersionRange};
 /// Smallest "largest frame" that a device may state: the frame of the longest request (29 bytes), and some room.
 pub const MIN_FRAME_BYTES: u16 = 64;
 
-/// Smallest "largest frame" that a host may state. The frame of a welcome with every list and text at its limit has at most 539 bytes; the
-/// rest is for kinds of machines to come.
+/// Smallest "largest frame" that a host may state. The frame of a welcome with every list and text at its limit has at most 539
+/// bytes; the rest is for kinds of machines to come.
 pub const MIN_HOST_FRAME_BYTES: u16 = 640;

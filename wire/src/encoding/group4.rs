@@ -1,13 +1,13 @@
 //! CCITT Group 4 (ITU-T T.6): 1-bit pictures as changes against the row above.
 //!
-//! Lit is written as black. There is no header. The picture ends with EOFB and zero bits up to the next byte. The run-length
-//! codes come from the `fax` crate. This module finds the changes itself, a word at a time, because that takes most of the time.
+//! Lit is written as black. There is no header. The picture ends with EOFB and zero bits up to the next byte. The changes are
+//! found a word at a time, because that takes most of the time. [`encode`](super::encode) and [`Decoder`](super::Decoder) use it.
 
-use fax::maps::{Mode, black, mode, white};
+use alloc::vec::Vec;
 
 use super::bits::{BitReader, BitWriter};
 use super::error::DecodeError;
-use crate::layer::Bitmap;
+use super::run_codes;
 
 /// The mode codes of T.6 table 1: code and length.
 const PASS: (u32, u32) = (0b0001, 4);
@@ -16,17 +16,15 @@ const HORIZONTAL: (u32, u32) = (0b001, 3);
 const VERTICAL: [(u32, u32); 7] = [(0b10, 7), (0b10, 6), (0b10, 3), (1, 1), (0b11, 3), (0b11, 6), (0b11, 7)];
 /// Two of these make up EOFB.
 const EOL: (u32, u32) = (1, 12);
-/// The longest run of one make-up code; longer runs repeat it.
-const MAX_MAKE_UP_PX: u32 = 2560;
 
 /// Appends a 1-bit picture to `bytes`.
-pub(super) fn encode(bitmap: &Bitmap, bytes: &mut Vec<u8>) {
+pub(super) fn encode<'a>(rows: impl Iterator<Item = &'a [u8]>, width_px: u32, bytes: &mut Vec<u8>) {
     let mut writer = BitWriter::new(bytes);
     let (mut above, mut row) = (Vec::new(), Vec::new());
-    for pixels in bitmap.data().chunks_exact(bitmap.stride_bytes().max(1)) {
-        find_changes(pixels, bitmap.width_px(), &mut row);
-        encode_row(&row, &above, bitmap.width_px(), &mut writer);
-        std::mem::swap(&mut above, &mut row);
+    for pixels in rows {
+        find_changes(pixels, width_px, &mut row);
+        encode_row(&row, &above, width_px, &mut writer);
+        core::mem::swap(&mut above, &mut row);
     }
     writer.put(EOL.0, EOL.1);
     writer.put(EOL.0, EOL.1);
@@ -78,28 +76,11 @@ fn encode_row(row: &[u32], above: &[u32], width_px: u32, writer: &mut BitWriter<
         } else {
             let a2 = row.get(next + 1).copied().unwrap_or(width_px);
             writer.put(HORIZONTAL.0, HORIZONTAL.1);
-            encode_run(a1 - a0.unwrap_or(0), lit, writer);
-            encode_run(a2 - a1, !lit, writer);
+            run_codes::put(a1 - a0.unwrap_or(0), lit, writer);
+            run_codes::put(a2 - a1, !lit, writer);
             (a0, next) = (Some(a2), next + 2);
         }
     }
-}
-
-fn encode_run(mut length_px: u32, lit: bool, writer: &mut BitWriter<'_>) {
-    let table = if lit { &black::ENTRIES } else { &white::ENTRIES };
-    let mut put = |index: u32| {
-        let bits = table[index as usize].1;
-        writer.put(u32::from(bits.data), u32::from(bits.len));
-    };
-    // The table holds the codes of 0 to 63, then those of the multiples of 64.
-    while length_px >= MAX_MAKE_UP_PX {
-        put(63 + MAX_MAKE_UP_PX / 64);
-        length_px -= MAX_MAKE_UP_PX;
-    }
-    if length_px >= 64 {
-        put(63 + length_px / 64);
-    }
-    put(length_px % 64);
 }
 
 /// Finds b1 and b2 of T.6 in the row above, from left to right.
@@ -168,32 +149,27 @@ impl RowDecoder {
         for run in self.row.chunks(2) {
             fill_bits(pixels, run[0], run.get(1).copied().unwrap_or(self.width_px));
         }
-        std::mem::swap(&mut self.above, &mut self.row);
+        core::mem::swap(&mut self.above, &mut self.row);
         self.row.clear();
         (self.a0, self.lit) = (None, false);
         Ok(true)
     }
 
     fn take_mode(&mut self, bits: &mut BitReader) -> Result<(), DecodeError> {
-        let code = mode::decode(bits).ok_or(DecodeError::BadCode)?;
+        let mode = take_mode(bits)?;
         let (b1, b2) = Reference::near(&self.above, self.width_px, self.a0, self.lit);
-        match code {
+        match mode {
             Mode::Pass if b2 < self.width_px => self.a0 = Some(b2),
+            Mode::Pass => return Err(DecodeError::BadCode),
             Mode::Horizontal => self.horizontal = Horizontal::First(0),
-            Mode::Vertical(shift) => {
-                let a1 = b1.checked_add_signed(i32::from(shift)).ok_or(DecodeError::BadCode)?;
-                self.change(a1)?;
-            }
-            Mode::EOF => return Err(DecodeError::TooFewRows),
-            Mode::Pass | Mode::Extension => return Err(DecodeError::BadCode),
+            Mode::Vertical(shift) => self.change(b1.checked_add_signed(shift).ok_or(DecodeError::BadCode)?)?,
         }
         Ok(())
     }
 
     fn take_run(&mut self, run: u32, bits: &mut BitReader) -> Result<(), DecodeError> {
         let second = matches!(self.horizontal, Horizontal::Second(_));
-        let code = if self.lit { black::decode(bits) } else { white::decode(bits) };
-        let code = u32::from(code.ok_or(DecodeError::BadCode)?);
+        let code = run_codes::take(self.lit, bits).ok_or(DecodeError::BadCode)?;
         let run = run + code;
         if run > self.width_px {
             return Err(DecodeError::BadCode);
@@ -220,6 +196,37 @@ impl RowDecoder {
         (self.a0, self.lit) = (Some(x), !self.lit);
         Ok(())
     }
+}
+
+/// How the next change lies to those of the row above.
+#[derive(Clone, Copy)]
+enum Mode {
+    Pass,
+    Horizontal,
+    /// Pixels right of b1.
+    Vertical(i32),
+}
+
+/// Takes one code of T.6 table 1: up to six zeros, a one, and for offsets a bit for their sign.
+fn take_mode(bits: &mut BitReader) -> Result<Mode, DecodeError> {
+    let next = bits.peek(7);
+    let offset = |length: u32, size: i32| {
+        let right = next >> (7 - length) & 1 == 1;
+        (Mode::Vertical(if right { size } else { -size }), length)
+    };
+    let (mode, length) = match (next << (u32::BITS - 7)).leading_zeros() {
+        0 => (Mode::Vertical(0), 1),
+        1 => offset(3, 1),
+        2 => (Mode::Horizontal, 3),
+        3 => (Mode::Pass, 4),
+        4 => offset(6, 2),
+        5 => offset(7, 3),
+        // The end of the picture. The code with six zeros is an extension that is not used.
+        7.. if bits.peek(EOL.1) == EOL.0 => return Err(DecodeError::TooFewRows),
+        _ => return Err(DecodeError::BadCode),
+    };
+    bits.skip(length);
+    Ok(mode)
 }
 
 impl Reference<'_> {

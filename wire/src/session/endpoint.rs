@@ -1,10 +1,11 @@
-//! Reliable data in both directions; the same at both ends.
+//! Reliable data in both directions; the same at both ends. [`DeviceSession`](super::DeviceSession) and the host's session in `layerd` use
+//! it.
 
-use std::collections::VecDeque;
+use alloc::collections::VecDeque;
+use alloc::vec::Vec;
 
-use crate::link::wire::{Ack, Decoded, FrameKind, encode_frame, payload_limit};
+use crate::{Ack, Decoded, FrameKind, encode_frame, payload_limit};
 
-use super::hindrance::{Hindrance, Watch};
 use super::incoming::{Arrival, Incoming};
 use super::line::Line;
 use super::outgoing::{FalseAck, Outgoing};
@@ -21,27 +22,28 @@ const RESERVE_BYTES: usize = 1024;
 
 /// What both ends agreed on.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Terms {
-    pub(super) session_id: u32,
-    pub(super) baud: u32,
-    /// Window that the peer stated.
-    pub(super) peer_window_bytes: usize,
-    /// Largest frame to send; at most the peer's.
-    pub(super) frame_bytes: usize,
-    /// Window stated to the peer.
-    pub(super) own_window_bytes: usize,
-    /// 0 on the line; tests of the wrap-around begin elsewhere.
-    pub(super) first_sequence: u32,
+pub struct Terms {
+    /// The session.
+    pub session_id: u32,
+    /// Line rate, 8N1.
+    pub baud: u32,
+    /// Window that the peer stated, bytes.
+    pub peer_window_bytes: usize,
+    /// Largest frame to send, bytes; at most what the peer stated.
+    pub frame_bytes: usize,
+    /// Window stated to the peer, bytes.
+    pub own_window_bytes: usize,
+    /// Number of the first data frame in both directions: 0 in the protocol; tests of the wrap-around begin elsewhere.
+    pub first_sequence: u32,
 }
 
-/// The open session.
+/// One end of an open session.
 #[derive(Debug)]
-pub(super) struct Endpoint {
+pub struct Endpoint {
     session_id: u32,
     frame_bytes: usize,
     queue_limit_bytes: usize,
     outgoing: Outgoing,
-    watch: Watch,
     incoming: Incoming,
     /// Payloads received, with the wire bytes of their frames; bounded by the window.
     received: VecDeque<(Vec<u8>, usize)>,
@@ -51,7 +53,8 @@ pub(super) struct Endpoint {
 }
 
 impl Endpoint {
-    pub(super) fn new(terms: &Terms, now_us: u64) -> Self {
+    /// An endpoint of a session that begins now.
+    pub fn new(terms: &Terms, now_us: u64) -> Self {
         let frame_bytes = terms.frame_bytes.min(terms.peer_window_bytes);
         let window = terms.peer_window_bytes.min(line_bytes(WINDOW_TIME_US, terms.baud).max(frame_bytes));
         Self {
@@ -60,7 +63,6 @@ impl Endpoint {
             // One window in flight and one ready to follow.
             queue_limit_bytes: 2 * window,
             outgoing: Outgoing::new(terms.first_sequence, window),
-            watch: Watch::new(terms.baud),
             incoming: Incoming::new(terms.first_sequence, terms.own_window_bytes, now_us),
             received: VecDeque::new(),
             timer: RetransmitTimer::new(line_time_us(window, terms.baud)),
@@ -69,27 +71,31 @@ impl Endpoint {
         }
     }
 
-    pub(super) fn session_id(&self) -> u32 {
+    /// The session.
+    pub fn session_id(&self) -> u32 {
         self.session_id
     }
 
     /// The longest payload of a data frame.
-    pub(super) fn payload_limit(&self) -> usize {
+    pub fn payload_limit(&self) -> usize {
         payload_limit(self.frame_bytes)
     }
 
     /// Frames of full size that may be queued now.
-    pub(super) fn free_frames(&self) -> usize {
+    pub fn free_frames(&self) -> usize {
         self.queue_limit_bytes.saturating_sub(self.outgoing.queued_bytes()) / self.frame_bytes
     }
 
     /// Whether data waits for credit or for the line.
-    pub(super) fn has_unsent(&self) -> bool {
+    pub fn has_unsent(&self) -> bool {
         self.outgoing.has_unsent()
     }
 
-    /// Queues one message.
-    pub(super) fn send(&mut self, payload: &[u8], bulk: bool) -> Result<(), SendError> {
+    /// Queues the payload of one data frame. `bulk` is for layer data, which leaves room in the queue for other messages.
+    ///
+    /// # Errors
+    /// [`SendError::TooLarge`] or [`SendError::Full`]; then it is not queued.
+    pub fn send(&mut self, payload: &[u8], bulk: bool) -> Result<(), SendError> {
         let limit = self.payload_limit();
         if payload.len() > limit {
             return Err(SendError::TooLarge { bytes: payload.len(), limit });
@@ -104,12 +110,12 @@ impl Endpoint {
     }
 
     /// A frame of this session came.
-    pub(super) fn heard(&mut self, now_us: u64) {
+    pub fn heard(&mut self, now_us: u64) {
         self.last_heard_us = now_us;
     }
 
     /// A data frame came.
-    pub(super) fn receive_data(&mut self, decoded: Decoded, line: &mut Line, now_us: u64) {
+    pub fn receive_data(&mut self, decoded: Decoded, line: &mut Line, now_us: u64) {
         match self.incoming.arrive(decoded.frame.sequence, decoded.wire_bytes, now_us) {
             Arrival::Next => self.received.push_back((decoded.frame.payload, decoded.wire_bytes)),
             Arrival::Duplicate => line.statistics.duplicate_frames += 1,
@@ -118,20 +124,22 @@ impl Endpoint {
         }
     }
 
-    /// What keeps data from getting through.
-    pub(super) fn hindrance(&self, now_us: u64) -> Option<Hindrance> {
-        self.watch.hindrance(self.outgoing.missing_credit(), now_us)
+    /// Bytes queued or sent, and not acknowledged.
+    pub fn queued_bytes(&self) -> usize {
+        self.outgoing.queued_bytes()
     }
 
-    /// An acknowledgement came.
+    /// The room that the peer states, bytes, if the next frame does not fit; `None` if nothing or something else stops it.
+    pub fn missing_credit(&self) -> Option<usize> {
+        self.outgoing.missing_credit()
+    }
+
+    /// An acknowledgement came. Returns how many bytes it acknowledged.
     ///
     /// # Errors
     /// [`FalseAck`]; it changes nothing else.
-    pub(super) fn receive_ack(&mut self, ack: &Ack, line: &mut Line, now_us: u64) -> Result<(), FalseAck> {
+    pub fn receive_ack(&mut self, ack: &Ack, line: &mut Line, now_us: u64) -> Result<usize, FalseAck> {
         let progress = self.outgoing.acknowledge(ack, now_us)?;
-        if progress.frames > 0 {
-            self.watch.acknowledged(progress.bytes, now_us);
-        }
         if let Some(round_trip_us) = progress.round_trip_us {
             self.timer.sample(round_trip_us);
         } else if progress.frames > 0 {
@@ -146,18 +154,18 @@ impl Endpoint {
             self.retransmit_at_us = Some(now_us + self.timer.timeout_us());
         }
         self.note_flight(line);
-        Ok(())
+        Ok(progress.bytes)
     }
 
     /// The next payload received in order. Its room becomes free.
-    pub(super) fn take_received(&mut self, now_us: u64) -> Option<Vec<u8>> {
+    pub fn take_received(&mut self, now_us: u64) -> Option<Vec<u8>> {
         let (payload, wire_bytes) = self.received.pop_front()?;
         self.incoming.release(wire_bytes, now_us);
         Some(payload)
     }
 
     /// The next frame for the line: an acknowledgement if one is due, else data if credit allows.
-    pub(super) fn transmit(&mut self, line: &mut Line, now_us: u64) -> Option<Vec<u8>> {
+    pub fn transmit(&mut self, line: &mut Line, now_us: u64) -> Option<Vec<u8>> {
         if now_us >= self.incoming.ack_at_us() {
             let ack = self.incoming.acknowledge(now_us);
             return Some(line.frame(FrameKind::Ack, self.session_id, ack.next_sequence, &ack.encode()));
@@ -171,14 +179,13 @@ impl Endpoint {
     }
 
     /// When [`Self::handle_timeout`] or [`Self::transmit`] has something to do next.
-    pub(super) fn next_timeout_us(&self) -> u64 {
+    pub fn next_timeout_us(&self) -> u64 {
         let own = self.incoming.ack_at_us().min(self.last_heard_us + DEAD_MAN_US);
         self.retransmit_at_us.map_or(own, |at| at.min(own))
     }
 
     /// Handles timers. Returns `true` when the peer has been silent for too long.
-    pub(super) fn handle_timeout(&mut self, line: &mut Line, now_us: u64) -> bool {
-        self.watch.look(self.outgoing.queued_bytes() > 0, now_us);
+    pub fn handle_timeout(&mut self, line: &mut Line, now_us: u64) -> bool {
         if self.retransmit_at_us.is_some_and(|at| now_us >= at) {
             self.outgoing.give_up_flight();
             self.timer.back_off();

@@ -1,4 +1,14 @@
-//! Why the bytes of a layer cannot be decoded.
+//! Why a layer cannot be encoded or decoded.
+
+/// The bytes given are not whole rows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{bytes} bytes are not a whole number of rows of {row_bytes} bytes")]
+pub struct PartialRow {
+    /// Bytes given.
+    pub bytes: usize,
+    /// Bytes of a row.
+    pub row_bytes: usize,
+}
 
 /// Bytes that are not a picture of the agreed size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]

@@ -1,9 +1,7 @@
 //! The messages between host and device, carried in data frames. `docs/protocol.md` is the contract.
 //!
-//! Every [`Request`] has a number, which its [`Reply`] repeats. A [`Report`] answers no request. Core and alloc only, so that
-//! firmware can share this file.
-
-extern crate alloc;
+//! Every [`Request`] has a number, which its [`Reply`] repeats. A [`Report`] answers no request. The example of the
+//! [crate](crate) answers requests.
 
 use alloc::string::String;
 use alloc::vec::Vec;
@@ -38,6 +36,24 @@ pub enum Encoding {
     RawGrey = 2,
     /// 8 bits a pixel, runs and edge pixels, arithmetically coded.
     RunGrey = 3,
+}
+
+impl Encoding {
+    /// Bits of a pixel in the raw rows: 1 or 8.
+    pub fn bits_per_pixel(self) -> u32 {
+        match self {
+            Self::RawBit | Self::Group4 => 1,
+            Self::RawGrey | Self::RunGrey => 8,
+        }
+    }
+
+    /// Bytes of a raw row of `width_px` pixels. Rows of single bits are padded to whole bytes.
+    pub fn row_bytes(self, width_px: u32) -> usize {
+        match self.bits_per_pixel() {
+            1 => (width_px as usize).div_ceil(8),
+            _ => width_px as usize,
+        }
+    }
 }
 
 /// What the device is and can do. Fixed from its start to its next reset.

@@ -1,23 +1,25 @@
-//! The device's end of a session. Simulated devices run it; firmware must do the same.
+//! The device's end of a session. The simulated devices of `layerd` run it. The example of the [crate](crate) does, too.
 
-use std::collections::VecDeque;
+use alloc::boxed::Box;
+use alloc::collections::VecDeque;
+use alloc::vec::Vec;
 
-use crate::link::message::{Capabilities, DeviceMessage, DeviceState, HostMessage, Refusal, Reply, Urgent};
-use crate::link::wire::{
+use crate::message::{Capabilities, DeviceMessage, DeviceState, HostMessage, Refusal, Reply, Urgent};
+use crate::{
     Ack, Decoded, Frame, FrameKind, Hello, HelloRefused, MIN_HOST_FRAME_BYTES, UrgentDone, VERSIONS, Welcome,
     WireError, decode_host_message, decode_urgent, encode_device_message,
 };
 
 use super::endpoint::{Endpoint, Terms};
 use super::line::Line;
-use super::{SendError, Statistics};
+use super::{MAX_URGENTS, SendError, Statistics};
 
 /// Ended sessions that are remembered, so that a delayed hello does not reopen one. The line keeps the order of bytes; only
 /// converters on the way can delay a frame, and only slightly.
 const RETIRED_SESSIONS: usize = 4;
 
-/// Urgent frames that are remembered, so that a repetition is answered but not carried out again. Twice as many as a host repeats.
-const REMEMBERED_URGENTS: usize = 32;
+/// Urgent frames that are remembered, so that a repetition is answered but not carried out again: twice as many as a host repeats.
+const REMEMBERED_URGENTS: usize = 2 * MAX_URGENTS;
 
 /// Least time between two NoSession frames: a host may send many frames of an ended session before it notices.
 const NO_SESSION_PAUSE_US: u64 = 50_000;
@@ -70,7 +72,6 @@ pub struct DeviceSession {
     /// Answers to urgent frames and hellos that wait for the line; at most [`REMEMBERED_URGENTS`] plus three.
     answers: VecDeque<Answer>,
     no_session_after_us: u64,
-    first_sequence: u32,
     now_us: u64,
 }
 
@@ -114,16 +115,8 @@ impl DeviceSession {
             last_hold: None,
             answers: VecDeque::new(),
             no_session_after_us: now_us,
-            first_sequence: 0,
             now_us,
         }
-    }
-
-    /// Sets the first data sequence of both ends, for tests of the wrap-around.
-    #[cfg(test)]
-    pub(super) fn starting_at(mut self, first_sequence: u32) -> Self {
-        self.first_sequence = first_sequence;
-        self
     }
 
     /// Takes bytes from the line, in pieces of any size.
@@ -205,7 +198,7 @@ impl DeviceSession {
                     peer_window_bytes: usize::try_from(hello.window_bytes).unwrap_or(usize::MAX),
                     frame_bytes: hello.largest_frame_bytes.into(),
                     own_window_bytes: usize::try_from(self.capabilities.window_bytes).unwrap_or(usize::MAX),
-                    first_sequence: self.first_sequence,
+                    first_sequence: 0,
                 };
                 let (session_id, version) = (*session_id, *version);
                 let endpoint = Box::new(Endpoint::new(&terms, now_us));

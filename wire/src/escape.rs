@@ -2,8 +2,6 @@
 //!
 //! It is below the frames: limits and credit count bytes before escaping, so that they do not depend on the data.
 
-extern crate alloc;
-
 use alloc::vec::Vec;
 
 const XON: u8 = 0x11;

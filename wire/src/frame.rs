@@ -1,7 +1,5 @@
 //! Frames: type, session, sequence, payload and CRC-32, COBS-encoded and ended by a zero byte.
 
-extern crate alloc;
-
 use alloc::vec::Vec;
 
 /// The type of a frame.

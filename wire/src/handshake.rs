@@ -1,7 +1,5 @@
 //! Payloads of all frames except data: hello, welcome, refusal, acknowledgement, urgent.
 
-extern crate alloc;
-
 use alloc::vec::Vec;
 
 use super::bytes::{Reader, WireError, Writer};

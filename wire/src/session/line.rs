@@ -1,26 +1,30 @@
-//! Converts between raw bytes and frames: escapes, delimiters, counts.
+//! Converts between raw bytes and frames: escapes, delimiters, counts. Both ends of a session use it.
 
-use crate::link::wire::{Decoded, FrameDecoder, FrameError, FrameKind, Unescaper, encode_frame, escape};
+use alloc::vec::Vec;
+
+use crate::{Decoded, FrameDecoder, FrameError, FrameKind, Unescaper, encode_frame, escape};
 
 use super::Statistics;
 
 /// The byte side of a session.
 #[derive(Debug)]
-pub(super) struct Line {
+pub struct Line {
     decoder: FrameDecoder,
     /// Present with XON/XOFF.
     unescaper: Option<Unescaper>,
-    pub(super) statistics: Statistics,
+    /// Counts.
+    pub statistics: Statistics,
 }
 
 impl Line {
-    pub(super) fn new(largest_frame_bytes: usize, escaped: bool, statistics: Statistics) -> Self {
+    /// For frames of at most `largest_frame_bytes` from the line. `escaped`: XON/XOFF is in use.
+    pub fn new(largest_frame_bytes: usize, escaped: bool, statistics: Statistics) -> Self {
         let unescaper = escaped.then(Unescaper::default);
         Self { decoder: FrameDecoder::new(largest_frame_bytes), unescaper, statistics }
     }
 
     /// The frames that end in `bytes`.
-    pub(super) fn receive(&mut self, bytes: &[u8]) -> Vec<Decoded> {
+    pub fn receive(&mut self, bytes: &[u8]) -> Vec<Decoded> {
         self.statistics.bytes_received += bytes.len() as u64;
         let mut plain = Vec::new();
         let mut input = match &mut self.unescaper {
@@ -48,7 +52,7 @@ impl Line {
 
     /// A frame as it goes on the line. Hello and urgent frames get a delimiter in front, so that noise or a truncated frame before
     /// them does not destroy them.
-    pub(super) fn frame(&mut self, kind: FrameKind, session_id: u32, sequence: u32, payload: &[u8]) -> Vec<u8> {
+    pub fn frame(&mut self, kind: FrameKind, session_id: u32, sequence: u32, payload: &[u8]) -> Vec<u8> {
         let mut bytes = encode_frame(kind, session_id, sequence, payload);
         if matches!(kind, FrameKind::Hello | FrameKind::Urgent) {
             bytes.insert(0, 0);

@@ -1,8 +1,10 @@
 //! An adaptive binary range coder: bits that are nearly certain cost almost nothing.
 //!
 //! The coder keeps an interval of 32 bits and gives each bit a share in proportion to its probability (Martin 1979; carries and
-//! bytewise renormalisation as in Schindler 1998). The last four bytes are the lower end of the interval. A decoder of intact
+//! bytewise renormalisation as in Schindler 1998). [`run_grey`](super::run_grey) uses it. The last four bytes are the lower end of the interval. A decoder of intact
 //! bytes ends with exactly 0, so that missing, surplus or damaged bytes are noticed without an end mark.
+
+use alloc::vec::Vec;
 
 /// Below this the interval is widened by a byte. 8 bits are left beside a probability of 16 bits.
 const NARROW: u32 = 1 << 24;
@@ -195,6 +197,8 @@ impl RangeDecoder {
 
 #[cfg(test)]
 mod tests {
+    use alloc::vec;
+
     use super::Probability;
 
     /// Finds the most expensive sequence of bits by dynamic programming from its end.

@@ -18,7 +18,7 @@ impl VersionRange {
     /// The highest version that both ends speak; `None` if there is none.
     ///
     /// ```
-    /// use layerd::link::wire::VersionRange;
+    /// use layerd_wire::VersionRange;
     ///
     /// let host = VersionRange { lowest: 2, highest: 4 };
     /// assert_eq!(host.highest_common(VersionRange { lowest: 1, highest: 3 }), Some(3));

@@ -1,4 +1,6 @@
-//! Bits in bytes, highest first, as ITU-T T.6 orders them.
+//! Bits in bytes, highest first, as ITU-T T.6 orders them. Used by [`group4`](super::group4).
+
+use alloc::vec::Vec;
 
 /// Appends bits to bytes.
 pub(super) struct BitWriter<'a> {
@@ -98,23 +100,5 @@ impl BitReader {
         let bits = self.peek(length);
         self.skip(length);
         bits
-    }
-}
-
-/// The code tables of the `fax` crate read through its own trait.
-impl fax::BitReader for BitReader {
-    type Error = std::convert::Infallible;
-
-    fn peek(&self, bits: u8) -> Option<u16> {
-        Some(if bits == 0 { 0 } else { BitReader::peek(self, u32::from(bits)) as u16 })
-    }
-
-    fn consume(&mut self, bits: u8) -> Result<(), Self::Error> {
-        self.skip(u32::from(bits));
-        Ok(())
-    }
-
-    fn bits_to_byte_boundary(&self) -> u8 {
-        (self.count % 8) as u8
     }
 }

@@ -1,6 +1,6 @@
-//! Data frames coming in: order, duplicates, room, and when to acknowledge.
+//! Data frames coming in: order, duplicates, room, and when to acknowledge. [`Endpoint`](super::Endpoint) uses it.
 
-use crate::link::wire::Ack;
+use crate::Ack;
 
 use super::{ACK_DELAY_US, HEARTBEAT_US};
 

@@ -1,4 +1,4 @@
-//! The retransmission timer of RFC 6298, with bounds for a serial line.
+//! The retransmission timer of RFC 6298, with bounds for a serial line. [`Endpoint`](super::Endpoint) uses it.
 
 /// Granularity of the owner's clock (G in RFC 6298).
 const GRANULARITY_US: u64 = 1_000;

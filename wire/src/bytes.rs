@@ -1,7 +1,5 @@
 //! Little-endian reading and writing.
 
-extern crate alloc;
-
 use alloc::string::String;
 use alloc::vec::Vec;
 

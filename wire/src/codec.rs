@@ -1,7 +1,5 @@
 //! Encodes and decodes messages, the payload of data frames.
 
-extern crate alloc;
-
 use alloc::vec::Vec;
 
 use super::bytes::{Reader, WireError, Writer};
