@@ -18,7 +18,7 @@ use layerd::device::sim::{CoreAction, DlpCore};
 use layerd::link::message::{
     Capabilities, DeviceMessage, DeviceState, HostMessage, Reply, Request, Urgent, VatRequest,
 };
-use layerd::link::session::{SendError};
+use layerd::link::session::SendError;
 use layerd_wire::session::{DeviceEvent, DeviceSession, DeviceSettings};
 use line::Line;
 pub use stage::{CLEAR_UM, EXPOSURE_MS, LAYER_UM, LIFT_UM, PATIENCE, Stage, side_by_side};
