@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use layerd::device::sim::{CoreAction, DlpCore, SimulateOptions, run};
+use layerd::device::sim::{CoreAction, DeviceCore, SimulateOptions, run};
 use layerd::link::message::{
     Capabilities, DeviceMessage, DeviceState, Encoding, HostMessage, MachineCapabilities, Report, VatCapabilities,
 };
@@ -341,14 +341,14 @@ impl Wire {
 
 /// The simulated firmware behind a peer's session, fifty times faster than real.
 struct Firmware {
-    core: DlpCore,
+    core: DeviceCore,
     /// Messages that wait for room in the session.
     owed: VecDeque<DeviceMessage>,
 }
 
 impl Firmware {
     fn new() -> Self {
-        Self { core: DlpCore::new(raw_dlp(), 1), owed: VecDeque::new() }
+        Self { core: DeviceCore::new(raw_dlp(), 1), owed: VecDeque::new() }
     }
 
     fn take(&mut self, wire: &mut Wire, event: Option<DeviceEvent>) {

@@ -4,7 +4,7 @@
 pub mod print;
 
 use layerd::device::encoding::{encode, picture_crc32};
-use layerd::device::sim::{ActRecord, CoreAction, DlpCore};
+use layerd::device::sim::{ActRecord, CoreAction, DeviceCore};
 use layerd::layer::{Bitmap, Depth};
 use layerd::link::message::{
     Capabilities, DeviceMessage, DeviceState, Encoding, ExposureId, Fault, HostMessage, MachineCapabilities, Reply,
@@ -47,7 +47,7 @@ pub fn picture(layer: u32) -> Bitmap {
 }
 
 pub struct Bench {
-    pub core: DlpCore,
+    pub core: DeviceCore,
     now_us: u64,
     number: u32,
     pub replies: Vec<(u32, Reply)>,
@@ -60,7 +60,7 @@ impl Bench {
     /// A device that was greeted.
     pub fn new() -> Self {
         let mut bench = Self {
-            core: DlpCore::new(capabilities(), 5),
+            core: DeviceCore::new(capabilities(), 5),
             now_us: 0,
             number: 0,
             replies: Vec::new(),

@@ -10,7 +10,7 @@ mod pace;
 mod pty;
 mod run;
 
-pub use self::core::{CoreAction, DlpCore, Statistics};
+pub use self::core::{CoreAction, DeviceCore, Statistics};
 pub use fault::{BadFault, FAULT_HELP, FaultSpec};
 pub use log::{ActLog, ActRecord};
 pub use pty::Pty;

@@ -16,7 +16,7 @@ use tokio::io::unix::AsyncFd;
 use super::fault::{Dice, FaultSpec, FrameFaults, Incident, Incidents};
 use super::pace::Pace;
 use super::pty::{Claim, Pty};
-use super::{ActLog, CoreAction, DlpCore, Statistics};
+use super::{ActLog, CoreAction, DeviceCore, Statistics};
 use crate::link::message::{Capabilities, DeviceMessage, Fault};
 use crate::link::session::SendError;
 use crate::text::eprint;
@@ -94,7 +94,7 @@ struct Device {
     options: SimulateOptions,
     started: Instant,
     session: DeviceSession,
-    core: DlpCore,
+    core: DeviceCore,
     log: Option<ActLog>,
     pty: Option<AsyncFd<Pty>>,
     receive_pace: Pace,
@@ -122,7 +122,7 @@ impl Device {
         Ok(Self {
             started: Instant::now(),
             session: new_session(&options, 0),
-            core: DlpCore::new(options.capabilities.clone(), dice.next_u64() as u32),
+            core: DeviceCore::new(options.capabilities.clone(), dice.next_u64() as u32),
             log,
             pty,
             receive_pace: Pace::new(baud, 0),

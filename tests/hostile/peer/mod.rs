@@ -14,7 +14,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use layerd::device::sim::{CoreAction, DlpCore};
+use layerd::device::sim::{CoreAction, DeviceCore};
 use layerd::link::message::{
     Capabilities, DeviceMessage, DeviceState, HostMessage, Reply, Request, Urgent, VatRequest,
 };
@@ -159,8 +159,8 @@ fn capabilities() -> Capabilities {
 }
 
 /// A firmware that has found its zero position and waits above the resin.
-fn set_up() -> DlpCore {
-    let mut core = DlpCore::new(capabilities(), 1);
+fn set_up() -> DeviceCore {
+    let mut core = DeviceCore::new(capabilities(), 1);
     core.hello(0);
     core.handle(HostMessage::Request { number: 1, request: Request::Vat(VatRequest::Home) }, 0);
     let clear = Request::Vat(VatRequest::Move { position_um: CLEAR_UM, speed_um_s: 1_000_000 });
@@ -176,7 +176,7 @@ struct Device {
     shared: Arc<Shared>,
     started: Instant,
     session: DeviceSession,
-    core: DlpCore,
+    core: DeviceCore,
     line: Line,
     /// When to cut it, and for how long.
     cut_at_us: Option<(u64, u64)>,

@@ -2,7 +2,7 @@
 
 use layerd_wire::encoding::Decoder;
 
-use super::DlpCore;
+use super::DeviceCore;
 use crate::layer::{Bitmap, Depth};
 use crate::link::message::{Encoding, ExposureId, MachineCapabilities, Refusal, Reply};
 
@@ -18,7 +18,7 @@ pub(super) struct Upload {
     decoder: Decoder,
 }
 
-impl DlpCore {
+impl DeviceCore {
     pub(super) fn layer_begin(
         &mut self,
         number: u32,
@@ -35,7 +35,7 @@ impl DlpCore {
         if slot >= self.slots.len() {
             return Err(Refusal::NoSuchLayer);
         }
-        if self.exposure.as_ref().is_some_and(|exposure| exposure.slot == slot) {
+        if self.vat.exposes_slot(slot) {
             return Err(Refusal::SlotBusy);
         }
         if !self.capabilities.encodings.contains(&encoding) {

@@ -1,6 +1,6 @@
-//! The plate: position and moves.
+//! The plate of a vat machine: position and moves. Part of [`DeviceCore`].
 
-use super::{ActRecord, DlpCore};
+use super::{ActRecord, DeviceCore};
 use crate::link::message::{MachineCapabilities, Refusal, Reply, VatReply};
 
 /// Speed of homing, micrometres a second.
@@ -17,9 +17,9 @@ pub(super) struct Motion {
     pub(super) homing: bool,
 }
 
-impl DlpCore {
+impl DeviceCore {
     pub(super) fn begin_move(&mut self, number: u32, position_um: i32, speed_um_s: u32) -> Result<(), Refusal> {
-        if !self.homed {
+        if !self.vat.homed {
             return Err(Refusal::NotHomed);
         }
         let MachineCapabilities::Vat(vat) = &self.capabilities.machine;
@@ -31,27 +31,32 @@ impl DlpCore {
     }
 
     pub(super) fn begin_motion(&mut self, number: u32, to_um: i32, speed_um_s: u32, homing: bool) {
-        let way_um = u64::from(self.position_um.abs_diff(to_um));
+        let way_um = u64::from(self.vat.position_um.abs_diff(to_um));
         let arrives_us = self.now_us + way_um * 1_000_000 / u64::from(speed_um_s);
-        let (began_us, from_um) = (self.now_us, self.position_um);
-        self.motion = Some(Motion { number: Some(number), began_us, arrives_us, from_um, to_um, homing });
+        let (began_us, from_um) = (self.now_us, self.vat.position_um);
+        self.vat.motion = Some(Motion { number: Some(number), began_us, arrives_us, from_um, to_um, homing });
         // A move to the present position ends at once.
         self.advance(self.now_us);
     }
 
     pub(super) fn arrive(&mut self, motion: &Motion) {
-        self.position_um = motion.to_um;
-        self.homed |= motion.homing;
+        self.vat.position_um = motion.to_um;
+        self.vat.homed |= motion.homing;
         self.statistics.moves += 1;
         self.record(ActRecord { event: "moved", position_um: Some(motion.to_um), ..ActRecord::default() });
         self.reply(motion.number, Reply::Vat(VatReply::Moved { position_um: motion.to_um }));
     }
 
+    /// The device restarts: the position of a plate at rest is in non-volatile memory, that of a moving one is lost.
+    pub(in crate::device::sim::core) fn lose_moving_position(&mut self) {
+        self.vat.homed &= self.vat.motion.is_none();
+    }
+
     /// The plate stops where it is. An interrupted homing has not found the zero position.
-    pub(super) fn stop_motion(&mut self) {
-        let Some(motion) = self.motion.take() else { return };
-        self.position_um = motion.position_um(self.now_us);
-        let position_um = self.homed.then_some(self.position_um);
+    pub(in crate::device::sim::core) fn stop_motion(&mut self) {
+        let Some(motion) = self.vat.motion.take() else { return };
+        self.vat.position_um = motion.position_um(self.now_us);
+        let position_um = self.vat.homed.then_some(self.vat.position_um);
         self.record(ActRecord { event: "moved", position_um, reason: Some("stopped".into()), ..ActRecord::default() });
         self.reply(motion.number, Reply::Refused(Refusal::CutShort));
     }
