@@ -115,7 +115,8 @@ fn a_device_without_room_is_told_from_one_that_does_not_hear() {
     );
     let text = full.host.hindrance().expect("no credit").to_string();
     assert!(text.contains("room for 0 bytes") && text.contains("restart the device"), "{text}");
-    let number = full.host.send_urgent(Urgent::Abort, full.now_us);
+    let number = 1;
+    full.host.send_urgent(number, Urgent::Abort, full.now_us);
     full.heard.clear();
     full.wait(1_000);
     let is_urgent = |frame: &Frame| frame.kind == FrameKind::Urgent && frame.sequence == number;

@@ -19,7 +19,7 @@ fn a_session_is_pressing_while_an_urgent_order_is_open_or_there_is_light() {
     pair.connect(1_000_000);
     assert!(!pair.host.is_pressing());
     for light_on in [true, false] {
-        let number = pair.host.send_urgent(Urgent::Abort, pair.now_us);
+        let number = pair.send_urgent(Urgent::Abort);
         assert!(pair.host.is_pressing() && pair.host.successor(9, pair.now_us).is_pressing());
         pair.run_for(50_000);
         pair.device.urgent_done(number, light_on);
@@ -156,7 +156,7 @@ fn urgent_frames_are_answered_within_100_ms_on_a_saturated_line() {
                     pair.host.send(&HostMessage::LayerData(piece)).expect("there is room");
                 }
                 if asked.is_none() && pair.now_us >= begin_us {
-                    asked = Some((pair.host.send_urgent(Urgent::LightOff, pair.now_us), pair.now_us));
+                    asked = Some((pair.send_urgent(Urgent::LightOff), pair.now_us));
                 }
                 pair.step();
                 for event in pair.device_events() {
@@ -187,7 +187,7 @@ fn urgent_frames_survive_loss_and_are_carried_out_once() {
     pair.connect(10_000_000);
     let (mut carried_out, mut answered) = (Vec::new(), Vec::new());
     for urgent in [Urgent::Hold, Urgent::LightOff, Urgent::Release] {
-        let number = pair.host.send_urgent(urgent, pair.now_us);
+        let number = pair.send_urgent(urgent);
         let give_up_us = pair.now_us + 1_500_000;
         while !answered.contains(&number) && pair.now_us < give_up_us {
             pair.step();
@@ -212,8 +212,8 @@ fn urgent_frames_survive_loss_and_are_carried_out_once() {
 fn an_answered_abort_ends_what_was_ordered_before_it() {
     let mut pair = Pair::new(4, 115_200, 4096, 512, Faults::default());
     pair.connect(1_000_000);
-    pair.host.send_urgent(Urgent::Abort, pair.now_us);
-    let second = pair.host.send_urgent(Urgent::Abort, pair.now_us);
+    pair.send_urgent(Urgent::Abort);
+    let second = pair.send_urgent(Urgent::Abort);
     // The answer to the first is lost.
     while !pair
         .device_events()
@@ -239,7 +239,7 @@ fn silence_ends_the_session_at_both_ends_and_a_successor_starts_another() {
     assert!(pair.host_events().is_empty() && pair.device_events().is_empty(), "heartbeats keep an idle session");
     pair.cut = true;
     let cut_us = pair.now_us;
-    let number = pair.host.send_urgent(Urgent::Abort, pair.now_us);
+    let number = pair.send_urgent(Urgent::Abort);
     pair.run_for(1_400_000);
     assert!(pair.host_events().is_empty() && pair.device_events().is_empty(), "not before two seconds");
     pair.run_for(700_000);

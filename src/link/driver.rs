@@ -9,6 +9,8 @@ use std::time::Duration;
 use tokio::sync::{Notify, mpsc};
 use tokio::time::{Instant, sleep_until};
 
+use layerd_wire::session::MAX_URGENTS;
+
 use super::settings::{FlowControl, LinkSettings};
 use crate::random;
 
@@ -20,8 +22,6 @@ use super::transport::{OpenError, SerialLine};
 
 /// Events that the owner has not taken. When the queue is full, credit holds the device back.
 const EVENT_QUEUE: usize = 64;
-/// Urgent orders that wait; more than an operator can give before the line answers.
-const URGENT_QUEUE: usize = 16;
 /// Bytes read at once: the size of the system's terminal buffer.
 const READ_BYTES: usize = 4096;
 
@@ -42,7 +42,7 @@ pub enum LinkEvent {
 #[derive(Clone, Debug)]
 pub struct LinkHandle {
     messages: mpsc::Sender<(u32, HostMessage)>,
-    urgents: mpsc::Sender<Urgent>,
+    urgents: mpsc::Sender<(u32, Urgent)>,
     shared: Arc<Shared>,
 }
 
@@ -53,6 +53,8 @@ struct Shared {
     busy_share: Mutex<Option<f64>>,
     /// Session id, and what hinders it.
     hindrance: Mutex<(u32, Option<Hindrance>)>,
+    /// Number of the newest urgent order that was queued. Locked while one is queued, so that they are queued in ascending order.
+    last_urgent: Mutex<u32>,
     renew: Notify,
     give_up: Notify,
 }
@@ -77,13 +79,17 @@ impl LinkHandle {
         self.messages.try_send((session_id, message)).map_err(|_| NoRoom)
     }
 
-    /// Sends an order that overtakes all messages. It is repeated, in new sessions too, until `UrgentDone` answers it. Urgent
-    /// frames are numbered from 1 in the order of these calls.
+    /// Sends an order that overtakes all messages. It is repeated, in new sessions too, until `UrgentDone` answers it. Returns its
+    /// number, which the answer repeats. Numbers ascend from 1.
     ///
     /// # Errors
     /// [`NoRoom`] if too many wait already or the task has ended.
-    pub fn urgent(&self, urgent: Urgent) -> Result<(), NoRoom> {
-        self.urgents.try_send(urgent).map_err(|_| NoRoom)
+    pub fn urgent(&self, urgent: Urgent) -> Result<u32, NoRoom> {
+        let mut last = self.shared.last_urgent.lock().unwrap_or_else(PoisonError::into_inner);
+        let number = last.wrapping_add(1);
+        self.urgents.try_send((number, urgent)).map_err(|_| NoRoom)?;
+        *last = number;
+        Ok(number)
     }
 
     /// Ends the present session and begins another, without a pause unless this is called too often. The end is not reported as
@@ -124,7 +130,7 @@ pub struct LinkDriver {
     start: Instant,
     session: HostSession,
     messages: mpsc::Receiver<(u32, HostMessage)>,
-    urgents: mpsc::Receiver<Urgent>,
+    urgents: mpsc::Receiver<(u32, Urgent)>,
     events: mpsc::Sender<LinkEvent>,
     shared: Arc<Shared>,
     /// Taken from its queue, waiting for room in the session's.
@@ -136,7 +142,7 @@ pub struct LinkDriver {
 /// Makes a line: its handle, its events, and its driver. [`LinkDriver::run`] moves the bytes.
 pub fn link(settings: LinkSettings) -> (LinkHandle, mpsc::Receiver<LinkEvent>, LinkDriver) {
     let (message_sender, messages) = mpsc::channel(1);
-    let (urgent_sender, urgents) = mpsc::channel(URGENT_QUEUE);
+    let (urgent_sender, urgents) = mpsc::channel(MAX_URGENTS);
     let (events, event_receiver) = mpsc::channel(EVENT_QUEUE);
     let shared = Arc::new(Shared::default());
     let handle = LinkHandle { messages: message_sender, urgents: urgent_sender, shared: Arc::clone(&shared) };
@@ -283,8 +289,8 @@ impl LinkDriver {
                     return true;
                 },
                 urgent = self.urgents.recv() => match urgent {
-                    Some(urgent) => {
-                        self.session.send_urgent(urgent, self.now_us());
+                    Some((number, urgent)) => {
+                        self.session.send_urgent(number, urgent, self.now_us());
                         end = Instant::now();
                     }
                     None => return true,
@@ -320,7 +326,7 @@ impl LinkDriver {
             tokio::select! {
                 biased;
                 urgent = self.urgents.recv() => match urgent {
-                    Some(urgent) => { self.session.send_urgent(urgent, self.now_us()); }
+                    Some((number, urgent)) => self.session.send_urgent(number, urgent, self.now_us()),
                     None => return Left::Owner,
                 },
                 () = self.shared.renew.notified() => return Left::Renewed,

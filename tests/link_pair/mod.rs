@@ -3,7 +3,7 @@
 
 use std::collections::VecDeque;
 
-use layerd::link::message::{Capabilities, DeviceState, Encoding, MachineCapabilities, VatCapabilities};
+use layerd::link::message::{Capabilities, DeviceState, Encoding, MachineCapabilities, Urgent, VatCapabilities};
 use layerd::link::session::{HostEvent, HostSession, HostSettings};
 use layerd_wire::session::{DeviceEvent, DeviceSession, DeviceSettings, line_time_us};
 
@@ -57,6 +57,7 @@ pub(crate) struct Pair {
     pub(crate) peak_unread_bytes: usize,
     /// 0x11 or 0x13 was sent.
     pub(crate) saw_flow_control: bool,
+    last_urgent: u32,
     settings: (HostSettings, DeviceSettings, Capabilities),
     faults: Faults,
     dice: Dice,
@@ -97,6 +98,7 @@ impl Pair {
             cut: false,
             peak_unread_bytes: 0,
             saw_flow_control: false,
+            last_urgent: 0,
             settings: (host, device, capabilities),
             faults,
             dice: Dice(seed),
@@ -118,6 +120,13 @@ impl Pair {
     /// The device starts anew and has forgotten everything.
     pub(crate) fn reset_device(&mut self) {
         self.device = DeviceSession::new(self.settings.2.clone(), self.settings.1, self.now_us);
+    }
+
+    /// The host sends an urgent order. Returns its number.
+    pub(crate) fn send_urgent(&mut self, urgent: Urgent) -> u32 {
+        self.last_urgent += 1;
+        self.host.send_urgent(self.last_urgent, urgent, self.now_us);
+        self.last_urgent
     }
 
     /// Steps until connected; a session that finds no answer is followed by another.

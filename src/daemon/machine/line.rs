@@ -15,7 +15,8 @@ pub(crate) struct Line {
     task: JoinHandle<()>,
     session_id: Option<u32>,
     piece_bytes: usize,
-    urgents: u32,
+    /// Number of the newest urgent frame.
+    last_urgent: u32,
     /// What kept data from getting through when the last session was ended from here, until the next one begins.
     hindered: Option<Hindrance>,
 }
@@ -30,7 +31,7 @@ impl Line {
             task: tokio::spawn(driver.run()),
             session_id: None,
             piece_bytes: 0,
-            urgents: 0,
+            last_urgent: 0,
             hindered: None,
         }
     }
@@ -66,13 +67,13 @@ impl Line {
         }
     }
 
-    /// Sends an urgent frame ahead of everything else. Returns its number, which the device's answer repeats.
+    /// Sends an urgent frame ahead of everything else. Returns its number, which the device's answer repeats. If too many are
+    /// unanswered, returns the newest one's.
     pub(crate) fn urgent(&mut self, urgent: Urgent) -> u32 {
-        // The line numbers urgent frames in the order in which it gets them.
-        if self.handle.urgent(urgent).is_ok() {
-            self.urgents += 1;
+        if let Ok(number) = self.handle.urgent(urgent) {
+            self.last_urgent = number;
         }
-        self.urgents
+        self.last_urgent
     }
 
     /// Why a session ended, as operators read it. A device that was heard a moment ago is switched on: what kept data from getting

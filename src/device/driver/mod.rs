@@ -2,7 +2,7 @@
 //! I/O and read no clock.
 //!
 //! [`FramedDriver`] drives machines that speak the framed protocol of `docs/protocol.md`. The daemon's loop uses it
-//! (`daemon/running.rs`).
+//! (`daemon/printer/running.rs`).
 
 mod framed;
 

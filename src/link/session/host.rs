@@ -46,7 +46,6 @@ pub struct HostSession {
     events: VecDeque<HostEvent>,
     /// Not yet answered, oldest first; at most [`MAX_URGENTS`].
     urgents: VecDeque<PendingUrgent>,
-    last_urgent: u32,
     /// The device reported light last.
     lit: bool,
     /// The latest time passed in.
@@ -85,7 +84,6 @@ impl HostSession {
             layer_slots: 0,
             events: VecDeque::new(),
             urgents: VecDeque::new(),
-            last_urgent: 0,
             lit: false,
             now_us,
         }
@@ -95,7 +93,6 @@ impl HostSession {
     #[must_use]
     pub fn successor(&self, session_id: u32, now_us: u64) -> Self {
         let mut next = Self::begin(session_id, self.settings, self.line.statistics, now_us);
-        next.last_urgent = self.last_urgent;
         next.urgents = self.urgents.clone();
         next.lit = self.lit;
         for pending in &mut next.urgents {
@@ -338,16 +335,14 @@ impl HostSession {
         endpoint.payload_limit() - 1
     }
 
-    /// Sends an order that overtakes all data, now or once connected. It is repeated until [`HostEvent::UrgentDone`] with the returned
-    /// number answers it. Beyond [`MAX_URGENTS`] unanswered orders, the oldest is dropped.
-    pub fn send_urgent(&mut self, urgent: Urgent, now_us: u64) -> u32 {
+    /// Sends an order that overtakes all data, now or once connected. It is repeated until [`HostEvent::UrgentDone`] answers its number.
+    /// Numbers must ascend over all sessions with a device. Beyond [`MAX_URGENTS`] unanswered orders, the oldest is dropped.
+    pub fn send_urgent(&mut self, number: u32, urgent: Urgent, now_us: u64) {
         self.now_us = now_us;
         if self.urgents.len() >= MAX_URGENTS {
             self.urgents.pop_front();
         }
-        self.last_urgent = self.last_urgent.wrapping_add(1);
-        self.urgents.push_back(PendingUrgent { number: self.last_urgent, urgent, send_at_us: now_us, sent: false });
-        self.last_urgent
+        self.urgents.push_back(PendingUrgent { number, urgent, send_at_us: now_us, sent: false });
     }
 
     /// The session's identity.
