@@ -1,4 +1,18 @@
 //! Compares the light that a device reports with the exposure that was commanded.
+//!
+//! ```
+//! use layerd::device::{Light, LightWatch};
+//! use layerd::link::message::{DeviceState, ExposureId};
+//!
+//! let id = ExposureId::first_pass(7, 0);
+//! let mut watch = LightWatch::default();
+//! watch.command(id, 2000, 0);
+//! watch.taken(10_000);
+//! // It may last its 2 s from when the command arrived, and half a second more.
+//! let lit = DeviceState { light_on: true, exposing: Some(id), ..DeviceState::default() };
+//! assert_eq!(watch.observe(&lit, 1_000_000), Light::Commanded { until_us: 2_510_000 });
+//! assert!(matches!(watch.observe(&lit, 2_600_000), Light::Uncommanded(_)));
+//! ```
 
 use crate::deadline::Deadline;
 use crate::link::message::{DeviceState, ExposureId};

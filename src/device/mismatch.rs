@@ -1,4 +1,4 @@
-//! Checks that the connected device is the configured machine and can print a recipe.
+//! Checks that the connected device is the configured machine and can print a recipe. `tests/device_driver.rs` shows each message.
 
 use super::encoding::{self, Choice};
 use crate::config::{DlpMachine, Machine, Recipe};

@@ -1,4 +1,16 @@
-//! The acts of a machine, the encodings of a layer, the driver, and simulated machines behind the same protocol.
+//! Machines: what they are told to do, how layers are encoded for them, their drivers, and simulated ones.
+//!
+//! | module       | owns                                                                                     |
+//! |--------------|------------------------------------------------------------------------------------------|
+//! | `act`        | acts and their outcomes                                                                  |
+//! | `driver`     | acts and layers as messages, replies as events                                           |
+//! | [`encoding`] | which encoding a device gets                                                             |
+//! | `light`      | whether a device shines only as commanded                                                |
+//! | `mismatch`   | whether a device is the configured machine, and can print a recipe                       |
+//! | `tolerance`  | how far reports may differ from commands                                                 |
+//! | [`sim`]      | simulated machines behind the same protocol                                              |
+//!
+//! `tests/device_common/print.rs` is the smallest host that prints with it.
 
 mod act;
 mod driver;

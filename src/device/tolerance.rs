@@ -1,4 +1,13 @@
 //! Tolerances between reported and commanded values. `docs/protocol.md` states the same figures.
+//!
+//! ```
+//! use layerd::device::{Dose, least_exposure_us};
+//!
+//! // 2 % of two seconds.
+//! assert_eq!(Dose::of(2000, 1960), Dose::Right);
+//! assert_eq!(Dose::of(2000, 1959), Dose::TooLittle);
+//! assert_eq!(least_exposure_us(2000), 1_960_000);
+//! ```
 
 /// Firmware timers tick every 1 to 10 ms; this allows two ticks.
 const TIMER_TOLERANCE_MS: u32 = 20;

@@ -1,4 +1,5 @@
 //! The task that connects a host session to its port: paces bytes, keeps timers, reopens the port and begins new sessions.
+//! `tests/link_port.rs` runs it on a pseudo-terminal.
 
 use std::io;
 use std::os::unix::fs::MetadataExt;

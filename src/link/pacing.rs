@@ -1,7 +1,7 @@
 //! Limits how far ahead of the line bytes are given to the kernel, and measures how busy the line is.
 //!
 //! An urgent frame waits behind all bytes in the kernel's buffer. So the buffer is filled at the rate of the line, not up to its
-//! size.
+//! size. [`driver`](super::driver) uses it.
 
 use layerd_wire::session::line_time_us;
 

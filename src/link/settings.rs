@@ -1,4 +1,5 @@
-//! How the serial line to the device is opened: part of a machine's configuration.
+//! How the serial line to the device is opened: part of a machine's configuration, as in
+//! `config/machines/sim-dlp.toml`.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,5 @@
 //! Pauses between sessions, so that a device that fails every session does not flood the log and the events.
+//! [`driver`](super::driver) uses it.
 
 /// Pause after a session that failed: short at first, since a device that restarts is back soon.
 const FIRST_PAUSE_US: u64 = 100_000;

@@ -1,7 +1,7 @@
 //! The serial port or pseudo-terminal: 8N1, raw, exclusive to one process.
 //!
 //! Linux raises DTR and RTS at the first open of a port, and lowers them at the last close if HUPCL is set. Many boards reset
-//! when DTR rises. So the port is opened once, HUPCL is cleared, and neither line is touched.
+//! when DTR rises. So the port is opened once, HUPCL is cleared, and neither line is touched. [`driver`](super::driver) opens it.
 
 use std::io;
 use std::os::fd::AsRawFd;

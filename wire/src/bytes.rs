@@ -1,4 +1,4 @@
-//! Little-endian reading and writing.
+//! Little-endian reading and writing. [`codec`](super::codec) and [`handshake`](super::handshake) use it.
 
 use alloc::string::String;
 use alloc::vec::Vec;

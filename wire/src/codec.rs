@@ -1,4 +1,5 @@
-//! Encodes and decodes messages, the payload of data frames.
+//! Encodes and decodes messages, the payload of data frames. The sessions use it; `tests/wire_vectors.rs` of `layerd` holds the
+//! bytes.
 
 use alloc::vec::Vec;
 

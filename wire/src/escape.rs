@@ -1,6 +1,7 @@
 //! The escape layer of lines with XON/XOFF. Neither byte may occur in the data, because the port removes both.
 //!
 //! It is below the frames: limits and credit count bytes before escaping, so that they do not depend on the data.
+//! [`Line`](super::session::Line) uses it.
 
 use alloc::vec::Vec;
 

@@ -1,4 +1,5 @@
-//! Frames: type, session, sequence, payload and CRC-32, COBS-encoded and ended by a zero byte.
+//! Frames: type, session, sequence, payload and CRC-32, COBS-encoded and ended by a zero byte. The example of the
+//! [crate](crate) reads one.
 
 use alloc::vec::Vec;
 

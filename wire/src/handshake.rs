@@ -1,4 +1,5 @@
-//! Payloads of all frames except data: hello, welcome, refusal, acknowledgement, urgent.
+//! Payloads of all frames except data: hello, welcome, refusal, acknowledgement, urgent. The example of the
+//! [crate](crate) shows a handshake.
 
 use alloc::vec::Vec;
 

@@ -1,4 +1,4 @@
-//! Versions of the protocol, and how host and device agree on one.
+//! Versions of the protocol, and how host and device agree on one: see [`VersionRange::highest_common`].
 
 use core::fmt;
 

@@ -6,7 +6,8 @@
 //! while layer n + 1 is sent. Replies are matched to requests by number; a report is never an answer.
 //!
 //! The job engine decides which layer goes into which slot and whether a refused layer is sent again. A driver lasts for one
-//! session. After a reconnect the owner builds a new one, and everything under way is void.
+//! session. After a reconnect the owner builds a new one, and everything under way is void. `tests/device_common/print.rs` prints
+//! with it.
 
 use std::collections::VecDeque;
 

@@ -1,4 +1,5 @@
 //! Faults that are injected between pseudo-terminal and session, drawn from a seeded random sequence.
+//! `layerctl simulate --fault` takes them.
 
 use std::str::FromStr;
 

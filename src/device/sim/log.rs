@@ -1,4 +1,4 @@
-//! The log of a simulated device: `acts.jsonl`, and a PNG of every exposed layer.
+//! The log of a simulated device: `acts.jsonl`, and a PNG of every exposed layer. [`run`](fn@super::run) writes it.
 
 use std::fs::File;
 use std::io::{self, Write};

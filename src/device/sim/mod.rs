@@ -2,6 +2,8 @@
 //!
 //! There are two clocks. The *line's* clock is real time: protocol timers and pacing by baud rate. The *device's* clock runs
 //! `--time-scale` times faster: exposures, moves and `t_ms` in the log. Faults are drawn from a sequence fixed by `--seed`.
+//!
+//! `layerctl simulate` and `layerctl demo` run one; so does `tests/device_pty.rs`.
 
 mod core;
 mod fault;

@@ -1,4 +1,4 @@
-//! Pacing: limits the line to its baud rate.
+//! Pacing: limits the line to its baud rate. [`run`](fn@super::run) uses it, once for each direction.
 
 /// Unused line time is saved up to this much: wake-ups are a few milliseconds late, and that must not cost throughput.
 const SAVED_US: u64 = 10_000;

@@ -1,4 +1,5 @@
 //! A pseudo-terminal with a symlink as its name: the simulated end of a serial line.
+//! [`run`](fn@super::run) uses it; so does `tests/device_pty.rs`.
 
 use std::fmt::Write as _;
 use std::io;

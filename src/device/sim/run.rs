@@ -1,7 +1,7 @@
 //! The process of a simulated device: pseudo-terminal, pacing, faults, the real clock, the log.
 //!
 //! One loop: it handles what is due, passes messages from the session to the firmware, carries out the firmware's actions and sends
-//! what the line can carry. Then it sleeps until the line or a timer wakes it.
+//! what the line can carry. Then it sleeps until the line or a timer wakes it. `layerctl simulate` and `demo` call [`run`].
 
 use std::collections::VecDeque;
 use std::collections::hash_map::RandomState;

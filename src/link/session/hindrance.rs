@@ -1,4 +1,5 @@
 //! What keeps data from getting through in an open session. The acknowledgements show the cause.
+//! `tests/link_causes.rs` shows each.
 
 /// Shorter waits are normal: one retransmission takes up to 500 ms.
 const MIN_WAIT_US: u64 = 1_000_000;

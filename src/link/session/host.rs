@@ -1,4 +1,4 @@
-//! The host's end of a session.
+//! The host's end of a session. [`driver`](crate::link::driver) runs it on a port, and `tests/link_session.rs` in virtual time.
 
 mod event;
 

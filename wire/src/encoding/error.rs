@@ -1,4 +1,4 @@
-//! Why a layer cannot be encoded or decoded.
+//! Why a layer cannot be encoded or decoded; see [`encode`](super::encode) and [`Decoder`](super::Decoder).
 
 /// The bytes given are not whole rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]

@@ -1,6 +1,7 @@
 //! The probability model of RunGrey: predicts a pixel or a run from those before it.
 //!
 //! A decoder keeps two rows and the [`Model`], which takes 1104 bytes. `docs/encodings.md` describes the model in words.
+//! [`run_grey`](super::run_grey) uses it.
 
 use super::range::{Probability, RangeDecoder, RangeEncoder};
 

@@ -1,8 +1,9 @@
 //! An adaptive binary range coder: bits that are nearly certain cost almost nothing.
 //!
 //! The coder keeps an interval of 32 bits and gives each bit a share in proportion to its probability (Martin 1979; carries and
-//! bytewise renormalisation as in Schindler 1998). [`run_grey`](super::run_grey) uses it. The last four bytes are the lower end of the interval. A decoder of intact
+//! bytewise renormalisation as in Schindler 1998). The last four bytes are the lower end of the interval. A decoder of intact
 //! bytes ends with exactly 0, so that missing, surplus or damaged bytes are noticed without an end mark.
+//! [`run_grey`](super::run_grey) uses it.
 
 use alloc::vec::Vec;
 

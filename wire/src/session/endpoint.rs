@@ -1,5 +1,4 @@
-//! Reliable data in both directions; the same at both ends. [`DeviceSession`](super::DeviceSession) and the host's session in `layerd` use
-//! it.
+//! Reliable data in both directions; the same at both ends. `tests/wrap_around.rs` joins two of them.
 
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;

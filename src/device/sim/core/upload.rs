@@ -1,4 +1,5 @@
-//! A layer on its way into a slot: announced, received in pieces, decoded as it arrives, checked.
+//! A layer on its way into a slot: announced, received in pieces, decoded as it arrives, checked. Part of
+//! [`DeviceCore`].
 
 use layerd_wire::encoding::Decoder;
 

@@ -1,4 +1,4 @@
-//! What a host session reports to its owner, and why a session ends.
+//! What a host session reports to its owner, and why a session ends. `tests/link_causes.rs` shows most.
 
 use layerd_wire::message::{Capabilities, DeviceMessage, DeviceState};
 use layerd_wire::{MIN_FRAME_BYTES, VersionRange, WireError};
