@@ -15,7 +15,9 @@ use vat::Vat;
 
 use super::log::ActRecord;
 use crate::layer::Bitmap;
-use crate::link::message::{Capabilities, DeviceMessage, DeviceState, ExposureId, Fault, HostMessage, Refusal, Reply, Report, Request, Urgent};
+use crate::link::message::{
+    Capabilities, DeviceMessage, DeviceState, ExposureId, Fault, HostMessage, Refusal, Reply, Report, Request, Urgent,
+};
 
 /// What the owner of the core must do, in order.
 #[derive(Clone, Debug, PartialEq)]
