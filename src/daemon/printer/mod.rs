@@ -30,7 +30,7 @@ use super::setting::Setting;
 use crate::api::DeviceView;
 use crate::device::FramedDriver;
 use crate::job::{Progress, Spool};
-use crate::link::message::{Capabilities, DeviceState, HostMessage, Request, Urgent};
+use crate::link::message::{Capabilities, DeviceState, HostMessage, Request, Urgent, VatRequest};
 use crate::stream::MemoryBudget;
 
 /// Capacity of the queue of background results; when full, the worker blocks.
