@@ -1,15 +1,21 @@
 //! A scripted device, a line, a journal and a clock around a job's engine.
 #![allow(dead_code, reason = "each test file uses its part")]
 
+mod device;
+mod disturbance;
+
+pub(crate) use device::Lies;
+pub(crate) use disturbance::Disturbance;
+
 use std::path::Path;
 
 use layerd::config::Recipe;
-use layerd::device::{Act, Outcome};
-use layerd::job::{
-    Action, Command, EndOrder, Engine, Event, History, JobPlan, JobState, Record, ResumeChoice, StartPoint,
-};
-use layerd::link::message::{DeviceState, ExposureId, Refusal, Urgent};
+use layerd::device::Act;
+use layerd::job::{Action, Command, Engine, Event, JobPlan, JobState, Record, StartPoint};
+use layerd::link::message::{DeviceState, ExposureId, Urgent};
 
+/// One second, microseconds.
+pub(crate) const SECOND_US: u64 = 1_000_000;
 pub(crate) const KEY: u64 = 7;
 pub(crate) const LAYERS: u32 = 5;
 pub(crate) const CLEAR_UM: i32 = 20_000;
@@ -25,51 +31,6 @@ pub(crate) fn plan() -> JobPlan {
 
 pub(crate) fn accepted() -> Record {
     Record::Accepted { key: KEY, layer_count: LAYERS, name: "cube".into() }
-}
-
-/// What happens to the world at a given step.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Disturbance {
-    /// The line is down for this long.
-    LineLost {
-        for_us: u64,
-    },
-    /// The host dies; the daemon starts again and resumes.
-    Crash,
-    Order(Command),
-    Shutdown,
-    /// The device does its next act, or the one under way, and says nothing of it.
-    Mute,
-    /// The host stands still for this long; its timers are the first to run after that.
-    Standstill {
-        for_us: u64,
-    },
-}
-
-/// What the device does otherwise than it was told.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Lies {
-    /// Exposures are reported with this time, milliseconds.
-    pub(crate) light_ms: Option<u32>,
-    /// Where a move to this height ends, micrometres.
-    pub(crate) misplaced: Option<(i32, i32)>,
-    /// Its light goes on only by itself, and off by nobody's order.
-    pub(crate) stays_lit: bool,
-    /// It tells of no act that it is done.
-    pub(crate) mute: bool,
-    /// It takes no act at all.
-    pub(crate) deaf: bool,
-    /// It says that it is done after a tenth of the time.
-    pub(crate) hasty: bool,
-    /// So many aborts, one a session, it neither obeys nor answers.
-    pub(crate) unheard_aborts: u32,
-    /// It answers aborts with its light on, and does nothing else; a light-off it obeys.
-    pub(crate) deaf_to_aborts: bool,
-    /// It obeys an abort, answers with its light on, and is dark after this time.
-    pub(crate) dark_after_us: Option<u64>,
-    /// It exposes this layer and then says that it refused it, for this reason; with `true` its state names the layer as cut short,
-    /// and never as being exposed.
-    pub(crate) refuses_lit: Option<(u32, Refusal, bool)>,
 }
 
 /// Engine, device, journal and line, with a clock of their own.
@@ -198,71 +159,6 @@ impl World {
         }
     }
 
-    pub(crate) fn disturbance(&mut self) -> Option<Disturbance> {
-        let place = self.disturb_at.iter().position(|(step, _)| *step <= self.steps)?;
-        Some(self.disturb_at.remove(place).1)
-    }
-
-    pub(crate) fn disturb(&mut self, disturbance: Disturbance) {
-        match disturbance {
-            Disturbance::LineLost { for_us } => {
-                self.drop_line(for_us);
-                self.engine.handle(Event::LineLost("cable".into()), self.now_us);
-            }
-            Disturbance::Crash => self.crash(),
-            Disturbance::Order(command) => {
-                self.engine.handle(Event::Command(command), self.now_us);
-                if command == Command::Abort {
-                    self.aborted = true;
-                    let action = self.engine.next_action();
-                    assert_eq!(action, Some(Action::Urgent(Urgent::Abort)), "light off before anything else");
-                    self.perform(Action::Urgent(Urgent::Abort));
-                }
-            }
-            Disturbance::Shutdown => self.engine.handle(Event::Shutdown, self.now_us),
-            Disturbance::Mute => self.mute_once = true,
-            Disturbance::Standstill { for_us } => {
-                self.now_us += for_us;
-                let is_over = self.device_act.is_some_and(|(at_us, _)| at_us <= self.now_us);
-                let unread = if is_over { self.end_device_act() } else { None };
-                self.engine.handle(Event::Timeout, self.now_us);
-                if let Some(event) = unread {
-                    self.engine.handle(event, self.now_us);
-                }
-            }
-        }
-    }
-
-    pub(crate) fn drop_line(&mut self, for_us: u64) {
-        self.line_up = false;
-        self.awaited = None;
-        self.upload = None;
-        self.reconnect_at_us = Some(self.now_us + for_us);
-    }
-
-    /// A new engine from what the journal says.
-    pub(crate) fn crash(&mut self) {
-        let history = History::replay(&self.journal).expect("the journal is true at every moment");
-        // As the daemon does: what was ordered to end is taken up for that alone.
-        let (start, end) = match history.ordered {
-            Some(EndOrder::Stop) => (history.start_to_end().ok(), Some(Command::Stop)),
-            Some(EndOrder::Abort) => (history.start_to_end().ok(), Some(Command::Abort)),
-            None => (history.start(ResumeChoice::None).ok(), None),
-        };
-        let Some(start) = start else {
-            self.finished = Some((history.state, history.reason));
-            return;
-        };
-        self.drop_line(2_000_000);
-        self.flushing = None;
-        self.engine = Engine::new(plan(), start);
-        self.finished = None;
-        self.tell(Event::Ready);
-        if let Some(command) = end {
-            self.tell(Event::Command(command));
-        }
-    }
-
     pub(crate) fn perform(&mut self, action: Action) {
         let may_overtake =
             matches!(action, Action::Urgent(_) | Action::EndSession(_) | Action::NewSession(_) | Action::Notice(_));
@@ -303,120 +199,12 @@ impl World {
         }
     }
 
-    pub(crate) fn begin_act(&mut self, number: u64, act: Act) {
-        self.acts.push(act);
-        if !self.line_up || self.lies.deaf {
-            return;
-        }
-        assert!(self.awaited.is_none() && self.device_act.is_none(), "two acts at once: {act:?}");
-        let position_um = self.device.position_um.unwrap_or(0);
-        let duration_us = match act {
-            Act::Home => {
-                assert!(self.exposed.is_empty(), "homing with a part on the plate");
-                3_000_000
-            }
-            Act::Move { position_um: to_um, speed_um_s } => {
-                assert!((0..=MAX_POSITION_UM).contains(&to_um));
-                u64::from(to_um.abs_diff(position_um)) * 1_000_000 / u64::from(speed_um_s)
-            }
-            Act::Expose { layer, duration_ms, .. } => {
-                assert!(!self.aborted, "light after an abort");
-                let commanded = self
-                    .journal
-                    .iter()
-                    .rev()
-                    .find(|r| !matches!(r, Record::Paused | Record::Resumed | Record::Ordered(_)));
-                assert!(matches!(commanded, Some(Record::Commanded { layer: l, .. }) if *l == layer), "{commanded:?}");
-                let (at_um, target_um) = (self.device.position_um, 50 * (layer as i32 + 1));
-                assert!(at_um.is_some_and(|at_um| at_um.abs_diff(target_um) <= 25), "layer {layer} at {at_um:?} µm");
-                assert_eq!(duration_ms, [20_000, 11_000, 2000, 2000, 2000][layer as usize]);
-                self.awaited = Some(number);
-                let id = ExposureId::first_pass(KEY, layer);
-                if self.device.last_exposed.is_some_and(|last| last.job == KEY && last.layer >= layer) {
-                    return self.answer(number, Outcome::Refused(Refusal::AlreadyExposed));
-                }
-                assert!(self.device.slots.contains(&Some(id)), "layer {layer} is not on the device");
-                let hidden = self.lies.refuses_lit.is_some_and(|(lied, _, hidden)| hidden && lied == layer);
-                self.device.exposing = Some(id).filter(|_| !hidden);
-                self.device.light_on = !hidden;
-                u64::from(duration_ms) * 1000
-            }
-        };
-        self.device.moving = !matches!(act, Act::Expose { .. });
-        assert!(!self.device.moving || !self.device.light_on, "a move under light: {act:?}");
-        self.awaited = Some(number);
-        let duration_us = if self.lies.hasty { duration_us / 10 } else { duration_us };
-        self.device_act = Some((self.now_us + duration_us, act));
-        self.engine.handle(Event::ActTaken { number }, self.now_us);
-    }
-
-    pub(crate) fn answer(&mut self, number: u64, outcome: Outcome) {
-        self.awaited = None;
-        self.engine.handle(Event::ActDone { number, outcome }, self.now_us);
-    }
-
-    pub(crate) fn urgent(&mut self, urgent: Urgent) {
-        if !self.line_up {
-            self.urgent_waits = Some(urgent);
-            return;
-        }
-        self.urgents.push((self.now_us, urgent));
-        if urgent == Urgent::Abort && self.lies.unheard_aborts > 0 {
-            self.lies.unheard_aborts -= 1;
-            // The host repeats it, and the device knows its number until the next session.
-            self.urgent_waits = Some(urgent);
-            return;
-        }
-        if self.urgent_waits == Some(Urgent::Abort) && urgent == Urgent::LightOff {
-            return;
-        }
-        if urgent == Urgent::Abort
-            && self.device.light_on
-            && let Some(after_us) = self.lies.dark_after_us
-        {
-            (self.dark_at_us, self.device_act) = (Some(self.now_us + after_us), None);
-            return self.engine.handle(Event::UrgentFailed(urgent), self.now_us);
-        }
-        if urgent == Urgent::Abort && self.lies.deaf_to_aborts && self.device.light_on {
-            return self.engine.handle(Event::UrgentFailed(urgent), self.now_us);
-        }
-        if self.lies.stays_lit {
-            return self.engine.handle(Event::UrgentFailed(urgent), self.now_us);
-        }
-        self.device.light_on = false;
-        if let Some(id) = self.device.exposing.take() {
-            self.device.cut_short = Some((id, 1));
-            let cut = self.device_act.take_if(|(_, act)| matches!(act, Act::Expose { .. }));
-            if let (Some(_), Urgent::LightOff, Some(number)) = (cut, urgent, self.awaited) {
-                self.answer(number, Outcome::Refused(Refusal::CutShort));
-            }
-        }
-        self.engine.handle(Event::UrgentDone(urgent), self.now_us);
-        if urgent == Urgent::Abort {
-            self.device.moving = false;
-            self.device_act = None;
-            self.device.slots = vec![None, None];
-            self.drop_line(500_000);
-            self.engine.handle(Event::LineLost("aborted".into()), self.now_us);
-        }
-    }
-
     /// Runs until the engine is done.
     pub(crate) fn finish(&mut self) {
         while self.finished.is_none() {
             assert!(self.next_event(), "the job does not end: {:?}", self.engine.progress());
             assert!(self.steps < 3000, "the job does not end: {:?}", self.engine.progress());
         }
-    }
-
-    /// Goes on after an end that can be resumed, with a device that is honest again.
-    pub(crate) fn resume(&mut self, choice: ResumeChoice) {
-        self.lies = Lies::default();
-        let history = History::replay(&self.journal).expect("the journal is true");
-        self.engine = Engine::new(plan(), history.start(choice).expect("resumable"));
-        self.finished = None;
-        self.drop_line(100_000);
-        self.tell(Event::Ready);
     }
 
     /// Lets time pass to the next thing that happens; false if nothing ever will.
@@ -464,50 +252,6 @@ impl World {
         true
     }
 
-    pub(crate) fn end_act(&mut self) {
-        if let Some(event) = self.end_device_act() {
-            self.tell(event);
-        }
-    }
-
-    /// The device's act ends; what it says of that, if the host is to hear of it.
-    fn end_device_act(&mut self) -> Option<Event> {
-        let (_, act) = self.device_act.take()?;
-        self.device.moving = false;
-        let outcome = match act {
-            Act::Home => {
-                self.device.position_um = Some(0);
-                Outcome::Arrived { position_um: 0 }
-            }
-            Act::Move { position_um, .. } => {
-                let ends_at = self.lies.misplaced.filter(|(to_um, _)| *to_um == position_um);
-                let position_um = ends_at.map_or(position_um, |(_, ends_at_um)| ends_at_um);
-                self.device.position_um = Some(position_um);
-                Outcome::Arrived { position_um }
-            }
-            Act::Expose { layer, .. } if self.lies.refuses_lit.is_some_and(|(lied, ..)| lied == layer) => {
-                let (_, refusal, hidden) = self.lies.refuses_lit?;
-                self.exposed.push(layer);
-                self.device.light_on = false;
-                self.device.exposing = None;
-                self.device.cut_short = hidden.then_some((ExposureId::first_pass(KEY, layer), 400));
-                Outcome::Refused(refusal)
-            }
-            Act::Expose { layer, duration_ms, .. } => {
-                self.exposed.push(layer);
-                self.device.light_on = false;
-                self.device.last_exposed = self.device.exposing.take();
-                for slot in &mut self.device.slots {
-                    *slot = slot.filter(|id| id.layer != layer);
-                }
-                Outcome::Exposed { layer, duration_ms: self.lies.light_ms.unwrap_or(duration_ms) }
-            }
-        };
-        let is_told = !self.lies.mute && !std::mem::take(&mut self.mute_once);
-        let number = self.awaited.take().filter(|_| is_told)?;
-        Some(Event::ActDone { number, outcome })
-    }
-
     pub(crate) fn all_exposed_once(&self) -> bool {
         self.exposed == (0..LAYERS).collect::<Vec<_>>()
     }
@@ -525,4 +269,11 @@ pub(crate) fn world_exposing(layer: u32) -> World {
         assert!(world.next_event());
     }
     world
+}
+
+/// Steps of an undisturbed print: disturbances fall on each of them.
+pub(crate) fn steps_of_a_print() -> usize {
+    let mut world = World::new();
+    world.run();
+    world.steps
 }
