@@ -404,10 +404,10 @@ fn a_full_disk_takes_no_new_layer_but_every_end() {
     let (mut journal, _) = Journal::open(&path).expect("readable");
     journal.append(Record::Ordered(EndOrder::Abort), 6).expect("room");
     journal.append(Record::LightOff, 7).expect("room");
-    journal.append(Record::Lifted, 8).expect("room");
+    journal.append(Record::Parked, 8).expect("room");
     journal.append(Record::Ended { state: JobState::Aborted, reason }, 9).expect("room");
     let (_, history) = read_journal(&path).expect("whole");
-    assert_eq!((history.state, history.lifted), (JobState::Aborted, true));
+    assert_eq!((history.state, history.parked), (JobState::Aborted, true));
     // The room is given back.
     let used_bytes = std::os::unix::fs::MetadataExt::blocks(&fs::metadata(&path).expect("there")) * 512;
     let length_bytes = fs::metadata(&path).expect("there").len();

@@ -1,10 +1,18 @@
-//! Acts of a DLP machine and their outcomes: what job engine and driver exchange.
+//! Acts of a machine and their outcomes: what job engine and driver exchange. See them used in `job/cycle/vat.rs`, which decides
+//! what a machine with a vat does, and in the driver, which makes requests of it.
 
 use crate::link::message::Refusal;
 
-/// Something that the device does. Acts run one at a time.
+/// Something that a machine does, by kind of machine. Acts run one at a time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Act {
+    /// An act of a machine with a vat.
+    Vat(VatAct),
+}
+
+/// What a machine with a vat, a plate and a projector does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum VatAct {
     /// Find the zero position, plate at the bottom of the vat.
     Home,
     /// Move the plate.
@@ -25,9 +33,27 @@ pub enum Act {
     },
 }
 
+impl Act {
+    /// Whether the act makes light, so that it must be taken back before it follows a light-off.
+    pub fn is_exposure(self) -> bool {
+        matches!(self, Self::Vat(VatAct::Expose { .. }))
+    }
+}
+
 /// How an [`Act`] ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
+    /// An act of a machine with a vat was done.
+    Vat(VatOutcome),
+    /// The device refused the act.
+    Refused(Refusal),
+    /// The exposure was taken back before it left the host.
+    TakenBack,
+}
+
+/// What a machine with a vat has done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum VatOutcome {
     /// Homed or moved: the plate is there.
     Arrived {
         /// Height above the bottom of the vat, micrometres.
@@ -40,8 +66,4 @@ pub enum Outcome {
         /// Light time that the device reported, milliseconds.
         duration_ms: u32,
     },
-    /// The device refused the act.
-    Refused(Refusal),
-    /// The exposure was taken back before it left the host.
-    TakenBack,
 }

@@ -5,6 +5,7 @@
 mod engine;
 mod event;
 mod fate;
+mod history;
 mod journal;
 mod plan;
 mod record;
@@ -14,9 +15,10 @@ mod state;
 pub use engine::{ACT_MARGIN_US, Engine};
 pub use event::{Action, Command, Event, Progress};
 pub use fate::{Fate, fate};
+pub use history::{Contradiction, History, ResumeChoice, ResumeError, StartPoint};
 pub use journal::{Entry, Journal, JournalError, read_journal};
 pub use plan::JobPlan;
-pub use record::{Contradiction, EndOrder, History, Record, ResumeChoice, ResumeError, StartPoint, Trace, Unconfirmed};
+pub use record::{EndOrder, Record, Trace, Unconfirmed};
 pub use spool::{
     Forgotten, JobDirectory, MAX_FORGOTTEN, MAX_PARTS, MAX_RECORDS, NewJob, PlateAfter, Spool, SpoolError,
 };

@@ -91,7 +91,7 @@ fn a_disk_that_hangs_keeps_no_plate_in_the_resin() {
             Command::Stop => JobState::Stopped,
             _ => JobState::Completed,
         };
-        assert!(history.state == state && history.lifted, "{order:?} {hanging}: {:?}", world.journal);
+        assert!(history.state == state && history.parked, "{order:?} {hanging}: {:?}", world.journal);
     }
 }
 

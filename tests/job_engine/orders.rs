@@ -99,7 +99,7 @@ fn an_order_to_end_is_carried_out_after_a_crash_at_any_later_step() {
             assert_eq!(history.state, state, "step {step}");
             let is_bare = !history.touched();
             assert!(
-                is_bare || (history.lifted && world.device.position_um >= Some(CLEAR_UM)),
+                is_bare || (history.parked && world.device.position_um >= Some(CLEAR_UM)),
                 "step {step}: {history:?}"
             );
         }

@@ -68,7 +68,7 @@ impl From<&History> for Past {
     fn from(history: &History) -> Self {
         Self {
             touched: history.touched(),
-            lifted: history.lifted,
+            lifted: history.parked,
             unconfirmed: history.unconfirmed,
             plate_clear_on: history.plate_clear_on,
             traces: history.traces.clone(),

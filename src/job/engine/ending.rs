@@ -121,7 +121,7 @@ impl Engine {
             *state = JobState::Interrupted;
         }
         if self.touched && self.lifted {
-            self.out.journal(Record::Lifted);
+            self.out.journal(Record::Parked);
         }
         if let Intent::End(state, _) = self.intent {
             self.out.journal(Record::Ended { state, reason: self.end_reason() });
