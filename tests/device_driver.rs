@@ -7,8 +7,10 @@ use std::path::Path;
 use device_common::{Bench, capabilities, id, picture};
 use layerd::config::{Machine, Recipe};
 use layerd::device::encoding::{encode, picture_crc32};
-use layerd::device::{Act, DriverBusy, DriverEvent, FramedDriver, Misfit, Outcome, check_capabilities, check_fit};
-use layerd::job::{Action, Engine, Event, JobPlan, StartPoint};
+use layerd::device::{
+    Act, DriverBusy, DriverEvent, FramedDriver, Misfit, Outcome, VatAct, VatOutcome, check_capabilities, check_fit,
+};
+use layerd::job::{Action, Engine, Event, JobPlan, Process, StartPoint, VatPlan};
 use layerd::link::message::{
     Capabilities, DeviceMessage, DeviceState, Encoding, ExposureId, Fault, HostMessage, MachineCapabilities, Refusal,
     Reply, Report, Request, VatCapabilities, VatReply, VatRequest,
@@ -49,9 +51,9 @@ fn the_next_layer_travels_while_one_shines() {
     assert_eq!(exchange(&mut driver, &mut bench), [DriverEvent::Uploaded { layer: 0 }]);
     assert_eq!(bench.core.state().slots, [None, Some(id(0))], "in the slot that was named");
     upload(&mut driver, 1, 0);
-    driver.act(Act::Expose { layer: 0, duration_ms: 1000, light_pwm: 255 }, 0).expect("idle");
+    driver.act(Act::Vat(VatAct::Expose { layer: 0, duration_ms: 1000, light_pwm: 255 }), 0).expect("idle");
     assert_eq!(driver.upload(2, 1, Encoding::Group4, vec![1], 0), Err(DriverBusy::UploadUnderWay));
-    assert_eq!(driver.act(Act::Home, 0), Err(DriverBusy::ActUnderWay));
+    assert_eq!(driver.act(Act::Vat(VatAct::Home), 0), Err(DriverBusy::ActUnderWay));
     // The requests go before the data, although room is scarce.
     let requests: Vec<_> = std::iter::from_fn(|| driver.next_message(0, 0)).collect();
     assert!(
@@ -76,11 +78,14 @@ fn the_next_layer_travels_while_one_shines() {
     );
     bench.advance(1_000_000);
     let done = answers(&mut driver, &mut bench);
-    assert_eq!(done, [DriverEvent::ActDone(Outcome::Exposed { layer: 0, duration_ms: 1000 })]);
-    driver.act(Act::Home, 0).expect("idle");
+    assert_eq!(done, [DriverEvent::ActDone(Outcome::Vat(VatOutcome::Exposed { layer: 0, duration_ms: 1000 }))]);
+    driver.act(Act::Vat(VatAct::Home), 0).expect("idle");
     exchange(&mut driver, &mut bench);
     bench.advance(60_000_000);
-    assert_eq!(answers(&mut driver, &mut bench), [DriverEvent::ActDone(Outcome::Arrived { position_um: 0 })]);
+    assert_eq!(
+        answers(&mut driver, &mut bench),
+        [DriverEvent::ActDone(Outcome::Vat(VatOutcome::Arrived { position_um: 0 }))]
+    );
 }
 
 #[test]
@@ -117,7 +122,7 @@ fn a_layer_is_not_taken_for_uploaded_before_it_was_sent() {
 #[test]
 fn news_and_strange_numbers_are_not_taken_for_answers() {
     let mut driver = driver();
-    driver.act(Act::Home, 0).expect("idle");
+    driver.act(Act::Vat(VatAct::Home), 0).expect("idle");
     let Some(HostMessage::Request { number, .. }) = driver.next_message(0, 0) else { panic!("no request") };
     let reply = |number, reply| DeviceMessage::Reply { number, reply };
     let fault = Some(Fault { code: 3, text: "door open".into() });
@@ -129,10 +134,10 @@ fn news_and_strange_numbers_are_not_taken_for_answers() {
     assert!(misbehaved(&other, "asked for Home (request 1) and replied with done"), "{other:?}");
     assert!(driver.is_acting());
     let done = driver.handle(reply(number, Reply::Vat(VatReply::Moved { position_um: 0 })));
-    assert_eq!(done, DriverEvent::ActDone(Outcome::Arrived { position_um: 0 }));
+    assert_eq!(done, DriverEvent::ActDone(Outcome::Vat(VatOutcome::Arrived { position_um: 0 })));
     let again = driver.handle(reply(number, Reply::Vat(VatReply::Moved { position_um: 0 })));
     assert!(misbehaved(&again, "awaits no reply"), "a repeated reply answers nothing: {again:?}");
-    driver.act(Act::Expose { layer: 3, duration_ms: 10, light_pwm: 255 }, 0).expect("idle");
+    driver.act(Act::Vat(VatAct::Expose { layer: 3, duration_ms: 10, light_pwm: 255 }), 0).expect("idle");
     let number = number + 2;
     let wrong = driver.handle(reply(number, Reply::Vat(VatReply::Exposed { id: id(4), duration_ms: 10 })));
     assert!(misbehaved(&wrong, "replied with an exposure of 10 ms of layer 4"), "{wrong:?}");
@@ -179,7 +184,7 @@ fn a_layer_that_is_never_confirmed_times_out() {
 
 #[test]
 fn an_exposure_that_has_not_left_can_be_taken_back() {
-    let expose = Act::Expose { layer: 0, duration_ms: 10, light_pwm: 255 };
+    let expose = Act::Vat(VatAct::Expose { layer: 0, duration_ms: 10, light_pwm: 255 });
     let mut driver = driver();
     driver.act(expose, 0).expect("idle");
     assert!(driver.take_back_exposure(false), "it waits in the driver");
@@ -190,7 +195,7 @@ fn an_exposure_that_has_not_left_can_be_taken_back() {
     driver.next_message(0, 0).expect("the exposure leaves the driver");
     assert!(!driver.take_back_exposure(false) && driver.is_acting());
     assert!(driver.take_back_exposure(true), "its owner still holds it");
-    driver.act(Act::Home, 0).expect("idle");
+    driver.act(Act::Vat(VatAct::Home), 0).expect("idle");
     assert!(!driver.take_back_exposure(true), "no exposure");
 }
 
@@ -267,7 +272,8 @@ fn a_recipe_that_the_device_cannot_print_is_named_with_its_limit() {
 #[test]
 fn each_refusal_of_a_layer_has_a_remedy_of_its_own() {
     let Recipe::Dlp(recipe) = recipe(400, false);
-    let plan = JobPlan { key: 7, layer_count: 3, recipe, clear_height_um: 20_000.0, time_scale: 1.0 };
+    let process = Process::Vat(VatPlan { recipe, clear_height_um: 20_000.0 });
+    let plan = JobPlan { key: 7, layer_count: 3, time_scale: 1.0, process };
     let state = DeviceState { slots: vec![None; 2], position_um: Some(30_000), ..DeviceState::default() };
     let cases = [
         (Refusal::BadLayer, "width_px"),

@@ -11,6 +11,7 @@ use super::duration_text;
 use crate::buildfile::Header;
 use crate::config::{DlpRecipe, MIN_BUDGET_BYTES, Machine, Recipe, byte_size};
 use crate::device::encoding;
+use crate::job::Process;
 use crate::layer::Depth;
 use crate::pipeline::{Part, PartError, Placed, Resolution, default_threads};
 use crate::slice::{Footing, SlicePlan};
@@ -149,6 +150,7 @@ fn judge(
         Err(error) => return Err(error.into()),
     };
     let Recipe::Dlp(dlp) = recipe;
+    let process = Process::new(machine, recipe);
     let plan = placed.plan().clone();
     let threads = default_threads();
     let memory = placed.memory(threads, budget);
@@ -160,8 +162,8 @@ fn judge(
         memory_needed_bytes: need_bytes,
         memory_max_bytes: (need_bytes <= budget).then(|| memory.max_bytes(budget)),
         memory_budget_bytes: budget,
-        device_ms_normal_layer: device_ms(dlp, plan.layer_count),
-        print_time_s: ((0..plan.layer_count).map(|layer| device_ms(dlp, layer)).sum::<f64>() / 1e3) as u64,
+        device_ms_normal_layer: process.layer_ms(plan.layer_count),
+        print_time_s: (process.layers_ms(0..plan.layer_count) / 1e3) as u64,
     };
     let warnings = warnings(placed.header(), &plan, dlp);
     tell_size(&size);
@@ -177,7 +179,7 @@ fn judge(
         }
         Err(error) => return Err(error.into()),
     };
-    let samples = measure(&part, plan.depth, budget, dlp, f64::from(machine.link().baud))?;
+    let samples = measure(&part, plan.depth, budget, &process, f64::from(machine.link().baud))?;
     let late_layers = late_layers(&samples, plan.layer_count);
     let footing = part.footing(recipe, budget)?;
     let dark = if let Footing::Dark { layers } = footing { layers } else { 0 };
@@ -233,7 +235,7 @@ fn times(samples: &[Sample], dark_bottom_layers: u32, late_layers: Vec<[u32; 2]>
 /// Computes and encodes layers spread evenly over the part, each in a sweep of its own, as a print would send them to a device that
 /// reads every encoding. The time of the sweep's second layer counts: the first one includes reading the chunks, which a print
 /// does once.
-fn measure(part: &Part, depth: Depth, budget: u64, recipe: &DlpRecipe, baud: f64) -> anyhow::Result<Vec<Sample>> {
+fn measure(part: &Part, depth: Depth, budget: u64, process: &Process, baud: f64) -> anyhow::Result<Vec<Sample>> {
     let encoding = encoding::best(depth);
     let mut samples = Vec::new();
     let count = MAX_SAMPLES.min(part.layer_count());
@@ -256,25 +258,10 @@ fn measure(part: &Part, depth: Depth, budget: u64, recipe: &DlpRecipe, baud: f64
         let compute_ms = start.elapsed().as_secs_f64() * 1e3;
         let bytes = encoded.bytes.len();
         let line_ms = bytes as f64 * LINE_BITS / baud * 1e3;
-        samples.push(Sample { layer, compute_ms, line_ms, device_ms: device_ms(recipe, layer), bytes });
+        samples.push(Sample { layer, compute_ms, line_ms, device_ms: process.layer_ms(layer), bytes });
     }
     samples.sort_by_key(|sample| sample.layer);
     Ok(samples)
-}
-
-/// Time the device spends on a layer: exposure, waits, lift and retract.
-fn device_ms(recipe: &DlpRecipe, layer: u32) -> f64 {
-    let travel_ms = |speed_um_s: u32| f64::from(recipe.lift_height_um) / f64::from(speed_um_s) * 1e3;
-    let waits_ms = [
-        recipe.light_off_delay_ms,
-        recipe.wait_before_exposure_ms,
-        recipe.wait_after_exposure_ms,
-        recipe.wait_after_lift_ms,
-        recipe.layer_exposure_ms(layer),
-    ];
-    waits_ms.into_iter().map(f64::from).sum::<f64>()
-        + travel_ms(recipe.lift_speed_um_s)
-        + travel_ms(recipe.retract_speed_um_s)
 }
 
 /// Each sample stands for the layers nearer to it than to another.

@@ -33,13 +33,6 @@ pub enum VatAct {
     },
 }
 
-impl Act {
-    /// Whether the act makes light, so that it must be taken back before it follows a light-off.
-    pub fn is_exposure(self) -> bool {
-        matches!(self, Self::Vat(VatAct::Expose { .. }))
-    }
-}
-
 /// How an [`Act`] ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {

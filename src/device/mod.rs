@@ -20,7 +20,7 @@ mod mismatch;
 pub mod sim;
 mod tolerance;
 
-pub use act::{Act, Outcome};
+pub use act::{Act, Outcome, VatAct, VatOutcome};
 pub use driver::{DriverBusy, DriverEvent, FramedDriver};
 pub use light::{DARK_LIMIT_US, Light, LightWatch, STAYS_LIT};
 pub use mismatch::{MachineMismatch, Misfit, check_capabilities, check_fit};

@@ -1,4 +1,4 @@
-//! Events that go into the engine, and actions that come out.
+//! Events that go into the engine, and actions that come out. See them used in the example of [`super`].
 
 use serde::Serialize;
 
@@ -88,13 +88,13 @@ pub enum Event {
 /// An order that an operator can give to a running job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Command {
-    /// End the layer under way, lift the plate clear, wait.
+    /// End the layer under way, park the machine, wait.
     Pause,
     /// Go on.
     Resume,
-    /// End the layer under way, lift the plate clear, end the job.
+    /// End the layer under way, park the machine, end the job.
     Stop,
-    /// Switch the light off now, lift the plate clear, end the job.
+    /// Switch the light off now, park the machine, end the job.
     Abort,
 }
 
@@ -110,7 +110,7 @@ pub enum Action {
     /// Begin a new session for this reason, and report [`Event::Connected`]. An abort wants it: nothing is wrong with the line.
     NewSession(String),
     /// Append to the journal and flush. Answer [`Event::Journalled`] or [`Event::JournalFailed`]. Until then only urgent actions,
-    /// ends of sessions and notices come; after 2 s also the move that lifts the plate clear.
+    /// ends of sessions and notices come; after 2 s also the act that parks the machine.
     Journal(Record),
     /// Send an act to the device; answer [`Event::ActDone`]. Never comes while another act runs.
     Act {

@@ -45,7 +45,7 @@ pub struct History {
     pub plate_clear_on: Option<u32>,
     /// Exposures of unknown jobs that the operator has confirmed ([`Record::PlateClear`]).
     pub traces: Vec<Trace>,
-    /// The job ended with its plate clear of the resin.
+    /// The job ended with its machine parked, so that the part is safe.
     pub parked: bool,
     /// A layer was commanded, and it is not certain that it had no light.
     lit: bool,
@@ -231,16 +231,16 @@ impl History {
             Record::Confirmed { layer } => {
                 self.expect_commanded(*layer)?;
                 (self.lit, self.confirmed) = (true, true);
-                self.settle(true);
+                self.close(true);
             }
             Record::NotExposed { layer } => {
                 self.expect_commanded(*layer)?;
                 self.lit = true;
-                self.settle(false);
+                self.close(false);
             }
             Record::Withdrawn { layer } => {
                 self.expect_commanded(*layer)?;
-                self.settle(false);
+                self.close(false);
             }
             Record::InDoubt { layer, why } => {
                 self.expect_commanded(*layer)?;
@@ -251,7 +251,7 @@ impl History {
             Record::Decided { layer, exposed } => {
                 self.expect_commanded(*layer)?;
                 self.lit = true;
-                self.settle(*exposed);
+                self.close(*exposed);
             }
             Record::Paused => self.state = JobState::Paused,
             Record::Resumed => self.state = JobState::Printing,
@@ -274,7 +274,8 @@ impl History {
         Ok(())
     }
 
-    fn settle(&mut self, exposed: bool) {
+    /// Ends what is open about the next layer, and goes on to the one after it if it is exposed.
+    fn close(&mut self, exposed: bool) {
         self.unconfirmed = None;
         self.in_doubt = None;
         self.next_layer += u32::from(exposed);

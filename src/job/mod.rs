@@ -1,7 +1,31 @@
 //! The life of a job: its states, its journal, and the engine that decides what happens next.
 //!
-//! [`Engine`] does no I/O and reads no clock: the daemon carries out its [`Action`]s and passes it [`Event`]s.
+//! [`Engine`] does no I/O and reads no clock: the daemon carries out its [`Action`]s and passes it [`Event`]s. What the machine
+//! does between two layers is decided in `cycle/`, by kind of machine.
+//!
+//! ```
+//! # use std::path::Path;
+//! # use layerd::config::{Machine, Recipe};
+//! use layerd::job::{Action, Engine, Event, JobPlan, Process, Record, StartPoint};
+//! use layerd::link::message::DeviceState;
+//!
+//! # let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("config");
+//! # let machine = Machine::load(&root.join("machines/lcd-4k-35um.toml"))?;
+//! # let recipe = Recipe::load(&root.join("recipes/fine.toml"))?;
+//! let process = Process::new(&machine, &recipe);
+//! let plan = JobPlan { key: 7, layer_count: 100, time_scale: machine.time_scale(), process };
+//! let mut engine = Engine::new(plan, StartPoint::default());
+//! engine.handle(Event::Ready, 0);
+//! let state = DeviceState { boot_id: 1, slots: vec![None, None], ..DeviceState::default() };
+//! engine.handle(Event::Connected { state, max_position_um: 200_000 }, 1000);
+//! assert_eq!(engine.next_action(), Some(Action::Journal(Record::Started { layer: 0 })));
+//! assert_eq!(engine.next_action(), None, "nothing moves before the record is on disk");
+//! engine.handle(Event::Journalled, 6000);
+//! assert!(matches!(engine.next_action(), Some(Action::Act { .. })));
+//! # Ok::<(), layerd::config::ConfigError>(())
+//! ```
 
+mod cycle;
 mod engine;
 mod event;
 mod fate;
@@ -12,12 +36,13 @@ mod record;
 mod spool;
 mod state;
 
+pub use cycle::VatPlan;
 pub use engine::{ACT_MARGIN_US, Engine};
 pub use event::{Action, Command, Event, Progress};
 pub use fate::{Fate, fate};
 pub use history::{Contradiction, History, ResumeChoice, ResumeError, StartPoint};
 pub use journal::{Entry, Journal, JournalError, read_journal};
-pub use plan::JobPlan;
+pub use plan::{JobPlan, Process};
 pub use record::{EndOrder, Record, Trace, Unconfirmed};
 pub use spool::{
     Forgotten, JobDirectory, MAX_FORGOTTEN, MAX_PARTS, MAX_RECORDS, NewJob, PlateAfter, Spool, SpoolError,

@@ -45,14 +45,14 @@ pub enum Record {
         /// What is known.
         why: String,
     },
-    /// The operator settled a layer in doubt.
+    /// The operator decided on a layer in doubt.
     Decided {
         /// The layer.
         layer: u32,
         /// Whether it counts as exposed; otherwise it is exposed again.
         exposed: bool,
     },
-    /// The plate rests clear of the resin.
+    /// The job rests, with its machine parked if it can be.
     Paused,
     /// Printing goes on after a pause.
     Resumed,
@@ -74,7 +74,7 @@ pub enum Record {
         /// Exposures shown by that device and unknown to this spool. The operator has confirmed them.
         traces: Vec<Trace>,
     },
-    /// The plate rests clear of the resin. Written before [`Record::Ended`].
+    /// The machine is parked: the part is safe. Written before [`Record::Ended`].
     Parked,
     /// The layer was to be commanded, but the order never left the host: it certainly had no light.
     Withdrawn {

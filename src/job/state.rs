@@ -1,4 +1,12 @@
 //! The states of a job.
+//!
+//! ```
+//! use layerd::job::JobState;
+//!
+//! assert!(JobState::Paused.is_active(), "it holds the machine");
+//! assert!(!JobState::Interrupted.is_final(), "it can be resumed");
+//! assert_eq!(JobState::Stopped.to_string(), "stopped");
+//! ```
 
 use bincode::{Decode, Encode};
 use serde::{Deserialize, Serialize};
@@ -13,13 +21,13 @@ pub enum JobState {
     Checking,
     /// Layers are being exposed.
     Printing,
-    /// The layer under way ends, then the plate lifts clear.
+    /// The layer under way ends, then the machine parks.
     Pausing,
-    /// Dark, plate clear, waiting for resume.
+    /// Dark, machine parked, waiting for resume.
     Paused,
-    /// The layer under way ends, then the plate lifts clear and the job ends.
+    /// The layer under way ends, then the machine parks and the job ends.
     Stopping,
-    /// Light off first, then the plate lifts clear and the job ends.
+    /// Light off first, then the machine parks and the job ends.
     Aborting,
     /// Every layer exposed.
     Completed,

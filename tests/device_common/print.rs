@@ -1,7 +1,7 @@
 //! The smallest host that prints: uploads ahead, exposes, reconnects; what the daemon does, without geometry and plate.
 
 use layerd::device::encoding::{encode, picture_crc32};
-use layerd::device::{Act, DriverEvent, FramedDriver, Outcome};
+use layerd::device::{Act, DriverEvent, FramedDriver, Outcome, VatAct, VatOutcome};
 use layerd::link::message::{DeviceMessage, DeviceState, Encoding, ExposureId, Fault, HostMessage, Refusal};
 use layerd::link::session::{HostSession, SendError};
 
@@ -72,7 +72,7 @@ impl Printer {
     pub fn message(&mut self, message: DeviceMessage) {
         let Some(driver) = &mut self.driver else { return };
         match driver.handle(message) {
-            DriverEvent::ActDone(Outcome::Exposed { layer, .. }) => {
+            DriverEvent::ActDone(Outcome::Vat(VatOutcome::Exposed { layer, .. })) => {
                 assert_eq!(layer, self.next);
                 self.next += 1;
             }
@@ -112,7 +112,7 @@ impl Printer {
                 self.uploading = Some((layer, slot));
             }
             if !driver.is_acting() && self.slots.contains(&Some(self.next)) {
-                let act = Act::Expose { layer: self.next, duration_ms: self.exposure_ms, light_pwm: 255 };
+                let act = Act::Vat(VatAct::Expose { layer: self.next, duration_ms: self.exposure_ms, light_pwm: 255 });
                 driver.act(act, 0).expect("no act under way");
             }
         }

@@ -2,7 +2,7 @@
 
 use super::LIGHT_UNCONFIRMED;
 use crate::job_world::{CLEAR_UM, Disturbance, World, steps_of_a_print, world_exposing};
-use layerd::device::Act;
+use layerd::device::{Act, VatAct};
 use layerd::job::{Command, Event, History, JobState, ResumeChoice, ResumeError};
 
 #[test]
@@ -56,7 +56,7 @@ fn an_abort_whose_line_comes_back_too_late_ends_with_a_warning() {
 
 #[test]
 fn an_abort_that_finds_the_plate_moving_stops_it_before_it_lifts() {
-    let moving = |world: &World| matches!(world.device_act, Some((_, Act::Move { .. })));
+    let moving = |world: &World| matches!(world.device_act, Some((_, Act::Vat(VatAct::Move { .. }))));
     let mut world = world_exposing(1);
     while !moving(&world) {
         assert!(world.next_event());
@@ -69,6 +69,6 @@ fn an_abort_that_finds_the_plate_moving_stops_it_before_it_lifts() {
         assert!(world.next_event());
     }
     assert_eq!((world.end().0, world.device.position_um), (JobState::Aborted, Some(CLEAR_UM)));
-    let lifts = world.acts.iter().filter(|act| matches!(act, Act::Move { position_um: CLEAR_UM, .. }));
+    let lifts = world.acts.iter().filter(|act| matches!(act, Act::Vat(VatAct::Move { position_um: CLEAR_UM, .. })));
     assert_eq!(lifts.count(), 1, "nothing is commanded that the abort on its way would end: {:?}", world.acts);
 }

@@ -1,7 +1,7 @@
 //! A whole print, and what ends one early.
 
 use crate::job_world::{CLEAR_UM, Disturbance, LAYERS, World, world_exposing};
-use layerd::device::Act;
+use layerd::device::{Act, VatAct};
 use layerd::job::{Event, History, JobState};
 use layerd::link::message::Fault;
 
@@ -14,9 +14,9 @@ fn a_print_homes_exposes_every_layer_and_lifts_clear() {
     let moves: Vec<_> = world
         .acts
         .iter()
-        .filter_map(|act| if let Act::Move { position_um, .. } = act { Some(*position_um) } else { None })
+        .filter_map(|act| if let Act::Vat(VatAct::Move { position_um, .. }) = act { Some(*position_um) } else { None })
         .collect();
-    assert_eq!(world.acts[0], Act::Home);
+    assert_eq!(world.acts[0], Act::Vat(VatAct::Home));
     assert_eq!(moves, [50, 5050, 100, 5100, 150, 5150, 200, 5200, 250, CLEAR_UM]);
     let progress = world.engine.progress();
     assert_eq!((progress.late_layers, progress.layers_done, progress.eta_ms), (0, LAYERS, None));

@@ -1,7 +1,7 @@
 //! Aborts that are not obeyed or not answered.
 
 use crate::job_world::{CLEAR_UM, Disturbance, KEY, Lies, SECOND_US, World, world_exposing};
-use layerd::device::{Act, Light};
+use layerd::device::{Act, Light, VatAct};
 use layerd::job::{Command, Event, JobState};
 use layerd::link::message::{ExposureId, Urgent};
 
@@ -109,7 +109,7 @@ fn a_light_that_goes_off_within_the_time_allowed_after_an_abort_is_no_fault() {
 fn light_that_comes_back_after_an_obeyed_abort_is_put_off_at_once() {
     for in_welcome in [true, false] {
         let (mut world, _) = abort_of(Lies::default());
-        while !in_welcome && !matches!(world.device_act, Some((_, Act::Move { .. }))) {
+        while !in_welcome && !matches!(world.device_act, Some((_, Act::Vat(VatAct::Move { .. })))) {
             assert!(world.next_event());
         }
         let acts = world.acts.len();
@@ -132,7 +132,7 @@ fn light_that_comes_back_after_an_obeyed_abort_is_put_off_at_once() {
 fn an_abort_that_cannot_lift_the_plate_says_why() {
     let mut world = World::new();
     world.tell(Event::Ready);
-    while !matches!(world.device_act, Some((_, Act::Home))) {
+    while !matches!(world.device_act, Some((_, Act::Vat(VatAct::Home)))) {
         assert!(world.next_event());
     }
     world.disturb(Disturbance::Order(Command::Abort));

@@ -2,7 +2,7 @@
 
 use super::{GRACE_US, assert_stopped_safely, light_off_at_us};
 use crate::job_world::{KEY, SECOND_US, World, steps_of_a_print, world_exposing};
-use layerd::device::{Act, LightWatch};
+use layerd::device::{Act, LightWatch, VatAct};
 use layerd::job::{Action, Event, History, JobState, Record, ResumeChoice};
 use layerd::link::message::{ExposureId, Urgent};
 
@@ -102,7 +102,7 @@ fn light_without_an_exposure_is_put_off_at_every_step_and_the_print_stops() {
         assert_eq!(world.end().0, JobState::Interrupted, "step {step}: {:?}", world.end());
         assert!(!world.device.light_on && !world.end().1.is_empty(), "step {step}: {:?}", world.end());
         let new = &world.acts[acts..];
-        assert!(new.iter().all(|act| matches!(act, Act::Move { .. })), "step {step}: {new:?}");
+        assert!(new.iter().all(|act| matches!(act, Act::Vat(VatAct::Move { .. }))), "step {step}: {new:?}");
         world.device.cut_short = None;
         let in_doubt = History::replay(&world.journal).expect("true").in_doubt.is_some();
         world.resume(if in_doubt { ResumeChoice::Repeat } else { ResumeChoice::None });

@@ -2,7 +2,7 @@
 
 use super::assert_stopped_safely;
 use crate::job_world::{KEY, SECOND_US, world_exposing};
-use layerd::device::Act;
+use layerd::device::{Act, VatAct};
 use layerd::job::{Action, Event, JobState, Record, ResumeChoice};
 use layerd::link::message::ExposureId;
 
@@ -73,7 +73,10 @@ fn a_layer_that_a_device_denies_whose_memory_went_back_is_in_doubt() {
     // The order is lost on the line.
     world.journal.extend(world.flushing.take().map(|(_, record)| record));
     world.engine.handle(Event::Journalled, world.now_us);
-    assert!(matches!(world.engine.next_action(), Some(Action::Act { act: Act::Expose { layer: 3, .. }, .. })));
+    assert!(matches!(
+        world.engine.next_action(),
+        Some(Action::Act { act: Act::Vat(VatAct::Expose { layer: 3, .. }), .. })
+    ));
     world.drop_line(SECOND_US / 2);
     world.tell(Event::LineLost("cable".into()));
     world.device.last_exposed = Some(ExposureId::first_pass(KEY, 1));

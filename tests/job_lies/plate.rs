@@ -2,7 +2,7 @@
 
 use super::assert_stopped_safely;
 use crate::job_world::{CLEAR_UM, World, world_exposing};
-use layerd::device::Act;
+use layerd::device::{Act, VatAct};
 use layerd::job::{Event, JobState, Record, ResumeChoice};
 use layerd::link::message::{DeviceState, Refusal};
 
@@ -42,7 +42,8 @@ fn a_job_never_homes_after_a_layer_that_may_have_had_light() {
 fn a_move_that_ends_too_soon_by_the_hosts_clock_stops_the_print() {
     for to_um in [150, 5150] {
         let mut world = world_exposing(if to_um == 150 { 1 } else { 2 });
-        while !matches!(world.device_act, Some((_, Act::Move { position_um, .. })) if position_um == to_um) {
+        while !matches!(world.device_act, Some((_, Act::Vat(VatAct::Move { position_um, .. }))) if position_um == to_um)
+        {
             assert!(world.next_event());
         }
         world.device_act.as_mut().expect("it moves").0 = world.now_us + 1000;

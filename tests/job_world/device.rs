@@ -1,6 +1,6 @@
 //! What the scripted device does with the engine's acts and orders.
 
-use layerd::device::{Act, Outcome};
+use layerd::device::{Act, Outcome, VatAct, VatOutcome};
 use layerd::job::{Event, Record};
 use layerd::link::message::{ExposureId, Refusal, Urgent};
 
@@ -41,15 +41,15 @@ impl World {
         assert!(self.awaited.is_none() && self.device_act.is_none(), "two acts at once: {act:?}");
         let position_um = self.device.position_um.unwrap_or(0);
         let duration_us = match act {
-            Act::Home => {
+            Act::Vat(VatAct::Home) => {
                 assert!(self.exposed.is_empty(), "homing with a part on the plate");
                 3_000_000
             }
-            Act::Move { position_um: to_um, speed_um_s } => {
+            Act::Vat(VatAct::Move { position_um: to_um, speed_um_s }) => {
                 assert!((0..=MAX_POSITION_UM).contains(&to_um));
                 u64::from(to_um.abs_diff(position_um)) * 1_000_000 / u64::from(speed_um_s)
             }
-            Act::Expose { layer, duration_ms, .. } => {
+            Act::Vat(VatAct::Expose { layer, duration_ms, .. }) => {
                 assert!(!self.aborted, "light after an abort");
                 let commanded = self
                     .journal
@@ -72,7 +72,7 @@ impl World {
                 u64::from(duration_ms) * 1000
             }
         };
-        self.device.moving = !matches!(act, Act::Expose { .. });
+        self.device.moving = !matches!(act, Act::Vat(VatAct::Expose { .. }));
         assert!(!self.device.moving || !self.device.light_on, "a move under light: {act:?}");
         self.awaited = Some(number);
         let duration_us = if self.lies.hasty { duration_us / 10 } else { duration_us };
@@ -116,7 +116,7 @@ impl World {
         self.device.light_on = false;
         if let Some(id) = self.device.exposing.take() {
             self.device.cut_short = Some((id, 1));
-            let cut = self.device_act.take_if(|(_, act)| matches!(act, Act::Expose { .. }));
+            let cut = self.device_act.take_if(|(_, act)| matches!(act, Act::Vat(VatAct::Expose { .. })));
             if let (Some(_), Urgent::LightOff, Some(number)) = (cut, urgent, self.awaited) {
                 self.answer(number, Outcome::Refused(Refusal::CutShort));
             }
@@ -142,17 +142,17 @@ impl World {
         let (_, act) = self.device_act.take()?;
         self.device.moving = false;
         let outcome = match act {
-            Act::Home => {
+            Act::Vat(VatAct::Home) => {
                 self.device.position_um = Some(0);
-                Outcome::Arrived { position_um: 0 }
+                Outcome::Vat(VatOutcome::Arrived { position_um: 0 })
             }
-            Act::Move { position_um, .. } => {
+            Act::Vat(VatAct::Move { position_um, .. }) => {
                 let ends_at = self.lies.misplaced.filter(|(to_um, _)| *to_um == position_um);
                 let position_um = ends_at.map_or(position_um, |(_, ends_at_um)| ends_at_um);
                 self.device.position_um = Some(position_um);
-                Outcome::Arrived { position_um }
+                Outcome::Vat(VatOutcome::Arrived { position_um })
             }
-            Act::Expose { layer, .. } if self.lies.refuses_lit.is_some_and(|(lied, ..)| lied == layer) => {
+            Act::Vat(VatAct::Expose { layer, .. }) if self.lies.refuses_lit.is_some_and(|(lied, ..)| lied == layer) => {
                 let (_, refusal, hidden) = self.lies.refuses_lit?;
                 self.exposed.push(layer);
                 self.device.light_on = false;
@@ -160,14 +160,14 @@ impl World {
                 self.device.cut_short = hidden.then_some((ExposureId::first_pass(KEY, layer), 400));
                 Outcome::Refused(refusal)
             }
-            Act::Expose { layer, duration_ms, .. } => {
+            Act::Vat(VatAct::Expose { layer, duration_ms, .. }) => {
                 self.exposed.push(layer);
                 self.device.light_on = false;
                 self.device.last_exposed = self.device.exposing.take();
                 for slot in &mut self.device.slots {
                     *slot = slot.filter(|id| id.layer != layer);
                 }
-                Outcome::Exposed { layer, duration_ms: self.lies.light_ms.unwrap_or(duration_ms) }
+                Outcome::Vat(VatOutcome::Exposed { layer, duration_ms: self.lies.light_ms.unwrap_or(duration_ms) })
             }
         };
         let is_told = !self.lies.mute && !std::mem::take(&mut self.mute_once);

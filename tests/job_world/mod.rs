@@ -10,8 +10,8 @@ pub(crate) use disturbance::Disturbance;
 use std::path::Path;
 
 use layerd::config::Recipe;
-use layerd::device::Act;
-use layerd::job::{Action, Command, Engine, Event, JobPlan, JobState, Record, StartPoint};
+use layerd::device::{Act, VatAct};
+use layerd::job::{Action, Engine, Event, JobPlan, JobState, Process, Record, StartPoint, VatPlan};
 use layerd::link::message::{DeviceState, ExposureId, Urgent};
 
 /// One second, microseconds.
@@ -26,7 +26,8 @@ pub(crate) fn plan() -> JobPlan {
                 transition_layers = 1\nlift_height_um = 5000\nlift_speed_um_s = 1000\nretract_speed_um_s = 3000\n\
                 light_off_delay_ms = 500\nwait_before_exposure_ms = 500\nwait_after_exposure_ms = 200\nwait_after_lift_ms = 300\n";
     let Recipe::Dlp(recipe) = Recipe::parse(Path::new("test.toml"), text).expect("a recipe");
-    JobPlan { key: KEY, layer_count: LAYERS, recipe, clear_height_um: f64::from(CLEAR_UM), time_scale: 1.0 }
+    let process = Process::Vat(VatPlan { recipe, clear_height_um: f64::from(CLEAR_UM) });
+    JobPlan { key: KEY, layer_count: LAYERS, time_scale: 1.0, process }
 }
 
 pub(crate) fn accepted() -> Record {
@@ -162,7 +163,7 @@ impl World {
     pub(crate) fn perform(&mut self, action: Action) {
         let may_overtake =
             matches!(action, Action::Urgent(_) | Action::EndSession(_) | Action::NewSession(_) | Action::Notice(_));
-        let clears = matches!(action, Action::Act { act: Act::Move { position_um: CLEAR_UM, .. }, .. });
+        let clears = matches!(action, Action::Act { act: Act::Vat(VatAct::Move { position_um: CLEAR_UM, .. }), .. });
         let waited =
             self.flushing.as_ref().is_none_or(|(until_us, _)| self.now_us + self.flush_us >= until_us + 2_000_000);
         assert!(

@@ -11,7 +11,7 @@ use crate::daemon::jobs::opened::Opened;
 use crate::daemon::jobs::opened::spool_text;
 use crate::device::encoding::Choice;
 use crate::device::{DriverEvent, FramedDriver, LightWatch, Outcome, check_fit};
-use crate::job::{Action, Command, Engine, Event, JobPlan, Journal, Record};
+use crate::job::{Action, Command, Engine, Event, JobPlan, Journal, Process, Record};
 use crate::link::message::{Capabilities, DeviceState, MachineCapabilities, Urgent, VatCapabilities};
 use crate::pipeline::{EncodedLayer, Layers, Part};
 use crate::stream::{Finished, MemoryBudget, Room};
@@ -68,14 +68,8 @@ impl Running {
     ) -> Self {
         let Opened { journal, key, start, recipe, machine, part } = opened;
         let layer_count = part.layer_count();
-        let (Machine::Dlp(dlp), Recipe::Dlp(dlp_recipe)) = (&machine, &recipe);
-        let plan = JobPlan {
-            key,
-            layer_count,
-            recipe: dlp_recipe.clone(),
-            clear_height_um: dlp.clear_height_um,
-            time_scale: dlp.time_scale,
-        };
+        let process = Process::new(&machine, &recipe);
+        let plan = JobPlan { key, layer_count, time_scale: machine.time_scale(), process };
         let mut engine = Engine::new(plan, start).watching(light);
         engine.handle(Event::Ready, now_us);
         Self {

@@ -2,7 +2,7 @@
 
 use crate::api::{BudgetView, CutShortView, DeviceInfo, DeviceStateView, DeviceView, ExposureView, JobView, LineView};
 use crate::daemon::jobs::Jobs;
-use crate::device::{DriverEvent, Outcome};
+use crate::device::{DriverEvent, Outcome, VatOutcome};
 use crate::link::message::{Capabilities, DeviceState, ExposureId, MachineCapabilities};
 use crate::link::session::{Hindrance, Statistics};
 use crate::stream::MemoryBudget;
@@ -59,11 +59,11 @@ pub(crate) fn device_told(view: &mut DeviceView, event: &DriverEvent, jobs: &Job
     let state = view.state.get_or_insert_with(DeviceStateView::default);
     match event {
         DriverEvent::StateKnown { state: known, .. } => *state = state_view(known, jobs),
-        DriverEvent::ActDone(Outcome::Arrived { position_um }) => {
+        DriverEvent::ActDone(Outcome::Vat(VatOutcome::Arrived { position_um })) => {
             state.position_um = Some(*position_um);
             state.moving = false;
         }
-        DriverEvent::ActDone(Outcome::Exposed { layer, .. }) => {
+        DriverEvent::ActDone(Outcome::Vat(VatOutcome::Exposed { layer, .. })) => {
             state.light_on = false;
             state.last_exposed = holder.map(|job| ExposureView { job: job.to_string(), layer: *layer });
         }

@@ -9,7 +9,7 @@ use crate::daemon::jobs::unwritten::MAX_WRITE_US;
 use crate::daemon::machine::raise::{Raise, Stage, raised_from};
 use crate::daemon::printer::Printer;
 use crate::deadline::Deadline;
-use crate::device::{Act, Outcome, check_capabilities};
+use crate::device::{Act, Outcome, VatAct, VatOutcome, check_capabilities};
 use crate::job::ACT_MARGIN_US;
 use crate::text::mm_text;
 
@@ -96,7 +96,7 @@ impl Printer {
         let Recipe::Dlp(DlpRecipe { lift_speed_um_s: speed_um_s, .. }) = self.setting.recipe;
         let now_us = self.clock.now_us();
         let driver = self.idle.driver.as_mut().ok_or_else(absent)?;
-        let act = Act::Move { position_um: to_um, speed_um_s };
+        let act = Act::Vat(VatAct::Move { position_um: to_um, speed_um_s });
         driver.act(act, now_us).map_err(|error| CommandError::new(409, error.to_string()))?;
         let travel_us = u64::from(to_um.abs_diff(from_um)) * 1_000_000 / u64::from(speed_um_s.max(1));
         let deadline = Deadline::at(now_us + travel_us + ACT_MARGIN_US);
@@ -121,7 +121,7 @@ impl Printer {
         let Some(raise) = self.idle.raise.take() else { return };
         let to_um = raise.view.to_um;
         let text = match outcome {
-            Outcome::Arrived { position_um } => {
+            Outcome::Vat(VatOutcome::Arrived { position_um }) => {
                 if let Some(state) = &mut self.device_state {
                     state.position_um = Some(position_um);
                 }
@@ -138,7 +138,7 @@ impl Printer {
             Outcome::Refused(refusal) => {
                 format!("the plate was not raised: the device refused, or stopped the move ({refusal:?})")
             }
-            Outcome::Exposed { .. } | Outcome::TakenBack => {
+            Outcome::Vat(VatOutcome::Exposed { .. }) | Outcome::TakenBack => {
                 "the plate was not raised: the device answered something else; check its firmware".into()
             }
         };

@@ -12,7 +12,7 @@
 use std::collections::VecDeque;
 
 use crate::deadline::Deadline;
-use crate::device::{Act, Outcome};
+use crate::device::{Act, Outcome, VatAct, VatOutcome};
 use crate::link::message::{
     DeviceMessage, DeviceState, Encoding, ExposureId, Fault, HostMessage, Refusal, Reply, Report, Request, VatReply,
     VatRequest,
@@ -116,13 +116,14 @@ impl FramedDriver {
         if self.act.is_some() {
             return Err(DriverBusy::ActUnderWay);
         }
-        let number = self.request(match act {
-            Act::Home => Request::Vat(VatRequest::Home),
-            Act::Move { position_um, speed_um_s } => Request::Vat(VatRequest::Move { position_um, speed_um_s }),
-            Act::Expose { layer, duration_ms, light_pwm } => {
-                Request::Vat(VatRequest::Expose { id: self.id(layer), duration_ms, light_pwm })
+        let Act::Vat(vat) = act;
+        let number = self.request(Request::Vat(match vat {
+            VatAct::Home => VatRequest::Home,
+            VatAct::Move { position_um, speed_um_s } => VatRequest::Move { position_um, speed_um_s },
+            VatAct::Expose { layer, duration_ms, light_pwm } => {
+                VatRequest::Expose { id: self.id(layer), duration_ms, light_pwm }
             }
-        });
+        }));
         self.act = Some((number, act));
         self.ask(now_us);
         Ok(())
@@ -131,7 +132,7 @@ impl FramedDriver {
     /// Takes back an exposure that has not left the host, so that it does not begin after a light-off. `is_unsent` says that the
     /// owner still holds its message. Returns whether an exposure was taken back; its end is not reported then.
     pub fn take_back_exposure(&mut self, is_unsent: bool) -> bool {
-        let Some((number, Act::Expose { .. })) = self.act else { return false };
+        let Some((number, Act::Vat(VatAct::Expose { .. }))) = self.act else { return false };
         let queued = self.requests.iter().position(|(queued, _)| *queued == number);
         if let Some(place) = queued {
             self.requests.remove(place);
@@ -254,15 +255,18 @@ impl FramedDriver {
     }
 
     fn act_replied(&mut self, act: Act, number: u32, reply: &Reply) -> DriverEvent {
-        let outcome = match (act, reply) {
-            (Act::Home | Act::Move { .. }, Reply::Vat(VatReply::Moved { position_um })) => {
-                Outcome::Arrived { position_um: *position_um }
+        let Act::Vat(vat) = act;
+        let outcome = match (vat, reply) {
+            (VatAct::Home | VatAct::Move { .. }, Reply::Vat(VatReply::Moved { position_um })) => {
+                Outcome::Vat(VatOutcome::Arrived { position_um: *position_um })
             }
-            (Act::Expose { layer, .. }, Reply::Vat(VatReply::Exposed { id, duration_ms })) if *id == self.id(layer) => {
-                Outcome::Exposed { layer, duration_ms: *duration_ms }
+            (VatAct::Expose { layer, .. }, Reply::Vat(VatReply::Exposed { id, duration_ms }))
+                if *id == self.id(layer) =>
+            {
+                Outcome::Vat(VatOutcome::Exposed { layer, duration_ms: *duration_ms })
             }
             (_, Reply::Refused(refusal)) => Outcome::Refused(*refusal),
-            (act, reply) => return nonsense(&format!("{act:?} (request {number})"), reply),
+            (vat, reply) => return nonsense(&format!("{vat:?} (request {number})"), reply),
         };
         self.act = None;
         DriverEvent::ActDone(outcome)

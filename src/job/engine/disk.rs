@@ -1,14 +1,13 @@
-//! A disk that is slow to take the journal's records. No layer is exposed before its record is on disk. The lift that clears the
-//! plate does not wait: the part must not stay in the resin, and a lift is safe whatever the records say.
+//! A disk that is slow to take the journal's records. No layer is exposed before its record is on disk. The act that parks the
+//! machine does not wait: a part may take harm meanwhile, and parking is safe whatever the records say. Tried by
+//! `tests/job_engine/disk.rs`.
 
 use super::{Engine, Intent, Phase, SECOND_US};
 use crate::deadline::Deadline;
 
-/// Longest wait for the disk before the plate is lifted clear. The slowest memory cards flush within a second.
+/// Longest wait for the disk before the machine is parked. The slowest memory cards flush within a second.
 const SLOW_DISK_US: u64 = 2 * SECOND_US;
 
-pub(super) const SLOW_DISK: &str = "the disk has not taken the journal's last record for 2 s: no layer is exposed before it is on \
-     disk. For a pause or an end the plate is lifted nevertheless";
 pub(super) const WAITS_FOR_DISK: &str = "waiting for the disk, which has not taken the journal's last record";
 
 /// How long a record has been on its way to the disk.
@@ -46,12 +45,15 @@ impl Engine {
         }
         (self.disk.due, self.disk.is_slow) = (None, true);
         if !std::mem::replace(&mut self.disk.told, true) {
-            self.out.notice(SLOW_DISK);
+            let meanwhile = self.cycle.slow_disk_text();
+            self.out.notice(format!(
+                "the disk has not taken the journal's last record for 2 s: no layer is exposed before it is on disk. {meanwhile}"
+            ));
         }
     }
 
-    /// Called after every event: lifts the plate if only a slow disk keeps it in the resin.
-    pub(super) fn lift_without_disk(&mut self, now_us: u64) {
+    /// Called after every event: parks the machine if only a slow disk keeps it from that.
+    pub(super) fn park_without_disk(&mut self, now_us: u64) {
         if self.disk.is_slow && self.intent != Intent::Print {
             match self.phase {
                 Phase::Confirming => self.advance(now_us),

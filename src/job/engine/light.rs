@@ -1,5 +1,5 @@
 //! Light that was not commanded, or lasts longer than commanded. It is switched off, and nothing else is commanded until the
-//! device reports dark.
+//! device reports dark. Tried by `tests/job_lies/light.rs`.
 
 use super::ending::URGENT_US;
 use super::{Engine, Phase};
@@ -26,7 +26,7 @@ impl Engine {
             self.out.notice(format!("{text}; it was ordered to switch it off"));
         }
         self.put_light_off();
-        self.intend_to_end(JobState::Interrupted, format!("{text}: look at the part and the device, then resume"));
+        self.intent.add_end(JobState::Interrupted, format!("{text}: look at the part and the device, then resume"));
         if self.out.act.is_some() {
             // The act was not handed out yet. Nothing is commanded before the device is dark.
             return self.withdraw(now_us);
@@ -35,7 +35,7 @@ impl Engine {
             Phase::Exposing { .. } => {
                 self.wait_until(Phase::CuttingShort, now_us + URGENT_US);
             }
-            Phase::Lost | Phase::Asking { .. } | Phase::Checking => self.darken(now_us),
+            Phase::Lost | Phase::Asking { .. } | Phase::Checking { .. } => self.darken(now_us),
             _ => self.reconsider(true, now_us),
         }
     }
@@ -64,7 +64,7 @@ impl Engine {
         if self.light.must_wait() {
             return;
         }
-        if self.unconfirmed.is_some() {
+        if self.next.unconfirmed().is_some() {
             // Whether the layer was seen to shine counts there.
             return self.take_stock(now_us);
         }
@@ -79,9 +79,11 @@ impl Engine {
             return;
         }
         if self.device.light_on || self.device.exposing.is_some() {
-            return self.end_unparked(format!("{STAYS_LIT}. The plate was not lifted"));
+            let unparked = self.cycle.unparked_text();
+            return self.end_unparked(format!("{STAYS_LIT}; {unparked}"));
         }
-        self.intend_to_end(JobState::Interrupted, "the device did not answer the order to switch its light off".into());
+        self.intent
+            .add_end(JobState::Interrupted, "the device did not answer the order to switch its light off".into());
         self.light.give_up();
         self.advance(now_us);
     }

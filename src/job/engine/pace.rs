@@ -1,4 +1,4 @@
-//! How fast the print goes: late layers, and the time that is left.
+//! How fast the print goes: late layers, and the time that is left. Tried by `tests/job_lies/answers.rs`.
 
 use crate::job::JobPlan;
 
@@ -19,6 +19,8 @@ pub(super) struct Pace {
     waited_us: u64,
     pub(super) late_layers: u32,
     pub(super) late_us_total: u64,
+    /// Light time that the device reported for the layer confirmed last, milliseconds.
+    pub(super) light_ms: Option<u32>,
 }
 
 impl Pace {
@@ -32,15 +34,16 @@ impl Pace {
         self.confirmed_us = None;
     }
 
-    /// A layer was confirmed whose cycle was planned to take `planned_ms`.
-    pub(super) fn confirmed(&mut self, planned_ms: u64, now_us: u64) {
+    /// A layer was confirmed whose cycle was planned to take `planned_ms`. `light_ms` is its reported light time, if there is one.
+    pub(super) fn confirmed(&mut self, planned_ms: f64, light_ms: Option<u32>, now_us: u64) {
+        self.light_ms = light_ms;
         if self.waited_us > LATE_US {
             self.late_layers += 1;
             self.late_us_total += self.waited_us;
         }
         self.waited_us = 0;
         if let Some(before_us) = self.confirmed_us.replace(now_us) {
-            let excess_us = (now_us - before_us) as f64 - planned_ms as f64 * 1000.0;
+            let excess_us = (now_us - before_us) as f64 - planned_ms * 1000.0;
             self.layers_averaged = MAX_LAYERS_AVERAGED.min(self.layers_averaged + 1);
             self.excess_us += (excess_us - self.excess_us) / f64::from(self.layers_averaged);
         }
@@ -51,6 +54,6 @@ impl Pace {
         let layers = f64::from(plan.layer_count.saturating_sub(next_layer));
         let excess_ms = layers * self.excess_us / 1000.0;
         // `as` saturates: a negative sum becomes 0.
-        (plan.remaining_ms(next_layer) as f64 + excess_ms) as u64
+        (plan.process.layers_ms(next_layer..plan.layer_count) + excess_ms) as u64
     }
 }

@@ -1,4 +1,4 @@
-//! What the engine tells about the job: state, progress and reason.
+//! What the engine tells about the job: state, progress and reason. The daemon shows it as `layerctl status`.
 
 use super::disk::WAITS_FOR_DISK;
 use super::{Engine, Intent, Phase};
@@ -9,17 +9,17 @@ impl Engine {
     pub fn progress(&self) -> Progress {
         Progress {
             state: self.state(),
-            layer: self.next_layer,
-            layers_done: self.next_layer,
+            layer: self.next.number,
+            layers_done: self.next.number,
             layers_total: self.plan.layer_count,
             late_layers: self.pace.late_layers,
             late_ms_total: self.pace.late_us_total / 1000,
             exposing: matches!(self.phase, Phase::Exposing { .. } | Phase::CuttingShort),
-            eta_ms: self.is_printing().then(|| self.pace.remaining_ms(&self.plan, self.next_layer)),
-            light_ms: self.light_ms,
-            in_doubt: self.in_doubt.is_some().then_some(self.next_layer),
+            eta_ms: self.is_printing().then(|| self.pace.remaining_ms(&self.plan, self.next.number)),
+            light_ms: self.pace.light_ms,
+            in_doubt: self.next.doubt().is_some().then_some(self.next.number),
             reason: self.reason(),
-            part_in_vat: self.touched && !self.lifted,
+            part_in_vat: self.is_part_unparked(),
         }
     }
 
@@ -35,12 +35,17 @@ impl Engine {
 
     /// Whether the job may have had light, so that a part on the plate is its own.
     pub fn touched(&self) -> bool {
-        self.touched
+        self.part.is_possible()
+    }
+
+    /// Whether the machine is not parked and there may be a part.
+    pub(super) fn is_part_unparked(&self) -> bool {
+        self.part.is_possible() && !self.cycle.is_parked()
     }
 
     /// Whether the job is to print and has had no light yet. It moves the plate down, so the plate must be empty.
     pub fn goes_down_bare(&self) -> bool {
-        !self.touched && !self.aborting && !self.is_over() && matches!(self.intent, Intent::Print | Intent::Pause)
+        !self.part.is_possible() && !self.is_over() && matches!(self.intent, Intent::Print | Intent::Pause)
     }
 
     /// Whether the job has ended. Its last record may still be unwritten.
@@ -50,49 +55,85 @@ impl Engine {
 
     /// Whether the job has begun, so that acts may have been commanded.
     pub fn has_begun(&self) -> bool {
-        self.phase != Phase::Checking
+        !matches!(self.phase, Phase::Checking { .. })
     }
 
     /// The layer that was commanded and neither confirmed nor denied.
     pub fn unconfirmed(&self) -> Option<Unconfirmed> {
-        self.unconfirmed
+        self.next.unconfirmed()
     }
 
     /// Whether layers are being printed. Nobody can predict the end of a pause or of a lost line.
     fn is_printing(&self) -> bool {
-        let at_work =
-            !matches!(self.phase, Phase::Checking | Phase::Lost | Phase::Resting | Phase::Ending | Phase::Done);
-        at_work && matches!(self.intent, Intent::Print | Intent::End(JobState::Completed, _))
+        use Phase::{Checking, Done, Ending, Lost, Resting};
+        !matches!(self.phase, Checking { .. } | Lost | Resting | Ending | Done) && self.intent.is_printing()
     }
 
     /// The job's state.
     pub fn state(&self) -> JobState {
         match (&self.phase, &self.intent) {
             // Only once its record is on disk and the machine is free: the job can be resumed from then on.
-            (Phase::Done, Intent::End(state, _)) => *state,
-            _ if self.aborting => JobState::Aborting,
-            (Phase::Checking, Intent::Print | Intent::Pause) => JobState::Checking,
+            (Phase::Done, Intent::End(end)) => end.state,
+            (_, intent) if intent.is_abort() => JobState::Aborting,
+            (Phase::Checking { .. }, Intent::Print | Intent::Pause) => JobState::Checking,
             (Phase::Resting, Intent::Pause) => JobState::Paused,
             (_, Intent::Pause) => JobState::Pausing,
-            (_, Intent::End(JobState::Completed, _) | Intent::Print) => JobState::Printing,
-            (_, Intent::End(..)) => JobState::Stopping,
+            (_, intent) if intent.is_printing() => JobState::Printing,
+            _ => JobState::Stopping,
         }
     }
 
+    /// What the job waits for or why it ends, for people.
     fn reason(&self) -> String {
         match (&self.intent, &self.phase) {
-            (Intent::End(..), _) => {
+            (Intent::End(_), _) => {
                 let texts = [self.end_reason(), self.wait_before_end()];
                 texts.into_iter().filter(|text| !text.is_empty()).collect::<Vec<_>>().join("; ")
             }
-            (_, Phase::Lost) => format!("waiting for the device: {}", self.loss),
+            (_, Phase::Lost) => self.lost_text(),
             (_, Phase::Commanding | Phase::Confirming | Phase::Resting) if self.disk.is_slow() => WAITS_FOR_DISK.into(),
-            (_, Phase::Checking) if self.ready => "waiting for the device".into(),
+            (_, Phase::Checking { ready: true }) => WAITS_FOR_DEVICE.into(),
             (_, Phase::Darkening { .. }) => "waiting for the device to report dark".into(),
             (_, Phase::Asking { .. }) => "waiting for the device to come to rest".into(),
-            (_, Phase::Waiting { .. }) => format!("layer {} is late; the device waits dark", self.next_layer),
-            (_, Phase::WarmingUp) => format!("layer {} is being computed and sent", self.next_layer),
+            (_, Phase::Waiting { .. }) => format!("layer {} is late; the device waits dark", self.next.number),
+            (_, Phase::WarmingUp) => format!("layer {} is being computed and sent", self.next.number),
             _ => String::new(),
         }
     }
+
+    /// What an ending job waits for if the device or the disk does not answer; else empty.
+    fn wait_before_end(&self) -> String {
+        let may_be_lit = !self.abort_order.is_dark;
+        match self.phase {
+            // A device that took the abort is dark until the new session begins.
+            Phase::AbortSent if !self.line.is_up() && may_be_lit => ABORT_WAITS.into(),
+            Phase::AbortReconnect if may_be_lit => ABORT_WAITS.into(),
+            Phase::Lost => self.lost_text(),
+            Phase::Checking { .. } if !self.line.is_up() => WAITS_FOR_DEVICE.into(),
+            Phase::Commanding | Phase::Confirming | Phase::Ending if self.disk.is_slow() => WAITS_FOR_DISK.into(),
+            _ => String::new(),
+        }
+    }
+
+    fn lost_text(&self) -> String {
+        format!("{WAITS_FOR_DEVICE}: {}", self.line.loss)
+    }
+
+    /// Why the job ends, and what to do.
+    pub(super) fn end_reason(&self) -> String {
+        let Some(end) = self.intent.end() else { return String::new() };
+        let layer = self.next.number;
+        let doubt = self.next.doubt().map(|why| format!("layer {layer} is in doubt: {why}{DECIDE}"));
+        let texts: Vec<_> =
+            doubt.iter().chain(Some(&end.reason).filter(|reason| !reason.is_empty())).map(String::as_str).collect();
+        let text = texts.join("; ");
+        if end.ordered.is_some() { text.replace(DECIDE, "").replace(THEN_RESUME, "") } else { text }
+    }
 }
+
+/// Advice for a layer in doubt. Both texts are left out for a job that cannot be resumed.
+const DECIDE: &str = ". Look at the part, then resume with `--in-doubt exposed` or `--in-doubt repeat`";
+const THEN_RESUME: &str = ", then resume";
+const WAITS_FOR_DEVICE: &str = "waiting for the device";
+const ABORT_WAITS: &str = "waiting for the device, which does not answer: if there is light or the plate moves, switch the printer off \
+     at the mains";

@@ -1,4 +1,110 @@
-//! What the engine keeps track of: the act under way, the abort, failures in a row.
+//! What the engine keeps track of: the part, the line, the device's memory, the act under way, the abort, failures in a
+//! row. See it used all over `job/engine/`.
+
+/// What the machine may have made of the job so far.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Part {
+    /// Nothing: there was no light.
+    Absent,
+    /// There may have been light.
+    Possible,
+    /// The device has confirmed a layer.
+    Confirmed,
+}
+
+impl Part {
+    pub(super) fn new(touched: bool, confirmed: bool) -> Self {
+        match (touched, confirmed) {
+            (_, true) => Self::Confirmed,
+            (true, false) => Self::Possible,
+            (false, false) => Self::Absent,
+        }
+    }
+
+    /// Whether there may be a part, so that moves may harm it.
+    pub(super) fn is_possible(self) -> bool {
+        self != Self::Absent
+    }
+}
+
+/// The line to the device.
+#[derive(Debug, Default)]
+pub(super) struct Line {
+    pub(super) session: Session,
+    /// What keeps data from getting through, as reported by the line.
+    pub(super) hindrance: Option<String>,
+    /// Why the last session was lost; empty if none was.
+    pub(super) loss: String,
+}
+
+/// Whether there is a session with the device.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum Session {
+    /// There was none in this run.
+    #[default]
+    Never,
+    /// The last one is lost.
+    Lost,
+    Up,
+}
+
+impl Line {
+    pub(super) fn is_up(&self) -> bool {
+        self.session == Session::Up
+    }
+
+    /// The session is gone, if there was one.
+    pub(super) fn drop_session(&mut self) {
+        if self.session == Session::Up {
+            self.session = Session::Lost;
+        }
+    }
+
+    /// Adds to `text` what keeps data from getting through: a device that does not answer may not have been reached.
+    pub(super) fn with_cause(&self, text: &str) -> String {
+        self.hindrance.as_ref().map_or(text.to_owned(), |hindrance| format!("{text}; {hindrance}"))
+    }
+}
+
+/// What the device names as the job's layer that it exposed last. That never goes back.
+#[derive(Debug, Default)]
+pub(super) enum Memory {
+    /// It has named none.
+    #[default]
+    Empty,
+    /// The highest layer that it named.
+    Exposed(u32),
+    /// It named a lower layer after a higher one; describes it.
+    WentBack(String),
+}
+
+impl Memory {
+    /// Takes in the layer that a state names. Returns whether the memory has gone back just now.
+    pub(super) fn compare(&mut self, told: u32) -> bool {
+        let before = match self {
+            Self::Empty => told,
+            Self::Exposed(before) => *before,
+            Self::WentBack(_) => return false,
+        };
+        if told >= before {
+            *self = Self::Exposed(told);
+            return false;
+        }
+        *self = Self::WentBack(format!(
+            "the device named layer {before} of this job as exposed last, and now it names layer {told}: it was reset, or what \
+             it says is wrong"
+        ));
+        true
+    }
+
+    /// The description, if the memory has gone back.
+    pub(super) fn went_back(&self) -> Option<&str> {
+        match self {
+            Self::WentBack(text) => Some(text),
+            Self::Empty | Self::Exposed(_) => None,
+        }
+    }
+}
 
 /// The last act, under way or ended.
 #[derive(Debug, Default)]
@@ -10,9 +116,24 @@ pub(super) struct ActWatch {
     /// When the act under way was commanded; `None` once the device is known to have it.
     pub(super) sent_us: Option<u64>,
     /// When the last act was handed out.
-    pub(super) began_us: u64,
+    began_us: u64,
     /// Least time that act can take, microseconds of the host's clock; 0 if unknown.
-    pub(super) least_us: u64,
+    least_us: u64,
+}
+
+impl ActWatch {
+    /// Begins an act, and returns its number.
+    pub(super) fn begin(&mut self, least_us: u64, now_us: u64) -> u64 {
+        let number = self.number + 1;
+        *self = Self { number, running: Some(number), sent_us: Some(now_us), began_us: now_us, least_us };
+        number
+    }
+
+    /// Time since the last act was handed out, microseconds, if that act cannot have ended yet; else `None`.
+    pub(super) fn too_soon_us(&self, now_us: u64) -> Option<u64> {
+        let took_us = now_us.saturating_sub(self.began_us);
+        (took_us < self.least_us).then_some(took_us)
+    }
 }
 
 /// The abort that was sent last.
@@ -24,6 +145,8 @@ pub(super) struct AbortOrder {
     pub(super) sent_us: u64,
     /// The device has answered it.
     pub(super) answered: bool,
+    /// The device is known to be dark.
+    pub(super) is_dark: bool,
 }
 
 /// Failures of line and device. A printed layer resets those in a row.
@@ -35,4 +158,12 @@ pub(super) struct Failures {
     pub(super) misbehaviours_in_a_row: u32,
     /// Layers still to print until all protocol errors of the job are made up for.
     pub(super) layers_of_misbehaviour: u32,
+}
+
+impl Failures {
+    /// A layer was printed.
+    pub(super) fn layer_printed(&mut self) {
+        (self.losses_in_a_row, self.misbehaviours_in_a_row) = (0, 0);
+        self.layers_of_misbehaviour = self.layers_of_misbehaviour.saturating_sub(1);
+    }
 }

@@ -1,6 +1,6 @@
-//! Which layers the device holds, and which one to send next.
+//! Which layers the device holds, and which one to send next. See it used in `Engine::pump_uploads`.
 
-use crate::link::message::{DeviceState, ExposureId, Refusal};
+use crate::link::message::{DeviceState, ExposureId};
 
 /// Refusals in a row after which a layer is not sent again. The line repairs its own errors, so a second refusal already means
 /// that the device cannot decode the layer.
@@ -16,6 +16,8 @@ pub(super) struct Uploads {
     /// The layer that the running sweep computes next.
     sweep_at: Option<u32>,
     refusals: u8,
+    /// The first layer of this session has arrived: from now on a missing layer is late.
+    warm: bool,
 }
 
 /// The next upload.
@@ -30,6 +32,7 @@ impl Uploads {
     /// Takes the slots from the state of a new session. An upload under way is void.
     pub(super) fn reset(&mut self, key: u64, state: &DeviceState) {
         let ours = |slot: &Option<ExposureId>| slot.filter(|id| *id == ExposureId::first_pass(key, id.layer));
+        self.warm = false;
         self.slots = state.slots.iter().map(|slot| ours(slot).map(|id| id.layer)).collect();
         self.cancel();
     }
@@ -63,20 +66,19 @@ impl Uploads {
         true
     }
 
-    /// Notes a refused upload.
-    ///
-    /// # Errors
-    /// What to tell the operator if sending the layer again is pointless.
-    pub(super) fn refused(&mut self, layer: u32, refusal: Refusal) -> Result<(), String> {
-        if self.running.take_if(|running| running.0 == layer).is_none() {
-            return Ok(());
-        }
+    /// Whether the machine may go to where `next_layer` is exposed: it waits for the first layer of a session before that, and for
+    /// a later one in place.
+    pub(super) fn may_begin(&mut self, next_layer: u32) -> bool {
+        self.warm |= self.holds(next_layer);
+        self.warm
+    }
+
+    /// Notes a refused upload. Returns the number of refusals in a row if sending the layer again is pointless.
+    pub(super) fn refused(&mut self, layer: u32) -> Option<u8> {
+        self.running.take_if(|running| running.0 == layer)?;
         self.cancel();
         self.refusals += 1;
-        if self.refusals < MAX_REFUSALS {
-            return Ok(());
-        }
-        Err(format!("the device refused layer {layer} {MAX_REFUSALS} times: {}", remedy(refusal)))
+        (self.refusals >= MAX_REFUSALS).then_some(self.refusals)
     }
 
     /// The next upload if `next_layer` is exposed next. `None` while an upload is under way, while the slots hold all layers
@@ -95,30 +97,5 @@ impl Uploads {
         let new_sweep = self.sweep_at != Some(layer);
         self.sweep_at = Some(layer + 1);
         Some(Wanted { layer, slot, new_sweep })
-    }
-}
-
-/// Why a device does not take a layer, and what to do.
-fn remedy(refusal: Refusal) -> &'static str {
-    match refusal {
-        Refusal::NotReady => "it is not ready; look at the device, then resume",
-        Refusal::NoSuchLayer => "it does not have the slots that it stated; check its firmware",
-        Refusal::SlotBusy => {
-            "it says that the slot is being exposed, which this job did not ask for; check its firmware"
-        }
-        Refusal::BadLayer => {
-            "it cannot decode the layer; check that the machine file's width_px and height_px are the device's"
-        }
-        Refusal::BadEncoding => {
-            "it does not read the encoding, although it stated that it does; check its firmware, or change `antialias` in the \
-             recipe"
-        }
-        Refusal::Unknown => "it does not know the request; check that it is a DLP machine of this protocol version",
-        Refusal::AlreadyExposed
-        | Refusal::BadDuration
-        | Refusal::BadMove
-        | Refusal::NotHomed
-        | Refusal::Busy
-        | Refusal::CutShort => "this refusal does not apply to a layer; check its firmware",
     }
 }

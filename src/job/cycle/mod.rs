@@ -1,0 +1,279 @@
+//! What a machine does between two layers, by kind of machine. The engine knows the life of a job, its journal, its light and its
+//! line; a cycle knows the machine.
+//!
+//! A [`Cycle`] is a state machine without I/O and without a clock. The engine asks it for the next [`Step`], carries that out, and
+//! reports how it ended:
+//!
+//! ```text
+//!   engine                                        cycle
+//!   the job is to print                         ▶ prepare  ─▶ Act, Wait … until Clear
+//!   the layer is on its way or there            ▶ begin    ─▶ Act, Wait … until Ready
+//!   the layer is there: journal, then expose    ▶ exposure ─▶ the act and its times
+//!   the device reports the exposure             ▶ judge    ─▶ its light time, compared with the commanded one
+//!   the layer is confirmed, and on disk         ▶ after_exposure ─▶ Wait
+//!   the job pauses or ends, however it does     ▶ park     ─▶ Act … until Parked or Unparked
+//!
+//!   an act ended                                ▶ done     ─▶ the next Step, and what is wrong
+//!   a Wait is over                              ▶ waited   ─▶ the next Step
+//!   the device reported its state               ▶ locate, rest or moved
+//! ```
+//!
+//! After [`Step::Free`] the engine looks at light, line, orders and disk, and then asks for [`Cycle::prepare`] or [`Cycle::park`]
+//! anew. So a cycle never decides whether the print goes on. It decides what is safe for the machine: whether the machine may
+//! search its zero position, and where a part is safe while nothing is printed.
+//!
+//! A second kind of machine becomes a variant of [`Cycle`], [`super::Process`], [`Act`] and [`Outcome`]. [`Step::Wait`] also
+//! serves for a state of the machine that the engine does not know: the cycle sees every reported state, and may answer
+//! [`Cycle::waited`] with another wait. See the interface used in `job/engine/steps.rs`.
+
+mod vat;
+
+pub use vat::VatPlan;
+
+use vat::VatCycle;
+
+use super::Process;
+use crate::device::{Act, Dose, Outcome};
+use crate::link::message::{DeviceState, Refusal};
+
+/// The machine's side of a job.
+#[derive(Debug)]
+pub(super) enum Cycle {
+    /// Resin in a vat.
+    Vat(VatCycle),
+}
+
+/// What the engine must do next.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Step {
+    /// Nothing is under way: decide anew whether to print or to park.
+    Free,
+    /// Nothing is left to do for the layers before: the next layer may begin.
+    Clear,
+    /// The machine is in place: expose the layer.
+    Ready,
+    /// Carry out this act.
+    Act {
+        act: Act,
+        /// It must have ended after this time of the host's clock, microseconds.
+        most_us: u64,
+        /// It takes this time of the device's clock at least, microseconds; 0 if that is unknown.
+        least_us: u64,
+    },
+    /// Let the machine stand still, dark.
+    Wait {
+        us: u64,
+        /// Whether a pause or an end of the job may cut the wait short.
+        may_break_off: bool,
+    },
+    /// The machine is parked: the part is safe.
+    Parked,
+    /// The machine cannot be parked; says why.
+    Unparked(&'static str),
+    /// The machine must not move any more. Ends the job; says why and what to do.
+    Halt(String),
+}
+
+/// What the engine wants of the machine once the act under way has ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Goal {
+    /// Print on.
+    Print,
+    /// Pause or end.
+    Park,
+}
+
+/// An exposure of a layer.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Exposure {
+    pub(super) act: Act,
+    /// Commanded light time, milliseconds.
+    pub(super) duration_ms: u32,
+    /// Least time until its end is reported, microseconds of the device's clock.
+    pub(super) least_us: u64,
+}
+
+/// The light of an exposure, as the device reported it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Lit {
+    /// Light time, milliseconds.
+    pub(super) light_ms: u32,
+    /// How that compares with the commanded time.
+    pub(super) dose: Dose,
+}
+
+/// An act is reported to have ended sooner than it can.
+#[derive(Clone, Debug)]
+pub(super) struct TooSoon {
+    /// Time since the act was handed out, microseconds of the host's clock.
+    pub(super) took_us: u64,
+    /// A hint to the operator, to be added to the message; may be empty.
+    pub(super) hint: String,
+}
+
+/// The end of an act.
+#[derive(Debug)]
+pub(super) struct Done {
+    /// What is wrong with it, and what to do. The print must end.
+    pub(super) problem: Option<String>,
+    pub(super) step: Step,
+}
+
+impl Cycle {
+    /// A machine of which nothing is known yet. `part_possible` says that earlier runs of the job may have made a part.
+    pub(super) fn new(process: &Process, part_possible: bool) -> Self {
+        match process {
+            Process::Vat(vat) => Self::Vat(VatCycle::new(vat.clone(), part_possible)),
+        }
+    }
+
+    /// A session with the device began.
+    pub(super) fn greeted(&mut self, max_position_um: i32) {
+        let Self::Vat(vat) = self;
+        vat.greeted(max_position_um);
+    }
+
+    /// Checks that a part of so many layers fits the machine.
+    ///
+    /// # Errors
+    /// What does not fit, and what to do.
+    pub(super) fn check_fit(&self, layer_count: u32) -> Result<(), String> {
+        let Self::Vat(vat) = self;
+        vat.check_fit(layer_count)
+    }
+
+    /// What the operator must know of this machine before the print begins.
+    pub(super) fn notice(&self) -> Option<String> {
+        let Self::Vat(vat) = self;
+        vat.notice()
+    }
+
+    /// Takes over where the machine is, after a time in which it may have moved by order.
+    pub(super) fn locate(&mut self, state: &DeviceState) {
+        let Self::Vat(vat) = self;
+        vat.locate(state);
+    }
+
+    /// Takes over where the machine is during a pause: the operator may move it.
+    pub(super) fn rest(&mut self, state: &DeviceState) {
+        let Self::Vat(vat) = self;
+        vat.rest(state);
+    }
+
+    /// Compares where the machine is with where it was left. Call it only while nothing moves by order. Returns a message for the
+    /// operator if it has moved; the print must end then.
+    pub(super) fn moved(&mut self, state: &DeviceState) -> Option<String> {
+        let Self::Vat(vat) = self;
+        vat.moved(state)
+    }
+
+    /// The next step to make the machine ready for the layer `next_layer`, until [`Step::Clear`].
+    pub(super) fn prepare(&mut self, next_layer: u32, part_possible: bool) -> Step {
+        let Self::Vat(vat) = self;
+        vat.prepare(next_layer, part_possible)
+    }
+
+    /// The next step to bring the machine to where a layer is exposed, until [`Step::Ready`]. [`Step::Clear`] came before.
+    pub(super) fn begin(&mut self, layer: u32) -> Step {
+        let Self::Vat(vat) = self;
+        vat.begin(layer)
+    }
+
+    /// How the layer is exposed. [`Step::Ready`] came before.
+    pub(super) fn exposure(&mut self, layer: u32) -> Exposure {
+        let Self::Vat(vat) = self;
+        vat.exposure(layer)
+    }
+
+    /// The light that an outcome reports for the exposure of `layer`; `None` if the outcome is not that of its exposure.
+    pub(super) fn judge(&self, layer: u32, outcome: Outcome) -> Option<Lit> {
+        match (self, outcome) {
+            (Self::Vat(vat), Outcome::Vat(outcome)) => vat.judge(layer, outcome),
+            (_, Outcome::Refused(_) | Outcome::TakenBack) => None,
+        }
+    }
+
+    /// The layer before `next_layer` counts as exposed.
+    pub(super) fn note_exposed(&mut self) {
+        let Self::Vat(vat) = self;
+        vat.note_exposed();
+    }
+
+    /// The first step after an exposure.
+    pub(super) fn after_exposure(&mut self) -> Step {
+        let Self::Vat(vat) = self;
+        vat.after_exposure()
+    }
+
+    /// The next step to a place where the machine can rest and the part is safe, until [`Step::Parked`] or [`Step::Unparked`].
+    /// `is_faulty` forbids to move.
+    pub(super) fn park(&mut self, next_layer: u32, is_faulty: bool) -> Step {
+        let Self::Vat(vat) = self;
+        vat.park(next_layer, is_faulty)
+    }
+
+    /// The act of a step has ended. Returns `None` if the outcome is not that of the act.
+    pub(super) fn done(
+        &mut self,
+        outcome: Outcome,
+        next_layer: u32,
+        too_soon: Option<&TooSoon>,
+        goal: Goal,
+    ) -> Option<Done> {
+        match (self, outcome) {
+            (Self::Vat(vat), Outcome::Vat(outcome)) => vat.done(outcome, next_layer, too_soon, goal),
+            (_, Outcome::Refused(_) | Outcome::TakenBack) => None,
+        }
+    }
+
+    /// A [`Step::Wait`] is over.
+    pub(super) fn waited(&mut self) -> Step {
+        let Self::Vat(vat) = self;
+        vat.waited()
+    }
+
+    /// Whether the machine is parked.
+    pub(super) fn is_parked(&self) -> bool {
+        let Self::Vat(vat) = self;
+        vat.is_parked()
+    }
+
+    /// Whether the act under way can be left to itself when the daemon ends: no part is in its way, and nothing follows.
+    pub(super) fn may_be_left(&self) -> bool {
+        let Self::Vat(vat) = self;
+        vat.may_be_left()
+    }
+
+    /// What to tell the operator if the act under way has not ended in time. `is_taken` says that the device has received it.
+    pub(super) fn overdue_text(&self, is_taken: bool) -> String {
+        let Self::Vat(vat) = self;
+        vat.overdue_text(is_taken)
+    }
+
+    /// Why a device refused an act or a layer, and what to do.
+    pub(super) fn remedy(&self, request: Requested, refusal: Refusal) -> &'static str {
+        let Self::Vat(_) = self;
+        vat::remedy(request, refusal)
+    }
+
+    /// Says that the machine was not parked.
+    pub(super) fn unparked_text(&self) -> &'static str {
+        let Self::Vat(_) = self;
+        vat::UNPARKED
+    }
+
+    /// Says what is done about a part while the disk is slow.
+    pub(super) fn slow_disk_text(&self) -> &'static str {
+        let Self::Vat(_) = self;
+        vat::SLOW_DISK
+    }
+}
+
+/// What a device was asked for when it refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Requested {
+    /// To hold a layer.
+    Upload,
+    /// To move or expose.
+    Act,
+}

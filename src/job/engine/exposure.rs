@@ -1,0 +1,155 @@
+//! One exposure: journal, command, compare, confirm. See it tried by `tests/job_lies/dose.rs`.
+
+use super::next::{Known, Sign};
+use super::track::Part;
+use super::{Engine, Phase};
+use crate::deadline::Deadline;
+use crate::device::{Dose, Outcome};
+use crate::job::cycle::Lit;
+use crate::job::{JobState, Record};
+use crate::link::message::{DeviceState, Refusal};
+
+/// How often one layer may be commanded. Every time but the first follows a lost line or a refusal.
+const MAX_COMMANDS: u32 = 10;
+
+impl Engine {
+    pub(super) fn command_exposure(&mut self, now_us: u64) {
+        let layer = self.next.number;
+        self.next.commands += 1;
+        if self.next.commands > MAX_COMMANDS {
+            let text = format!("layer {layer} was commanded {MAX_COMMANDS} times without success; check the device");
+            return self.wind_down(JobState::Interrupted, text, now_us);
+        }
+        let boot_id = self.device.boot_id;
+        self.next.known = Known::Commanded { boot_id, sign: Sign::None };
+        self.out.journal(Record::Commanded { layer, boot_id });
+        self.phase = Phase::Commanding;
+        self.deadline = None;
+    }
+
+    /// The command is on disk.
+    pub(super) fn expose(&mut self, now_us: u64) {
+        let exposure = self.cycle.exposure(self.next.number);
+        self.part = self.part.max(Part::Possible);
+        self.light.command(self.exposure_id(), exposure.duration_ms, now_us);
+        let light_until_us = now_us + u64::from(exposure.duration_ms) * 1000;
+        let limit_us = self.light.limit_us().unwrap_or(light_until_us);
+        self.start_act(exposure.act, exposure.least_us, Phase::Exposing { light_until_us }, limit_us, now_us);
+    }
+
+    /// The device has received the act under way. The machine stood still until then.
+    pub(super) fn on_act_taken(&mut self, number: u64, now_us: u64) {
+        if self.act.running != Some(number) {
+            return;
+        }
+        if let Some(sent_us) = self.act.sent_us.take() {
+            self.pace.waited(now_us.saturating_sub(sent_us));
+        }
+        if matches!(self.phase, Phase::Exposing { .. }) {
+            self.light.taken(now_us);
+            self.deadline = self.light.limit_us().map(Deadline::at);
+        }
+    }
+
+    pub(super) fn on_exposure_done(&mut self, outcome: Outcome, now_us: u64) {
+        if !matches!(outcome, Outcome::Refused(refusal) if refusal != Refusal::CutShort) {
+            self.light.ended();
+        }
+        if let Some(text) = self.next.take_early_end() {
+            return self.doubt(&text, now_us);
+        }
+        match outcome {
+            Outcome::TakenBack => self.withdraw(now_us),
+            Outcome::Refused(refusal) => self.on_exposure_refused(refusal, now_us),
+            outcome => match self.cycle.judge(self.next.number, outcome) {
+                Some(lit) => self.on_exposed(lit, now_us),
+                None => self.on_wrong_outcome(outcome, now_us),
+            },
+        }
+    }
+
+    /// Compares the reported light time with the commanded one.
+    fn on_exposed(&mut self, lit: Lit, now_us: u64) {
+        let (layer, commanded_ms) = (self.next.number, self.plan.process.exposure_ms(self.next.number));
+        if let Some(text) = self.exposed_too_soon(now_us) {
+            return self.doubt(&text, now_us);
+        }
+        let Lit { light_ms, dose } = lit;
+        let text = format!("the device reports {light_ms} ms of light for layer {layer} instead of {commanded_ms} ms");
+        match dose {
+            Dose::TooLittle => return self.doubt(&text, now_us),
+            Dose::TooMuch => {
+                self.intent.add_end(JobState::Interrupted, format!("{text}: check its firmware, then resume"));
+            }
+            Dose::Right => {}
+        }
+        self.confirm(Some(light_ms), now_us);
+    }
+
+    /// Describes the error if the last exposure is reported to have ended sooner than it can by the host's clock.
+    pub(super) fn exposed_too_soon(&self, now_us: u64) -> Option<String> {
+        let too_soon = self.too_soon(now_us)?;
+        let (layer, commanded_ms) = (self.next.number, self.plan.process.exposure_ms(self.next.number));
+        Some(format!(
+            "the device says that layer {layer} had its {commanded_ms} ms of light, but only {} ms have passed since the order{}",
+            too_soon.took_us / 1000,
+            too_soon.hint
+        ))
+    }
+
+    /// A state names the layer under way as exposed sooner than it can be: the light goes off, and the layer is in doubt.
+    pub(super) fn look_for_early_end(&mut self, state: &DeviceState, now_us: u64) {
+        let under_way = self.out.act.is_none() && matches!(self.phase, Phase::Exposing { .. } | Phase::CuttingShort);
+        if under_way
+            && matches!(self.next.known, Known::Commanded { sign: Sign::None, .. })
+            && state.last_exposed == Some(self.exposure_id())
+            && let Some(text) = self.exposed_too_soon(now_us)
+        {
+            self.next.note(Sign::EndedEarly(text));
+            self.cut_short(now_us);
+        }
+    }
+
+    /// The device says that it exposed the commanded layer. `light_ms` is the reported light time, if it names one.
+    pub(super) fn confirm(&mut self, light_ms: Option<u32>, now_us: u64) {
+        self.part = Part::Confirmed;
+        let layer = self.next.number;
+        self.pace.confirmed(self.plan.process.layer_ms(layer), light_ms, now_us);
+        self.out.journal(Record::Confirmed { layer });
+        self.count_as_exposed();
+        self.phase = Phase::Confirming;
+        self.deadline = None;
+        if self.out.journal_broken {
+            self.advance(now_us);
+        }
+    }
+
+    /// Goes on to the next layer.
+    pub(super) fn count_as_exposed(&mut self) {
+        self.uploads.release(self.next.number);
+        self.next.advance();
+        self.cycle.note_exposed();
+        self.part = self.part.max(Part::Possible);
+        self.failures.layer_printed();
+    }
+
+    /// The commanded layer had no light, by the device's word.
+    pub(super) fn deny(&mut self) {
+        if self.next.deny() {
+            self.out.journal(Record::NotExposed { layer: self.next.number });
+        }
+    }
+
+    /// The records so far are on disk.
+    pub(super) fn on_journal_idle(&mut self, now_us: u64) {
+        match self.phase {
+            Phase::Commanding => self.expose(now_us),
+            Phase::Confirming => {
+                let step = self.cycle.after_exposure();
+                self.take(step, now_us);
+            }
+            Phase::Ending => self.finish(),
+            _ => {}
+        }
+    }
+}

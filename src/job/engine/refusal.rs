@@ -1,0 +1,63 @@
+//! Refusals by the device: of a layer, of an act of the cycle, of an exposure. Tried by `tests/job_lies/dose.rs`.
+
+use super::Engine;
+use super::next::Sign;
+use crate::job::JobState;
+use crate::job::cycle::Requested;
+use crate::link::message::Refusal;
+
+impl Engine {
+    /// The device did not take a layer.
+    pub(super) fn on_upload_refused(&mut self, layer: u32, refusal: Refusal, now_us: u64) {
+        if let Some(count) = self.uploads.refused(layer) {
+            let remedy = self.cycle.remedy(Requested::Upload, refusal);
+            let text = format!("the device refused layer {layer} {count} times: {remedy}");
+            self.wind_down(self.failed_or_interrupted(), text, now_us);
+        }
+    }
+
+    /// The device refused an act of the cycle.
+    pub(super) fn on_act_refused(&mut self, refusal: Refusal) {
+        let remedy = self.cycle.remedy(Requested::Act, refusal);
+        self.end_unparked(format!("the device refused to move: {remedy}"));
+    }
+
+    /// The device refused the exposure, or ended it early.
+    pub(super) fn on_exposure_refused(&mut self, refusal: Refusal, now_us: u64) {
+        let layer = self.next.number;
+        match refusal {
+            Refusal::CutShort if self.light.must_wait() => self.doubt("its light was switched off", now_us),
+            Refusal::CutShort => {
+                self.doubt("the device ended its light early (`layerctl device` tells after how long)", now_us);
+            }
+            // Its state must agree that there was no light.
+            _ => {
+                if refusal == Refusal::AlreadyExposed {
+                    self.out
+                        .notice(format!("the device says it exposed layer {layer} before; asking it for its state"));
+                }
+                self.next.note(Sign::Refused(refusal));
+                self.ask(now_us);
+            }
+        }
+    }
+
+    /// The device refused to expose the layer, and nothing shows that there was light.
+    pub(super) fn on_refused_unlit(&mut self, refusal: Refusal, now_us: u64) {
+        let layer = self.next.number;
+        self.deny();
+        match refusal {
+            Refusal::AlreadyExposed => {}
+            Refusal::NoSuchLayer => {
+                self.out.notice(format!("the device no longer holds layer {layer}; it is sent again"));
+                self.uploads.release(layer);
+            }
+            _ => {
+                let state = if refusal == Refusal::NotReady { JobState::Interrupted } else { JobState::Failed };
+                let remedy = self.cycle.remedy(Requested::Act, refusal);
+                self.intent.add_end(state, format!("the device refused to expose layer {layer}: {remedy}"));
+            }
+        }
+        self.advance(now_us);
+    }
+}
