@@ -4,6 +4,32 @@
 //! computes and encodes layers: one after the other ([`Part::encoded_layers`]), or ahead of the printer ([`Layers`]). A print, the
 //! check of its bottom layers, `layerctl check` and `layerctl slice` all take this way, so that they see the same pixels.
 //! `tests/check.rs` compares them.
+//!
+//! ```
+//! use layerd::buildfile::{PackOptions, pack};
+//! use layerd::config::{Folder, Machine, Recipe, find};
+//! use layerd::device::encoding;
+//! use layerd::pipeline::{Placed, Resolution};
+//! use layerd::stream::MemoryBudget;
+//! # let directory = tempfile::tempdir()?;
+//! # let [source, file] = ["edges.txt", "part.layerd"].map(|name| directory.path().join(name));
+//!
+//! // One strut, 9 mm high and 1 mm thick.
+//! std::fs::write(&source, "1 0.5\n0 0 0 0 0 9\n")?;
+//! pack(&[source], &file, &PackOptions::default(), &mut |_| {})?;
+//! let [machine, recipe] = [find(Folder::Machines, "sim-dlp")?, find(Folder::Recipes, "demo")?];
+//! let machine = Machine::parse(&machine.path, &machine.text)?;
+//! let recipe = Recipe::parse(&recipe.path, &recipe.text)?;
+//!
+//! let resolution = Resolution::of(&machine, &recipe);
+//! let part = Placed::open(&file, &resolution)?.fit(1, 64 << 20)?;
+//! let budget = MemoryBudget::new(64 << 20);
+//! let mut layers = part.encoded_layers(100, encoding::best(resolution.depth), &budget)?;
+//! let layer = layers.next().expect("a layer of 0.05 mm")?;
+//! assert_eq!(layer.layer, 100);
+//! assert!(!layer.bytes.is_empty() && budget.used_bytes() > 0);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 mod error;
 mod layers;
