@@ -25,7 +25,7 @@ fn part_in(directory: &Path) -> String {
 
 #[test]
 fn wrong_usage_is_exit_code_2() {
-    let wrong: [&[&str]; 13] = [
+    let wrong: [&[&str]; 15] = [
         &["pack", "Cargo.toml", "-o", "x.3MF"],
         &["generate", "bcc", "--struts", "9", "-o", "/nonexistent/x.txt"],
         &["pack", "Cargo.toml", "-o", "x.layerd", "--scale", "-1"],
@@ -35,6 +35,8 @@ fn wrong_usage_is_exit_code_2() {
         &[],
         &["launch"],
         &["start"],
+        &["start", "part.layerd", "--again", "7"],
+        &["log"],
         &["status", "--jsn"],
         &["resume", "7", "--in-doubt", "perhaps"],
         &["demo", "fdm"],
@@ -51,10 +53,12 @@ fn wrong_usage_is_exit_code_2() {
 fn without_a_daemon_every_command_tells_the_remedy() {
     let directory = tempfile::tempdir().unwrap();
     let part = &part_in(directory.path());
-    let commands: [&[&str]; 9] = [
+    let commands: [&[&str]; 11] = [
         &["status"],
         &["status", "--json"],
         &["jobs"],
+        &["log", "7"],
+        &["start", "--again", "7"],
         &["device"],
         &["watch", "--json"],
         &["abort"],
@@ -223,8 +227,10 @@ fn counts_and_sizes_read_well() {
 
 #[test]
 fn help_teaches_by_examples() {
-    let commands =
-        ["start", "status", "watch", "jobs", "device", "pause", "resume", "stop", "abort", "raise", "remove", "demo"];
+    let commands = [
+        "start", "status", "watch", "jobs", "log", "device", "pause", "resume", "stop", "abort", "raise", "remove",
+        "demo",
+    ];
     let offline = ["pack", "generate", "info", "check", "slice", "simulate"];
     for command in commands.into_iter().chain(offline) {
         let output = layerctl(&[command, "--help"], Path::new("/nonexistent"));
@@ -269,11 +275,16 @@ fn man_pages_and_completions_know_every_command() {
     let read = |name: &str| {
         std::fs::read_to_string(directory.path().join(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
     };
-    for command in ["start", "status", "abort", "pack", "check"] {
+    for command in ["start", "status", "jobs", "log", "abort", "pack", "check", "machines", "recipes"] {
         assert!(read(&format!("man/layerctl-{command}.1")).contains(command), "{command}");
         for completions in ["bash/layerctl.bash", "zsh/_layerctl", "fish/layerctl.fish"] {
             assert!(read(&format!("completions/{completions}")).contains(command), "{completions}: {command}");
         }
+    }
+    // An option, too; a man page escapes its hyphens.
+    assert!(read("man/layerctl-start.1").contains("\\-\\-again"), "{}", read("man/layerctl-start.1"));
+    for completions in ["bash/layerctl.bash", "zsh/_layerctl", "fish/layerctl.fish"] {
+        assert!(read(&format!("completions/{completions}")).contains("again"), "{completions}");
     }
     assert!(read("man/layerd.8").contains("check"));
     assert!(read("completions/bash/layerd.bash").contains("config"));

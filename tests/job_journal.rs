@@ -7,8 +7,8 @@ use std::fs;
 use std::path::Path;
 
 use layerd::job::{
-    EndOrder, Entry, Forgotten, History, JobState, Journal, JournalError, MAX_PARTS, MAX_RECORDS, NewJob, PlateAfter,
-    Record, ResumeChoice, ResumeError, Spool, SpoolError, Trace, read_journal,
+    EndOrder, Entries, Entry, Forgotten, History, JobState, Journal, JournalError, MAX_PARTS, MAX_RECORDS, NewJob,
+    PlateAfter, Record, ResumeChoice, ResumeError, Spool, SpoolError, Trace, read_journal,
 };
 use proptest::prelude::*;
 use tempfile::TempDir;
@@ -85,6 +85,52 @@ fn a_journal_cut_at_any_byte_keeps_every_whole_record_and_can_be_gone_on_with() 
         expected.push(Record::Paused);
         assert_eq!(texts(&entries), expected);
     }
+}
+
+/// A journal of many layers: its records are those of layer 0 over and over, which [`Entries`] does not judge.
+fn long_journal(path: &Path, layers: usize) {
+    let mut journal = Journal::create(path, accepted(), 1).expect("created");
+    let first = fs::metadata(path).expect("there").len() as usize;
+    journal.append(Record::Commanded { layer: 0, boot_id: 5 }, 2).expect("appended");
+    journal.append(Record::Confirmed { layer: 0 }, 3).expect("appended");
+    let mut bytes = fs::read(path).expect("read");
+    let layer = bytes[first..].repeat(layers - 1);
+    bytes.extend(layer);
+    fs::write(path, bytes).expect("written");
+}
+
+#[test]
+fn a_long_journal_is_read_entry_by_entry_up_to_what_is_damaged() {
+    let directory = TempDir::new().expect("temp");
+    let path = directory.path().join("journal");
+    long_journal(&path, 20_000);
+    let entries: Result<Vec<_>, _> = Entries::open(&path).expect("opened").collect();
+    let entries = entries.expect("whole");
+    assert_eq!(entries.len(), 40_001);
+    assert_eq!(entries[40_000], Entry { at_unix_ms: 3, record: Record::Confirmed { layer: 0 } });
+    let whole = fs::read(&path).expect("read");
+    // Half a record at the end is one that is being written.
+    fs::write(&path, &whole[..whole.len() - 5]).expect("written");
+    assert!(Entries::open(&path).expect("opened").all(|entry| entry.is_ok()));
+    assert_eq!(Entries::open(&path).expect("opened").count(), 40_000);
+    let (length, middle) = (whole.len(), whole.len() / 2);
+    let mut damaged = whole;
+    damaged[middle] ^= 0x10;
+    fs::write(&path, damaged).expect("written");
+    let read: Vec<_> = Entries::open(&path).expect("opened").collect();
+    let (last, before) = read.split_last().expect("entries");
+    assert!(before.iter().all(Result::is_ok) && before.len() > 19_000 && before.len() < 21_000, "{}", before.len());
+    let error = last.as_ref().expect_err("damaged").to_string();
+    assert!(error.contains(&format!("record {} at byte ", before.len())), "{error}");
+    let at: usize =
+        error.split("at byte ").nth(1).and_then(|rest| rest.split(' ').next()?.parse().ok()).expect("a place");
+    assert!(at <= middle && middle < at + 100 && at < length, "{error}");
+    fs::write(&path, b"something else").expect("written");
+    let read: Vec<_> = Entries::open(&path).expect("opened").collect();
+    assert!(
+        matches!(&read[..], [Err(error)] if error.to_string().contains("does not begin like a journal")),
+        "{read:?}"
+    );
 }
 
 #[test]
@@ -273,6 +319,33 @@ fn a_removed_job_frees_its_room_and_leaves_its_number_and_key() {
     assert_eq!(spool.forgotten().expect("listed"), [unsaid, over(2), left]);
     assert_eq!((spool.jobs().expect("listed"), create(&spool)), (Vec::new(), 4));
     assert!(spool.remove(over(9)).is_err(), "no such job");
+}
+
+#[test]
+fn a_part_that_two_jobs_print_stays_until_both_are_removed() {
+    let directory = TempDir::new().expect("temp");
+    let spool = Spool::open(directory.path()).expect("opened");
+    create(&spool);
+    let first = spool.jobs().expect("listed").remove(0);
+    fs::write(first.part(), vec![1; 1 << 20]).expect("written");
+    let part = spool.part_again(&first).expect("linked");
+    assert!(part.starts_with(spool.incoming()), "{part:?}");
+    let job = NewJob { part: &part, recipe: "", machine: "", accepted: accepted(), at_unix_ms: 1 };
+    let (second, _) = spool.create(job).expect("created");
+    drop(part);
+    assert_eq!(second.part().metadata().expect("a part").len(), 1 << 20);
+    let freed_bytes = spool.remove(over(1)).expect("removed");
+    assert!(freed_bytes < 1 << 20, "the part is still there, but {freed_bytes} bytes are said to be free");
+    assert!(fs::read(second.part()).expect("a part").iter().all(|byte| *byte == 1));
+    assert!(spool.remove(over(2)).expect("removed") >= 1 << 20);
+    assert!(spool.part_again(&first).expect_err("gone").to_string().contains("cannot link "));
+    assert_eq!(fs::read_dir(spool.incoming()).expect("a directory").count(), 0);
+    // What a crash leaves between the two steps is deleted.
+    create(&spool);
+    let left = spool.part_again(&spool.jobs().expect("listed").remove(0)).expect("linked").keep().expect("kept");
+    drop(spool);
+    let spool = Spool::open(directory.path()).expect("opened again");
+    assert!(!left.exists() && spool.jobs().expect("listed")[0].part().exists());
 }
 
 #[test]

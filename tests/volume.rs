@@ -54,6 +54,28 @@ fn bodies_of_known_volume() {
     assert_near("40 floors", sampled(&floors, Blend::Union, 1).solid_mm3, 40.0 * PI * 0.01 * 8.0, 0.05);
 }
 
+#[test]
+fn slabs_add_up_from_the_bottom_and_keep_within_their_memory() {
+    // A post of 4 mm on a foot that is four times as wide and 1 mm high.
+    let directory = tempfile::tempdir().expect("temporary directory");
+    let path = directory.path().join("part.layerd");
+    let posts = [strut([0, 0, 0], [0, 0, 1000], 2000, 2000, FLAT), strut([0, 0, 1000], [0, 0, 5000], 1000, 1000, FLAT)];
+    write_part(&path, &posts, Blend::Union);
+    let file = Arc::new(BuildFile::open(&path).expect("is whole"));
+    let mut rests = 0;
+    let slabs = Volume::slabs(&file, 8 << 20, || rests += 1).expect("can be sampled");
+    assert!(slabs.len() == rests && (64..=256).contains(&rests), "{rests}");
+    let below = |share: f64| slabs[..(slabs.len() as f64 * share) as usize].iter().sum::<f64>();
+    // Layers go up to the bounds, which have the struts' radii beyond their ends: 6 mm.
+    for (share, truth) in [(0.5 / 6.0, 2.0 * PI), (0.5, 6.0 * PI), (1.0, 8.0 * PI)] {
+        // One slab more or less, as slabs do not end where the foot does.
+        let slack = 4.0 * PI * 5.0 / slabs.len() as f64 + 0.02 * truth;
+        assert!((below(share) - truth).abs() < slack, "{} for {truth} at {share}", below(share));
+    }
+    let refused = Volume::slabs(&file, 1000, || {}).expect_err("too little memory").to_string();
+    assert!(refused.contains("memory budget"), "{refused}");
+}
+
 /// Two lying cylinders of radius 0.3 and length 3 mm that cross, and an upright one of 2 mm on their crossing: plane by plane.
 fn cross_mm3() -> f64 {
     const STEPS: u32 = 2000;

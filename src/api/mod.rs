@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 pub(crate) use body::ChannelBody;
 
-use crate::job::JobState;
+use crate::job::{EndOrder, JobState};
 
 /// Header of an upload that names the job, percent-encoded; required.
 pub const NAME_HEADER: &str = "x-layerd-name";
@@ -86,8 +86,17 @@ pub struct JobView {
     pub submitted_ms: u64,
     /// When it first took the machine, Unix milliseconds.
     pub started_ms: Option<u64>,
-    /// When it ended, Unix milliseconds.
+    /// When it ended, Unix milliseconds. An interrupted job may go on and end again.
     pub ended_ms: Option<u64>,
+    /// Time from `started_ms` to `ended_ms`, pauses included, seconds; absent until the job is over, and if it never had the machine.
+    #[serde(default)]
+    pub duration_s: Option<u64>,
+    /// About how much resin the part takes, millilitres; absent until that is estimated.
+    #[serde(default)]
+    pub resin_ml: Option<f64>,
+    /// About how much of it the exposed layers take, millilitres.
+    #[serde(default)]
+    pub resin_done_ml: Option<f64>,
     /// Why it is in this state and what to do; absent if the operator wanted the state.
     pub reason: Option<String>,
     /// The layer of which it is unknown whether it was exposed; `resume` then needs `in_doubt`.
@@ -339,6 +348,103 @@ pub enum InDoubt {
     Exposed,
     /// It was not, or not enough: expose it (again).
     Repeat,
+}
+
+/// A line of `GET /v1/jobs/{id}/log`, which is one JSON object.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum LogLine {
+    /// An entry of the job's journal.
+    Entry(LogEntry),
+    /// The last line of a log whose journal cannot be read to its end: why.
+    Problem(ErrorBody),
+}
+
+/// A record of a job's journal, and when it was written.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LogEntry {
+    /// When, Unix milliseconds.
+    pub at_ms: u64,
+    /// What happened.
+    #[serde(flatten)]
+    pub record: LogRecord,
+}
+
+/// What happened to a job.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "record", rename_all = "snake_case")]
+pub enum LogRecord {
+    /// The daemon accepted the job.
+    Accepted {
+        /// Name of the job, for people.
+        name: String,
+        /// Layers of the whole part.
+        layers_total: u32,
+    },
+    /// It took the machine, at first or again.
+    Started {
+        /// The layer that is next.
+        layer: u32,
+    },
+    /// The plate was empty before the first move of a job without light, or the operator said so.
+    PlateClear {
+        /// Exposures of unknown jobs that the device showed and the operator confirmed.
+        confirmed_exposures: u32,
+    },
+    /// The exposure of a layer was about to be commanded.
+    Commanded {
+        /// The layer.
+        layer: u32,
+    },
+    /// The device exposed the layer for its whole time.
+    Confirmed {
+        /// The layer.
+        layer: u32,
+    },
+    /// By the device's word the layer was not exposed.
+    NotExposed {
+        /// The layer.
+        layer: u32,
+    },
+    /// The command never left the host.
+    Withdrawn {
+        /// The layer.
+        layer: u32,
+    },
+    /// It is unknown how much light the layer had.
+    InDoubt {
+        /// The layer.
+        layer: u32,
+        /// What is known.
+        why: String,
+    },
+    /// The operator settled a layer in doubt.
+    Decided {
+        /// The layer.
+        layer: u32,
+        /// Whether it counts as exposed; otherwise it is exposed again.
+        exposed: bool,
+    },
+    /// The plate rests clear of the resin.
+    Paused,
+    /// Printing went on after a pause.
+    Resumed,
+    /// The device confirmed after an abort that its light is off.
+    LightOff,
+    /// The operator ordered the end of the job.
+    Ordered {
+        /// How.
+        order: EndOrder,
+    },
+    /// The machine rests: the plate was lifted clear of the resin at the end.
+    Parked,
+    /// The job ended, or was interrupted.
+    Ended {
+        /// Its state then.
+        state: JobState,
+        /// Why; empty if there is nothing to say.
+        reason: String,
+    },
 }
 
 /// Body of every answer that is not 2xx.

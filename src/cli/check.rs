@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use anyhow::bail;
 use serde::Serialize;
 
-use super::duration_text;
+use super::progress::duration_text;
 use crate::buildfile::Header;
 use crate::config::{DlpRecipe, MIN_BUDGET_BYTES, Machine, Recipe, byte_size};
 use crate::device::encoding;

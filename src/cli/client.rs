@@ -2,6 +2,7 @@
 
 mod connection;
 mod events;
+mod log;
 mod submit;
 
 use std::path::{Path, PathBuf};
@@ -11,8 +12,9 @@ use hyper::body::Bytes;
 use hyper::{Method, Request};
 use serde::de::DeserializeOwned;
 
-use self::connection::{RequestBody, accepted, exchange, post, read, request};
+use self::connection::{Answer, RequestBody, accepted, exchange, post, read, request};
 pub use self::events::Events;
+pub use self::log::Log;
 pub use self::submit::NewJob;
 pub use super::client_error::ClientError;
 use super::patience::{Listener, Wait};
@@ -179,18 +181,31 @@ impl Client {
         read(exchange(&self.socket, request).await?).await
     }
 
+    /// The log of a job, from its journal.
+    ///
+    /// # Errors
+    /// [`ClientError`]; status 404 if there is no such job.
+    pub async fn log(&self, id: &str) -> Result<Log, ClientError> {
+        let (response, connection) = self.stream(&format!("/v1/jobs/{}/log", percent::encode(id))).await?;
+        Ok(Log::new(self.clone(), response.into_body(), connection))
+    }
+
     /// Events from now on; the first is [`Event::Status`](crate::api::Event::Status).
     ///
     /// # Errors
     /// [`ClientError`].
     pub async fn events(&self) -> Result<Events, ClientError> {
-        let request =
-            request(Method::GET, "/v1/events").body(Either::Left(Full::default())).map_err(ClientError::broken)?;
+        let (response, connection) = self.stream("/v1/events").await?;
+        Ok(Events::new(response.into_body(), self.listener.clone(), connection))
+    }
+
+    /// Asks for an answer that comes piece by piece.
+    async fn stream(&self, path: &str) -> Result<Answer, ClientError> {
+        let request = request(Method::GET, path).body(Either::Left(Full::default())).map_err(ClientError::broken)?;
         let conversation = async {
             let (response, connection) = exchange(&self.socket, request).await?;
             Ok((accepted(response).await?, connection))
         };
-        let (response, connection) = self.listener.patiently(Wait::Query, &self.socket, conversation).await?;
-        Ok(Events::new(response.into_body(), self.listener.clone(), connection))
+        self.listener.patiently(Wait::Query, &self.socket, conversation).await
     }
 }

@@ -10,9 +10,10 @@ use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 
 use self::processes::{Children, run_self, spawn_self};
+use super::block_on;
 use super::client::{Client, NewJob};
+use super::progress::duration_text;
 use super::start::wait;
-use super::{block_on, duration_text};
 use crate::api::{JobView, LinkState, Status};
 use crate::job::JobState;
 use crate::text::{count_text, size_text};

@@ -13,9 +13,11 @@ mod device;
 pub mod generate;
 pub mod info;
 mod jobs;
+mod log;
 mod manual;
 pub mod pack;
 mod patience;
+mod progress;
 mod raise;
 mod remove;
 mod settings;
@@ -29,16 +31,13 @@ use std::borrow::Cow;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::OnceLock;
-use std::time::{Duration, SystemTime};
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use time::OffsetDateTime;
 
-use crate::api::{JobView, LinkState};
 use crate::buildfile::{Blend, PackError};
 use crate::config::{ConfigText, Folder, Machine, Recipe, find};
-use crate::text::{count_text, is_hidden, plain, shell_word};
+use crate::text::{is_hidden, plain, shell_word};
 
 /// Prepares lattices for printing, and tells the daemon layerd to print them.
 #[derive(Debug, Parser)]
@@ -58,7 +57,7 @@ From a part to a print:
   layerctl start lattice.layerd --recipe default --wait
   layerctl watch
 
-Of these, start and watch speak to the daemon, as status, jobs, device, pause, resume, stop, abort, raise and remove do. A daemon \
+Of these, start and watch speak to the daemon, as status, jobs, log, device, pause, resume, stop, abort, raise and remove do. A daemon \
 run by hand has a socket of its own: name it with --socket PATH, or once for all with export LAYERD_SOCKET=PATH. If the daemon \
 does not answer, a command says so after 2 s. It gives up a query after 5 s, an order after 30 s, an abort after 60 s.
 
@@ -94,7 +93,7 @@ enum Command {
         #[arg(long)]
         config: std::path::PathBuf,
     },
-    /// Print a build file: give it to the daemon as a new job.
+    /// Print a build file, or the part of an earlier job again: give it to the daemon as a new job.
     Start(start::StartArgs),
     /// Show machine, line, jobs, memory and traffic.
     Status(status::StatusArgs),
@@ -102,6 +101,8 @@ enum Command {
     Watch(watch::WatchArgs),
     /// List the jobs that the daemon remembers, the oldest first.
     Jobs(jobs::JobsArgs),
+    /// Tell what happened to a job: its layers, pauses, doubts, orders and its end.
+    Log(log::LogArgs),
     /// Show what the device is, and where light and plate are.
     Device(device::DeviceArgs),
     /// Pause the job after the layer under way; the plate lifts clear of the resin.
@@ -129,8 +130,8 @@ enum Command {
 static NAMED_SOCKET: OnceLock<PathBuf> = OnceLock::new();
 
 /// Commands that speak to the daemon.
-const TO_DAEMON: [&str; 11] =
-    ["start", "status", "watch", "jobs", "device", "pause", "resume", "stop", "abort", "raise", "remove"];
+const TO_DAEMON: [&str; 12] =
+    ["start", "status", "watch", "jobs", "log", "device", "pause", "resume", "stop", "abort", "raise", "remove"];
 
 /// Adds `--socket` to the commands that the text suggests, if it was given: otherwise they would speak to another daemon.
 fn with_socket(text: &str) -> Cow<'_, str> {
@@ -179,6 +180,8 @@ impl From<Ending> for ExitCode {
 /// Parses the command line and carries it out; errors go to stderr with their causes.
 pub fn run() -> ExitCode {
     let arguments = Arguments::from_arg_matches(&command().get_matches()).unwrap_or_else(|error| error.exit());
+    // Before there are other threads.
+    progress::offset_at_start();
     if let Some(socket) = arguments.socket {
         // Nothing has read it yet.
         let _ = NAMED_SOCKET.set(socket);
@@ -219,6 +222,7 @@ fn dispatch(command: Command) -> anyhow::Result<Ending> {
         Command::Status(args) => status::run(&args).map(done),
         Command::Watch(args) => watch::run(&args).map(done),
         Command::Jobs(args) => jobs::run(&args).map(done),
+        Command::Log(args) => log::run(&args),
         Command::Device(args) => device::run(&args).map(done),
         Command::Pause(args) => commands::order(args, "pause").map(done),
         Command::Resume(args) => commands::resume(args).map(done),
@@ -305,64 +309,6 @@ fn progress_bar(template: &str) -> ProgressBar {
     bar.with_style(ProgressStyle::with_template(template).expect("our own templates are well-formed"))
 }
 
-/// `812 of 3000 layers done (27 %)`. The percentage is rounded down.
-fn layers_text(job: &JobView) -> String {
-    let JobView { layers_done, layers_total, .. } = job;
-    let percent = (u64::from(*layers_done) * 100).checked_div(u64::from(*layers_total));
-    let share = percent.map_or_else(String::new, |percent| format!(" ({percent} %)"));
-    format!("{layers_done} of {} done{share}", count_text(u64::from(*layers_total), "layer"))
-}
-
-/// Progress of a job, the same for every command: its layers, and how long ago it began or how long it took, pauses included; and if
-/// known, the remaining time and the time of the end, as `1 min 35 s to go, until about 2026-01-31 08:05 UTC`.
-fn progress_lines(job: &JobView, now: SystemTime) -> Vec<String> {
-    let now_ms = now.duration_since(SystemTime::UNIX_EPOCH).map_or(0, |now| now.as_millis() as u64);
-    let took = job.started_ms.map_or_else(String::new, |started_ms| {
-        // An interrupted job has an end for now, but may go on.
-        let until_ms = job.ended_ms.filter(|_| job.state.is_final()).unwrap_or(now_ms);
-        let took = duration_text(until_ms.saturating_sub(started_ms) / 1000);
-        if job.state.is_final() { format!(" in {took}") } else { format!(", begun {took} ago") }
-    });
-    let mut lines = vec![format!("{}{took}", layers_text(job))];
-    lines.extend(job.eta_s.map(|eta_s| {
-        let end = time_text(now_ms.saturating_add(eta_s.saturating_mul(1000)));
-        format!("{} to go, until about {end}", duration_text(eta_s))
-    }));
-    lines
-}
-
-/// Removes the remaining time if no device is connected: the print does not go on.
-fn without_eta(job: &mut JobView, link: LinkState) {
-    job.eta_s = job.eta_s.filter(|_| link == LinkState::Connected);
-}
-
-/// The time since `since_ms`, Unix milliseconds.
-fn age_text(since_ms: u64) -> String {
-    let since = SystemTime::UNIX_EPOCH + Duration::from_millis(since_ms);
-    duration_text(SystemTime::now().duration_since(since).map_or(0, |age| age.as_secs()))
-}
-
-/// A time in Unix milliseconds as `2026-01-31 08:05 UTC`, whatever the locale.
-fn time_text(unix_ms: u64) -> String {
-    let seconds = i64::try_from(unix_ms / 1000).unwrap_or(i64::MAX);
-    OffsetDateTime::from_unix_timestamp(seconds).map_or_else(
-        |_| "at an unknown time".into(),
-        |at| {
-            let (year, month, day) = (at.year(), u8::from(at.month()), at.day());
-            format!("{year}-{month:02}-{day:02} {:02}:{:02} UTC", at.hour(), at.minute())
-        },
-    )
-}
-
-/// `1 h 05 min`, `4 min 10 s`, `12 s`.
-fn duration_text(seconds: u64) -> String {
-    match (seconds / 3600, seconds / 60 % 60, seconds % 60) {
-        (0, 0, s) => format!("{s} s"),
-        (0, m, s) => format!("{m} min {s:02} s"),
-        (h, m, _) => format!("{h} h {m:02} min"),
-    }
-}
-
 /// A blend's name and, of a convolution, its support R in millimetres, as JSON has them.
 fn blend_figures(blend: Blend) -> (&'static str, Option<f64>) {
     match blend {
@@ -378,46 +324,6 @@ mod tests {
     #[test]
     fn the_command_line_is_consistent() {
         command().debug_assert();
-    }
-
-    #[test]
-    fn durations_read_well() {
-        assert_eq!(duration_text(12), "12 s");
-        assert_eq!(duration_text(250), "4 min 10 s");
-        assert_eq!(duration_text(3900), "1 h 05 min");
-    }
-
-    #[test]
-    fn times_read_the_same_everywhere() {
-        assert_eq!(time_text(1_767_225_600_000), "2026-01-01 00:00 UTC");
-        assert_eq!(time_text(u64::MAX), "at an unknown time");
-    }
-
-    #[test]
-    fn progress_is_told_in_layers_share_and_time() {
-        let text = r#"{"id": "8", "name": "a", "state": "printing", "recipe": "r", "layers_done": 812, "layers_total": 3000,
-            "layer": 812, "eta_s": 95, "late_layers": 0, "late_ms_total": 0, "submitted_ms": 1,
-            "started_ms": 1767225600000, "ended_ms": null, "reason": null, "in_doubt": null}"#;
-        let mut job: JobView = serde_json::from_str(text).unwrap();
-        let now = SystemTime::UNIX_EPOCH + Duration::from_secs(1_767_225_600 + 3900);
-        assert_eq!(
-            progress_lines(&job, now),
-            [
-                "812 of 3000 layers done (27 %), begun 1 h 05 min ago",
-                "1 min 35 s to go, until about 2026-01-01 01:06 UTC"
-            ]
-        );
-        without_eta(&mut job, LinkState::Connected);
-        assert_eq!(job.eta_s, Some(95));
-        without_eta(&mut job, LinkState::Lost);
-        assert_eq!(progress_lines(&job, now).len(), 1);
-        // Interrupted or not, the time is counted in one way.
-        (job.state, job.ended_ms) = (crate::job::JobState::Interrupted, Some(1_767_225_612_000));
-        assert_eq!(progress_lines(&job, now), ["812 of 3000 layers done (27 %), begun 1 h 05 min ago"]);
-        (job.state, job.ended_ms) = (crate::job::JobState::Stopped, Some(1_767_225_612_000));
-        assert_eq!(progress_lines(&job, now), ["812 of 3000 layers done (27 %) in 12 s"]);
-        (job.layers_done, job.layers_total, job.started_ms) = (0, 1, None);
-        assert_eq!(progress_lines(&job, now), ["0 of 1 layer done (0 %)"]);
     }
 
     #[test]

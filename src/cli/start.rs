@@ -11,7 +11,8 @@ use tokio::time::{Instant, timeout};
 
 use super::client::{Client, ClientError, Events, NewJob};
 use super::jobs::doubt_commands;
-use super::{Ending, block_on, duration_text, print, print_json, progress_bar, progress_lines, without_eta};
+use super::progress::{duration_text, progress_lines, without_eta};
+use super::{Ending, block_on, print, print_json, progress_bar};
 use crate::api::{Event, JobView, LinkState, LinkView, Status};
 use crate::buildfile::BuildFile;
 use crate::config::{ConfigText, Folder, Recipe, find};
@@ -24,12 +25,17 @@ const RECONNECT: Duration = Duration::from_secs(10);
 const LINE_INTERVAL: Duration = Duration::from_secs(60);
 pub(super) const BAR: &str = "{msg:10} [{wide_bar}] {pos} of {len} {prefix}";
 
-/// Print a build file: give it to the daemon as a new job.
+/// Print a build file, or the part of an earlier job again: give it to the daemon as a new job.
 #[derive(Debug, Args)]
 #[command(after_help = super::with_names("\
 Examples:
   layerctl start part.layerd                       prints the job's id and returns
   layerctl start part.layerd --recipe fine --wait  shows progress until the print has ended
+  layerctl start --again 7                         prints the part of job 7 once more, with the recipe of job 7
+  layerctl start --again 7 --recipe fine           the same with another recipe
+
+--again needs no file: the part is still in the daemon's spool, which keeps those of the newest 10 jobs that are over, however they \
+ended. The new job is checked as any other.
 
 On stderr it says what the job waits for: other jobs, your confirmation that the plate is empty, a device. A job that is started while the machine is idle begins at once: take the last part \
 off and look at the plate first. With --wait it shows \
@@ -39,8 +45,12 @@ command, and the print goes on.
 Exit codes with --wait: 0 completed, 1 failed, 3 aborted or stopped, 4 interrupted or the daemon is gone, 130 ended by Ctrl-C."))]
 pub(super) struct StartArgs {
     /// The build file, as `layerctl pack` writes it.
-    file: PathBuf,
-    /// Recipe, a name or a path; without it the daemon's default.
+    #[arg(required_unless_present = "again")]
+    file: Option<PathBuf>,
+    /// Print the part of this job, which is over, once more.
+    #[arg(long, value_name = "JOB", conflicts_with = "file")]
+    again: Option<String>,
+    /// Recipe, a name or a path; without it the daemon's default, or with --again that of the earlier job.
     #[arg(long, value_name = "NAME|PATH")]
     recipe: Option<String>,
     /// Wait for the end of the print.
@@ -53,10 +63,16 @@ pub(super) struct StartArgs {
 
 pub(super) fn run(args: StartArgs) -> anyhow::Result<Ending> {
     let recipe = args.recipe.as_deref().map(read_recipe).transpose()?;
-    let name = args.file.file_name().context("the build file has no name")?.to_string_lossy().into_owned();
-    // Finds a wrong or truncated file before gigabytes of it are sent.
-    BuildFile::open(&args.file)?;
-    let new = NewJob { part: args.file, name, recipe };
+    let source = match args.again {
+        Some(job) => Source::Again { job, recipe },
+        None => {
+            let part = args.file.context("no build file is named")?;
+            let name = part.file_name().context("the build file has no name")?.to_string_lossy().into_owned();
+            // Finds a wrong or truncated file before gigabytes of it are sent.
+            BuildFile::open(&part)?;
+            Source::File(NewJob { part, name, recipe })
+        }
+    };
     let bar = progress_bar(BAR);
     let client = Client::from_environment().telling({
         let bar = bar.clone();
@@ -65,10 +81,10 @@ pub(super) fn run(args: StartArgs) -> anyhow::Result<Ending> {
     block_on(async {
         let mut interrupt = signal(SignalKind::interrupt()).context("cannot wait for SIGINT")?;
         let submitted = tokio::select! {
-            submitted = submit(&client, &new, args.wait, &bar) => submitted?,
+            submitted = submit(&client, &source, args.wait, &bar) => submitted?,
             _ = interrupt.recv() => {
                 bar.finish_and_clear();
-                super::eprint("ended by Ctrl-C while the part was being sent; `layerctl jobs` tells whether the daemon took it");
+                super::eprint("ended by Ctrl-C while the part was sent or checked; `layerctl jobs` tells whether the daemon took it");
                 return Ok(Ending::Signal);
             }
         };
@@ -103,10 +119,18 @@ pub(super) fn run(args: StartArgs) -> anyhow::Result<Ending> {
     })
 }
 
-/// Sends the part; returns the job, and its events if `wait`.
+/// What to print.
+enum Source {
+    /// A build file.
+    File(NewJob),
+    /// The part of a job that is over, with a recipe of another name and text.
+    Again { job: String, recipe: Option<(String, String)> },
+}
+
+/// Submits the job; returns it, and its events if `wait`.
 async fn submit(
     client: &Client,
-    new: &NewJob,
+    source: &Source,
     wait: bool,
     bar: &ProgressBar,
 ) -> anyhow::Result<(JobView, Option<Events>)> {
@@ -117,7 +141,10 @@ async fn submit(
         bar.set_length(total);
         bar.set_position(sent);
     };
-    let job = client.submit(new, progress).await?;
+    let job = match source {
+        Source::File(new) => client.submit(new, progress).await?,
+        Source::Again { job, recipe } => client.again(job, recipe.as_ref()).await?,
+    };
     bar.finish_and_clear();
     Ok((job, events))
 }

@@ -6,7 +6,8 @@ use clap::Args;
 
 use super::client::Client;
 use super::jobs::notes;
-use super::{age_text, block_on, print, print_json, progress_lines, time_text, without_eta};
+use super::progress::{age_text, progress_lines, resin_text, time_text, without_eta};
+use super::{block_on, print, print_json};
 use crate::api::{JobView, Status};
 use crate::text::{count_text, short_name, size_text};
 
@@ -17,8 +18,10 @@ Examples:
   layerctl status                                   the job that prints, the queue, the job that ended last
   layerctl status --json | jq .active.layers_done
 
-\"812 of 3000 layers done\" means layers 0 to 811. Single layers are numbered from 0, like their files. The time to go is an \
-estimate from the last layers, and is missing while nothing is printed.")]
+\"812 of 3000 layers done\" means layers 0 to 811. Single layers are numbered from 0, like their files. The time to go, and the time \
+of day at which the print will be done, are estimates from the last layers; they are missing while nothing is printed. The volume of \
+resin is an estimate, made within seconds after the job was accepted: what the part takes, and how much of it is printed. Times are \
+local ones, with their offset from UTC.")]
 pub(super) struct StatusArgs {
     /// Print one JSON object.
     #[arg(long)]
@@ -59,7 +62,8 @@ pub(super) fn work(status: &Status, now: SystemTime) -> Vec<String> {
         None => vec!["job      none".into()],
     };
     for job in &status.queue {
-        lines.push(format!("queued   {} {}", job.id, short_name(&job.name)));
+        let resin = resin_text(job).map_or_else(String::new, |resin| format!(", {resin}"));
+        lines.push(format!("queued   {} {}{resin}", job.id, short_name(&job.name)));
         lines.extend(notes(job).into_iter().map(|note| format!("         {note}")));
     }
     lines.extend(status.last.iter().flat_map(|job| last_lines(job, now)));
@@ -109,6 +113,7 @@ fn job_lines(job: &JobView, now: SystemTime) -> Vec<String> {
         short_name(&job.recipe)
     )];
     lines.extend(progress_lines(job, now).into_iter().map(|line| format!("         {line}")));
+    lines.extend(resin_text(job).map(|resin| format!("resin    {resin}")));
     if job.late_layers > 0 {
         let late = count_text(job.late_layers.into(), "layer");
         lines.push(format!("late     {late}, {} ms in all", job.late_ms_total));
@@ -125,6 +130,7 @@ fn last_lines(job: &JobView, now: SystemTime) -> Vec<String> {
     );
     let mut lines = vec![format!("last     {} {}: {} {when}", job.id, short_name(&job.name), job.state)];
     lines.extend(progress_lines(job, now).into_iter().map(|line| format!("         {line}")));
+    lines.extend(resin_text(job).map(|resin| format!("         {resin}")));
     lines.extend(job.reason.iter().map(|reason| format!("         {reason}")));
     lines
 }

@@ -4,6 +4,7 @@ use crate::daemon::error::CommandError;
 use crate::daemon::handle::Reply;
 use crate::daemon::jobs::job::Job;
 use crate::daemon::jobs::opened::{Opened, Unopened};
+use crate::daemon::jobs::resin::Resin;
 use crate::daemon::jobs::settle::Settled;
 
 /// Result of work in the background.
@@ -31,6 +32,13 @@ pub(crate) enum Background {
         jobs_ended: u64,
         /// Who asked.
         reply: Reply,
+    },
+    /// The part of a job was sampled, or why not.
+    Sampled {
+        /// The job.
+        job: u32,
+        /// About how much resin it takes, or why that is not known.
+        result: Result<Resin, String>,
     },
     /// A change was checked against a waiting job's journal and written there, or refused.
     Changed {

@@ -101,6 +101,8 @@ impl Snapshot {
 pub enum Command {
     /// Take a new job.
     Submit(Submission),
+    /// Take a new job with the part of one that is over.
+    Again(Again),
     /// Lift clear after the layer under way, and wait.
     Pause(String),
     /// Resume a paused or interrupted job, or confirm that the plate is empty for a queued one.
@@ -143,6 +145,7 @@ impl std::fmt::Display for Command {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::Submit(new) => write!(f, "start {}", short_name(&new.name)),
+            Self::Again(again) => write!(f, "start the part of job {} again", short_name(&again.id)),
             Self::Pause(id) => write!(f, "pause job {}", short_name(id)),
             Self::Resume { id, in_doubt: None } => write!(f, "resume job {}", short_name(id)),
             Self::Resume { id, in_doubt: Some(InDoubt::Exposed) } => {
@@ -181,6 +184,19 @@ impl Submission {
     pub(crate) fn discard(self) {
         spawn_blocking(move || drop(self));
     }
+}
+
+/// A new job with the part of one that is over.
+#[derive(Debug)]
+pub struct Again {
+    /// The job that is over.
+    pub id: String,
+    /// The recipe's TOML text; `None` for that job's recipe.
+    pub recipe_text: Option<String>,
+    /// For people: where the recipe came from.
+    pub recipe_name: Option<String>,
+    /// [`Snapshot::jobs_ended`] when the operator asked.
+    pub jobs_ended: u64,
 }
 
 /// Where an order's answer goes.

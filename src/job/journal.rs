@@ -12,6 +12,8 @@
 //! A crash can leave one half-written record at the end. It was never reported as written, so it is cut off. Damage anywhere
 //! else is an error: with a record missing, a layer could be exposed twice.
 
+mod entries;
+
 use std::fs::{File, OpenOptions};
 use std::io::{Seek, SeekFrom, Write};
 use std::os::unix::fs::MetadataExt;
@@ -21,6 +23,7 @@ use bincode::{Decode, Encode};
 use rustix::fs::FallocateFlags;
 use rustix::io::Errno;
 
+pub use self::entries::Entries;
 use super::{Contradiction, History, JobState, Record};
 use crate::{codec, disk};
 
@@ -157,8 +160,9 @@ impl Journal {
     pub fn open(path: &Path) -> Result<(Self, History), JournalError> {
         let io = |source| JournalError::Io { what: "open", path: path.into(), source };
         let mut file = disk::open_regular(path, OpenOptions::new().read(true).write(true)).map_err(io)?;
-        let (entries, length_bytes) = parse(path, &contents(path, &file)?)?;
-        let history = replay(path, &entries)?;
+        let mut read = Entries::of(path, file.try_clone().map_err(io)?);
+        let entries = read.by_ref().collect::<Result<Vec<_>, _>>()?;
+        let (history, length_bytes) = (replay(path, &entries)?, read.length_bytes());
         if file.metadata().map_err(io)?.len() > length_bytes {
             file.set_len(length_bytes).and_then(|()| file.sync_all()).map_err(io)?;
         }
@@ -287,12 +291,7 @@ impl Journal {
 /// # Errors
 /// As [`Journal::open`].
 pub fn read_journal(path: &Path) -> Result<(Vec<Entry>, History), JournalError> {
-    let file = disk::open_regular(path, OpenOptions::new().read(true)).map_err(|source| JournalError::Io {
-        what: "open",
-        path: path.into(),
-        source,
-    })?;
-    let (entries, _) = parse(path, &contents(path, &file)?)?;
+    let entries = Entries::open(path)?.collect::<Result<Vec<_>, _>>()?;
     let history = replay(path, &entries)?;
     Ok((entries, history))
 }
@@ -300,53 +299,6 @@ pub fn read_journal(path: &Path) -> Result<(Vec<Entry>, History), JournalError> 
 fn replay(path: &Path, entries: &[Entry]) -> Result<History, JournalError> {
     History::replay(entries.iter().map(|entry| &entry.record))
         .map_err(|source| JournalError::Contradiction { path: path.into(), source })
-}
-
-fn contents(path: &Path, file: &File) -> Result<Vec<u8>, JournalError> {
-    disk::read_up_to(file, MAX_JOURNAL_BYTES).map_err(|source| match source.kind() {
-        std::io::ErrorKind::InvalidData => JournalError::Damaged { path: path.into(), what: source.to_string() },
-        _ => JournalError::Io { what: "read", path: path.into(), source },
-    })
-}
-
-/// The entries, and the number of bytes that they take.
-fn parse(path: &Path, bytes: &[u8]) -> Result<(Vec<Entry>, u64), JournalError> {
-    let damaged = |what: String| JournalError::Damaged { path: path.into(), what };
-    if !bytes.starts_with(&MAGIC) {
-        return Err(damaged("it does not begin like a journal of version 1".into()));
-    }
-    let mut entries = Vec::new();
-    let mut at = MAGIC.len();
-    while at < bytes.len() {
-        let Some(payload) = frame(&bytes[at..]) else {
-            if is_torn_tail(&bytes[at..]) {
-                break;
-            }
-            return Err(damaged(format!("record {} at byte {at} is not what was written", entries.len())));
-        };
-        let entry = codec::decode::<Entry, MAX_RECORD_BYTES>(payload)
-            .map_err(|error| damaged(format!("record {} at byte {at}: {error}", entries.len())))?;
-        entries.push(entry);
-        at += FRAME_BYTES + payload.len();
-    }
-    Ok((entries, at as u64))
-}
-
-/// The payload of the record at the start of `bytes`; `None` if it is incomplete or damaged.
-fn frame(bytes: &[u8]) -> Option<&[u8]> {
-    let (length, rest) = bytes.split_first_chunk::<4>()?;
-    let (crc, rest) = rest.split_first_chunk::<4>()?;
-    let length = u32::from_le_bytes(*length);
-    if length == 0 || length as usize > MAX_RECORD_BYTES {
-        return None;
-    }
-    let payload = rest.get(..length as usize)?;
-    (checksum(length, payload) == u32::from_le_bytes(*crc)).then_some(payload)
-}
-
-/// Whether `tail` can be a single unfinished write: it is short, and no valid record follows in it.
-fn is_torn_tail(tail: &[u8]) -> bool {
-    tail.len() <= FRAME_BYTES + MAX_RECORD_BYTES && (1..tail.len()).all(|skip| frame(&tail[skip..]).is_none())
 }
 
 fn checksum(length: u32, payload: &[u8]) -> u32 {

@@ -41,7 +41,7 @@ pub use engine::{ACT_MARGIN_US, Engine};
 pub use event::{Action, Command, Event, Progress};
 pub use fate::{Fate, fate};
 pub use history::{Contradiction, History, ResumeChoice, ResumeError, StartPoint};
-pub use journal::{Entry, Journal, JournalError, read_journal};
+pub use journal::{Entries, Entry, Journal, JournalError, read_journal};
 pub use plan::{JobPlan, Process};
 pub use record::{EndOrder, Record, Trace, Unconfirmed};
 pub use spool::{

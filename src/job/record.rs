@@ -1,6 +1,7 @@
 //! The records of a journal. [`History::replay`](super::History::replay) computes the state that follows from them; see there.
 
 use bincode::{Decode, Encode};
+use serde::{Deserialize, Serialize};
 
 use super::JobState;
 
@@ -108,7 +109,8 @@ impl Record {
 }
 
 /// How the operator ordered a job to end.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Encode, Decode)]
+#[serde(rename_all = "lowercase")]
 pub enum EndOrder {
     /// After the layer under way.
     Stop,

@@ -4,10 +4,11 @@
 //! SPOOL/lock                      held by the daemon that owns the spool
 //! SPOOL/incoming/…                parts being received; deleted at the next opening
 //! SPOOL/raised                    height from which the plate was raised, until it is confirmed to be empty, micrometres
-//! SPOOL/jobs/00000001/part.layerd
+//! SPOOL/jobs/00000001/part.layerd  never changed; jobs that print one part again share the file (hard links)
 //!                    /recipe.toml  as it was when the job was accepted
 //!                    /machine.toml
 //!                    /journal
+//!                    /resin        about how much the part takes; missing until that is estimated
 //! SPOOL/jobs/00000002-0123456789abcdef-clear  empty: a job that was removed, and its key
 //! ```
 //!
@@ -42,6 +43,7 @@ const PART: &str = "part.layerd";
 const RECIPE: &str = "recipe.toml";
 const MACHINE: &str = "machine.toml";
 const JOURNAL: &str = "journal";
+const RESIN: &str = "resin";
 
 /// A spool that cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -160,7 +162,26 @@ impl Spool {
 
     /// Where parts are received: on the same file system as the jobs, emptied at every opening.
     pub fn incoming(&self) -> PathBuf {
-        self.root.join("incoming")
+        Self::incoming_of(&self.root)
+    }
+
+    /// The same of the spool at `root`, which another part of the process holds.
+    pub fn incoming_of(root: &Path) -> PathBuf {
+        root.join("incoming")
+    }
+
+    /// The part of a job once more, as a file of its own name among those received: for another job. Both names are one file, which
+    /// stays until the last of its jobs is removed.
+    ///
+    /// # Errors
+    /// [`SpoolError::Io`]: the part is no longer there, or the file system has no hard links.
+    pub fn part_again(&self, job: &JobDirectory) -> Result<tempfile::TempPath, SpoolError> {
+        let part = job.part();
+        let named = tempfile::Builder::new()
+            .prefix("again-")
+            .suffix(".layerd")
+            .make_in(self.incoming(), |name| fs::hard_link(&part, name));
+        named.map(tempfile::NamedTempFile::into_temp_path).map_err(io("link", &part))
     }
 
     /// Checks that `bytes` more fit.
@@ -342,7 +363,9 @@ fn empty(directory: &Path) -> Result<u64, SpoolError> {
     let mut bytes = 0;
     for entry in fs::read_dir(directory).map_err(io("list", directory))? {
         let path = entry.map_err(io("list", directory))?.path();
-        bytes += fs::symlink_metadata(&path).map_or(0, |file| file.blocks() * BLOCK_BYTES);
+        // A part that another job prints, too, stays on the disk.
+        bytes += fs::symlink_metadata(&path)
+            .map_or(0, |file| if file.nlink() > 1 { 0 } else { file.blocks() * BLOCK_BYTES });
         let deleted = if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
         deleted.map_err(io("delete", &path))?;
     }
@@ -350,6 +373,11 @@ fn empty(directory: &Path) -> Result<u64, SpoolError> {
 }
 
 impl JobDirectory {
+    /// The directory of job `id` in the spool at `root`, whether it is there or not.
+    pub fn of(root: &Path, id: u32) -> Self {
+        Self { id, path: root.join("jobs").join(format!("{id:08}")) }
+    }
+
     /// The part; deleted some time after the job is over.
     pub fn part(&self) -> PathBuf {
         self.path.join(PART)
@@ -363,6 +391,11 @@ impl JobDirectory {
     /// The machine file as it was when the job was accepted.
     pub fn machine(&self) -> PathBuf {
         self.path.join(MACHINE)
+    }
+
+    /// About how much resin the part takes; missing until that is estimated.
+    pub fn resin(&self) -> PathBuf {
+        self.path.join(RESIN)
     }
 
     /// The journal.

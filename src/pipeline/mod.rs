@@ -44,11 +44,12 @@ pub use part::{EncodedLayer, EncodedLayers, Part};
 pub use placed::{Placed, Resolution};
 
 use std::path::Path;
+use std::sync::Arc;
 
 use crate::buildfile::BuildFile;
 pub use crate::buildfile::{BEGINNING_BYTES, check_beginning};
 use crate::config::MAX_THREADS;
-use crate::slice::Slicer;
+use crate::slice::{Slicer, Volume};
 
 // The slicer allows every number of threads that the configuration allows.
 const _: () = assert!(MAX_THREADS <= Slicer::MAX_THREADS);
@@ -64,4 +65,13 @@ pub fn default_threads() -> usize {
 /// [`PartError::File`] says what is damaged.
 pub fn verify(path: &Path) -> Result<(), PartError> {
     Ok(BuildFile::open(path)?.verify()?)
+}
+
+/// Samples about how much material each of 64 to 256 equal slabs of a part's height takes, the lowest first, mm³. Blocks; calls
+/// `rest` after each slab.
+///
+/// # Errors
+/// [`PartError`]: the file cannot be read, or sampling takes more memory than `limit_bytes`.
+pub fn slab_volumes_mm3(path: &Path, limit_bytes: u64, rest: impl FnMut()) -> Result<Vec<f64>, PartError> {
+    Ok(Volume::slabs(&Arc::new(BuildFile::open(path)?), limit_bytes, rest)?)
 }

@@ -250,7 +250,8 @@ impl Bench {
     pub(crate) fn layerctl_command(&self, arguments: &[&str]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_layerctl"));
         command.current_dir(self.dir.path()).args(arguments).env("LAYERD_SOCKET", self.path("control.sock"));
-        command.stdin(Stdio::null());
+        // Times are told in the local time of the reader.
+        command.env("TZ", "UTC").stdin(Stdio::null());
         command
     }
 

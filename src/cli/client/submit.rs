@@ -4,8 +4,9 @@ use std::path::{Path, PathBuf};
 use std::pin::Pin;
 use std::time::Duration;
 
-use http_body_util::Either;
+use http_body_util::{Either, Full};
 use hyper::body::Bytes;
+use hyper::http::request::Builder;
 use hyper::{Method, header};
 use tokio::fs::File;
 use tokio::io::AsyncReadExt;
@@ -64,6 +65,11 @@ impl<'a> Part<'a> {
     }
 }
 
+fn with_recipe(request: Builder, recipe: Option<&(String, String)>) -> Builder {
+    let Some((name, text)) = recipe else { return request };
+    request.header(RECIPE_NAME_HEADER, percent::encode(name)).header(RECIPE_HEADER, percent::encode(text))
+}
+
 fn unreadable(path: &Path, source: std::io::Error) -> ClientError {
     ClientError::Part { path: path.into(), source }
 }
@@ -75,13 +81,10 @@ impl Client {
     /// [`ClientError`].
     pub async fn submit(&self, job: &NewJob, progress: impl FnMut(u64, u64)) -> Result<JobView, ClientError> {
         let part = Part::open(&job.part).await?;
-        let mut request = request(Method::POST, "/v1/jobs")
+        let request = request(Method::POST, "/v1/jobs")
             .header(NAME_HEADER, percent::encode(&job.name))
             .header(header::CONTENT_LENGTH, part.total_bytes);
-        if let Some((name, text)) = &job.recipe {
-            request =
-                request.header(RECIPE_NAME_HEADER, percent::encode(name)).header(RECIPE_HEADER, percent::encode(text));
-        }
+        let request = with_recipe(request, job.recipe.as_ref());
         let (parts, body) = ChannelBody::new();
         let request = request.body(Either::Right(body)).map_err(ClientError::broken)?;
         let upload = self.upload(part, parts, progress);
@@ -92,6 +95,18 @@ impl Client {
             answer = &mut exchange => return self.answer(answer?).await,
             uploaded = &mut upload => uploaded?,
         }
+        self.answer(self.checked(exchange).await?).await
+    }
+
+    /// Submits the part of job `id`, which is over, as a new job: with the same recipe, or with another one of this name and text.
+    ///
+    /// # Errors
+    /// [`ClientError`]; status 409 if the job is not over or its part is no longer there.
+    pub async fn again(&self, id: &str, recipe: Option<&(String, String)>) -> Result<JobView, ClientError> {
+        let request = request(Method::POST, &format!("/v1/jobs/{}/again", percent::encode(id)));
+        let request = with_recipe(request, recipe).body(Either::Left(Full::default())).map_err(ClientError::broken)?;
+        let exchange = exchange(self.socket(), request);
+        tokio::pin!(exchange);
         self.answer(self.checked(exchange).await?).await
     }
 

@@ -11,7 +11,8 @@ use tokio::time::Instant;
 
 use super::view::View;
 use crate::api::{DeviceView, JobView};
-use crate::cli::{duration_text, layers_text, status, with_socket, without_eta};
+use crate::cli::progress::{duration_text, layers_text, without_eta};
+use crate::cli::{status, with_socket};
 use crate::text::{count_text, mm_text, plain};
 
 /// Fits 40 columns.

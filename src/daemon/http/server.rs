@@ -16,17 +16,19 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore, broadcast, mpsc, watch};
 use tokio::time::timeout;
 
 use super::connections::{Door, MAX_CONNECTIONS, MAX_CROWD, MAX_HEAD_TIME, ending};
-use super::upload;
-use crate::api::ChannelBody;
-use crate::api::{ErrorBody, Event, JobList, ResumeBody};
+use super::{job_log, upload};
+use crate::api::{ChannelBody, ErrorBody, Event, JobList, ResumeBody};
 use crate::daemon::caller::Caller;
-use crate::daemon::error::CommandError;
-use crate::daemon::handle::{Command, Handle};
+use crate::daemon::error::{CommandError, no_such_job};
+use crate::daemon::handle::{Again, Command, Handle};
+use crate::job::{JobDirectory, Spool};
 
 /// Subscribers to events at once. Fewer than connections, so that they leave room for orders.
 const MAX_SUBSCRIBERS: usize = 24;
 /// Uploads at once. Each holds a file in the spool.
 const MAX_UPLOADS: usize = 2;
+/// Logs of jobs that are read at once. Each holds a thread while its reader takes its time, as a pager does.
+const MAX_LOGS: usize = 8;
 /// Head of a request, bytes. It may carry a recipe of 16 KiB, which is up to 48 KiB percent-encoded.
 const MAX_HEAD_BYTES: usize = 64 << 10;
 /// Head of a request on the socket for aborts, bytes. The least that hyper allows.
@@ -38,14 +40,15 @@ const KEEP_ALIVE: Duration = Duration::from_secs(1);
 /// File descriptors that both sockets use at most: their connections, and for each socket one connection that is being closed.
 pub(crate) const MAX_DESCRIPTORS: u64 = (MAX_CONNECTIONS + 2 * (MAX_CROWD + 1)) as u64;
 
-/// Serves the API until `shutdown` becomes true or its sender is dropped. Uploads are written to the directory `incoming`, which
-/// must be on the spool's file system. Opening the spool removes what a crash left there.
-pub async fn serve(listener: UnixListener, handle: Handle, incoming: PathBuf, shutdown: watch::Receiver<bool>) {
+/// Serves the API until `shutdown` becomes true or its sender is dropped. Uploads are written to the spool's `incoming`; opening the
+/// spool removes what a crash left there. Logs are read from its journals.
+pub async fn serve(listener: UnixListener, handle: Handle, spool: PathBuf, shutdown: watch::Receiver<bool>) {
     let shared = Shared {
         handle,
-        incoming,
+        spool,
         subscribers: Arc::new(Semaphore::new(MAX_SUBSCRIBERS)),
         uploads: Arc::new(Semaphore::new(MAX_UPLOADS)),
+        logs: Arc::new(Semaphore::new(MAX_LOGS)),
         shutdown: shutdown.clone(),
     };
     let shared = Arc::new(shared);
@@ -63,9 +66,10 @@ pub async fn serve_aborts(listener: UnixListener, handle: Handle, shutdown: watc
 
 struct Shared {
     handle: Handle,
-    incoming: PathBuf,
+    spool: PathBuf,
     subscribers: Arc<Semaphore>,
     uploads: Arc<Semaphore>,
+    logs: Arc<Semaphore>,
     shutdown: watch::Receiver<bool>,
 }
 
@@ -102,6 +106,8 @@ fn router(shared: Arc<Shared>) -> Router {
         .route("/v1/status", get(status))
         .route("/v1/jobs", get(jobs).post(submit))
         .route("/v1/jobs/{id}", get(job).delete(remove))
+        .route("/v1/jobs/{id}/log", get(log))
+        .route("/v1/jobs/{id}/again", post(again))
         .route("/v1/jobs/{id}/{order}", post(order_job))
         .route("/v1/abort", post(abort))
         .route("/v1/raise", post(raise))
@@ -129,9 +135,31 @@ async fn jobs(State(shared): App) -> Response {
 
 async fn job(State(shared): App, UrlPath(id): UrlPath<String>) -> Answer {
     let found = shared.handle.snapshot().job(&id).cloned();
-    found
-        .map(|job| Json(job).into_response())
-        .ok_or_else(|| CommandError::new(404, format!("there is no job `{id}`; `layerctl jobs` lists them")))
+    found.map(|job| Json(job).into_response()).ok_or_else(|| no_such_job(&id))
+}
+
+async fn log(State(shared): App, UrlPath(id): UrlPath<String>) -> Answer {
+    let number = shared.handle.snapshot().job(&id).and_then(|job| job.id.parse().ok());
+    let number = number.ok_or_else(|| no_such_job(&id))?;
+    let place = Arc::clone(&shared.logs)
+        .try_acquire_owned()
+        .map_err(|_| CommandError::new(503, format!("{MAX_LOGS} logs are being read already; try again")))?;
+    job_log::answer(JobDirectory::of(&shared.spool, number).journal(), place).await
+}
+
+async fn again(
+    State(shared): App,
+    Extension(caller): Extension<Caller>,
+    UrlPath(id): UrlPath<String>,
+    headers: HeaderMap,
+) -> Answer {
+    let (recipe_text, recipe_name) = upload::recipe(&headers)?;
+    let jobs_ended = shared.handle.snapshot().jobs_ended;
+    // Held until the job is in the queue, as for one that is uploaded.
+    let _place = shared.begin_upload()?;
+    let again = Again { id, recipe_text, recipe_name, jobs_ended };
+    let job = shared.handle.order(Command::Again(again), caller).await?;
+    Ok((StatusCode::CREATED, Json(job)).into_response())
 }
 
 async fn device(State(shared): App) -> Response {
@@ -150,7 +178,9 @@ async fn submit(
     };
     let received = match shared.begin_upload() {
         // Held until the job is in the queue: several uploads together cannot overfill it.
-        Ok(place) => upload::receive(&shared.incoming, &headers, &mut body, jobs_ended, fit, place).await,
+        Ok(place) => {
+            upload::receive(&Spool::incoming_of(&shared.spool), &headers, &mut body, jobs_ended, fit, place).await
+        }
         Err(refusal) => Err(refusal),
     };
     let (submission, _place) = match received {
@@ -176,7 +206,7 @@ async fn order_job(
         "stop" => Command::Stop(id),
         "abort" => Command::Abort(Some(id)),
         _ => {
-            let message = format!("there is no order `{order}`; a job takes pause, resume, stop and abort");
+            let message = format!("there is no order `{order}`; a job takes pause, resume, stop, abort and again");
             return Err(CommandError::new(404, message));
         }
     };

@@ -51,14 +51,21 @@ pub(crate) async fn receive(
     })?;
     // A file's name may hold line breaks, but a list of jobs has one line for each.
     let name = name.replace(char::is_control, " ");
-    let recipe_text = text(headers, RECIPE_HEADER, MAX_RECIPE_BYTES)?;
-    let recipe_name = text(headers, RECIPE_NAME_HEADER, MAX_NAME_BYTES)?;
+    let (recipe_text, recipe_name) = recipe(headers)?;
     if let Some(fit) = fit {
         fit.check(recipe_text.as_deref(), recipe_name.as_deref())?;
     }
     let announced = headers.get(header::CONTENT_LENGTH).and_then(|length| length.to_str().ok()?.parse::<u64>().ok());
     let (part, place) = store(incoming, &name, announced, body, place).await?;
     Ok((Submission { part, name, recipe_text, recipe_name, jobs_ended }, place))
+}
+
+/// Text and name of the recipe that a request names.
+///
+/// # Errors
+/// 400 for a header that is too long or not percent-encoded UTF-8.
+pub(super) fn recipe(headers: &HeaderMap) -> Result<(Option<String>, Option<String>), CommandError> {
+    Ok((text(headers, RECIPE_HEADER, MAX_RECIPE_BYTES)?, text(headers, RECIPE_NAME_HEADER, MAX_NAME_BYTES)?))
 }
 
 /// Reads and drops what a refused sender still sends: many clients read the answer only after they have sent everything, and

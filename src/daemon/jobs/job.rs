@@ -1,6 +1,7 @@
 //! One job as the daemon knows it: what operators see of it, and what it waits for.
 
 use super::past::Past;
+use super::resin::Resin;
 use super::sign::{MAX_SIGNS, Sign};
 use crate::api::JobView;
 use crate::config::{Machine, Recipe};
@@ -24,6 +25,8 @@ pub(crate) struct Job {
     pub made_for: Option<Box<(Machine, Recipe)>>,
     /// What operators see.
     pub view: JobView,
+    /// About how much resin its part takes; `None` until that is known.
+    resin: Option<Resin>,
     /// Its light and plate so far.
     pub past: Past,
     /// What it gets the machine for.
@@ -99,6 +102,7 @@ impl Job {
             unconfirmed_ms: None,
             made_for: None,
             view,
+            resin: None,
             past,
             take_up: TakeUp::Print(ResumeChoice::None),
             awaits_plate,
@@ -137,7 +141,22 @@ impl Job {
             .filter(|_| !view.state.is_final())
             .and_then(|recipe| Some(Box::new((Machine::load(&directory.machine()).ok()?, recipe))));
         let awaits_plate = awaits_plate && view.state == JobState::Queued;
-        Self { unconfirmed_ms, made_for, ..Self::new(directory, key, view, past, awaits_plate) }
+        let resin = Resin::load(&directory);
+        let mut job = Self { unconfirmed_ms, made_for, ..Self::new(directory, key, view, past, awaits_plate) };
+        resin.into_iter().for_each(|resin| job.set_resin(resin));
+        job
+    }
+
+    /// Notes about how much resin its part takes.
+    pub(crate) fn set_resin(&mut self, resin: Resin) {
+        self.resin = Some(resin);
+        self.show_resin();
+    }
+
+    fn show_resin(&mut self) {
+        let Self { resin, view, .. } = self;
+        view.resin_ml = resin.as_ref().map(Resin::total_ml);
+        view.resin_done_ml = resin.as_ref().map(|resin| resin.layers_ml(view.layers_done, view.layers_total));
     }
 
     /// What must stay known of it when its record is deleted.
@@ -175,7 +194,9 @@ impl Job {
         if progress.state.is_active() {
             view.ended_ms = None;
         }
-        *view != before
+        view.duration_s = duration_s(view);
+        self.show_resin();
+        self.view != before
     }
 
     /// Sets why the commanded layer is in doubt, or that it is not. Returns whether that changed.
@@ -203,6 +224,7 @@ impl Job {
         self.view.layer = None;
         self.view.eta_s = None;
         self.view.ended_ms = Some(unix_ms());
+        self.view.duration_s = duration_s(&self.view);
         self.log_end();
     }
 
@@ -262,10 +284,19 @@ fn blank_view(directory: &JobDirectory) -> JobView {
         submitted_ms: 0,
         started_ms: None,
         ended_ms: None,
+        duration_s: None,
+        resin_ml: None,
+        resin_done_ml: None,
         reason: None,
         in_doubt: None,
         warning: None,
     }
+}
+
+/// How long a job took that is over; `None` if it never had the machine.
+fn duration_s(view: &JobView) -> Option<u64> {
+    let ended_ms = view.ended_ms.filter(|_| view.state.is_final())?;
+    view.started_ms.map(|started_ms| ended_ms.saturating_sub(started_ms) / 1000)
 }
 
 fn fill_view(view: &mut JobView, entries: &[JournalEntry], history: &History) {
@@ -279,6 +310,7 @@ fn fill_view(view: &mut JobView, entries: &[JournalEntry], history: &History) {
     if history.state != JobState::Queued {
         view.ended_ms = entries.last().map(|entry| entry.at_unix_ms);
     }
+    view.duration_s = duration_s(view);
     view.reason = Some(history.reason.clone()).filter(|reason| !reason.is_empty());
     view.in_doubt = history.in_doubt.is_some().then_some(history.next_layer);
 }

@@ -3,6 +3,7 @@
 pub(crate) mod job;
 pub(crate) mod opened;
 pub(crate) mod past;
+pub(crate) mod resin;
 pub(crate) mod settle;
 pub(crate) mod sign;
 pub(crate) mod unwritten;
@@ -94,6 +95,12 @@ impl Jobs {
     /// Every job as operators see it, the oldest first.
     pub(crate) fn views(&self) -> Vec<JobView> {
         self.jobs.values().map(|job| job.view.clone()).collect()
+    }
+
+    /// The parts of jobs that are not over and whose resin is not estimated.
+    pub(crate) fn unsampled(&self) -> impl Iterator<Item = &JobDirectory> {
+        let jobs = self.jobs.values().filter(|job| !job.view.state.is_final() && job.view.resin_ml.is_none());
+        jobs.map(|job| &job.directory)
     }
 
     /// The jobs that are over, and what must stay known of each when its record is deleted.

@@ -1,5 +1,6 @@
 //! Operators' orders: which the state allows, and how they are carried out.
 
+pub(crate) mod again;
 pub(crate) mod change;
 pub(crate) mod raise;
 pub(crate) mod remove;
@@ -33,7 +34,9 @@ impl Printer {
     /// Carries an order out and answers it.
     pub(crate) fn order(&mut self, order: Order) {
         let Order { command, reply } = order;
-        if self.shutting_down && matches!(command, Command::Submit(_) | Command::Resume { .. } | Command::Remove(_)) {
+        if self.shutting_down
+            && matches!(command, Command::Submit(_) | Command::Again(_) | Command::Resume { .. } | Command::Remove(_))
+        {
             let text = match command {
                 Command::Resume { .. } => RESUME_LATER,
                 _ => "the daemon is shutting down and begins nothing new",
@@ -46,6 +49,7 @@ impl Printer {
         }
         let step = match command {
             Command::Submit(submission) => return self.submit(submission, reply),
+            Command::Again(again) => return self.print_again(again, reply),
             Command::Remove(id) => return self.remove(&id, reply),
             Command::Raise => return self.raise(reply),
             Command::Pause(id) => self.steer(&id, EngineCommand::Pause),
@@ -287,7 +291,9 @@ fn wrong_state(id: u32, state: JobState, command: EngineCommand) -> CommandError
         EngineCommand::Abort => "abort",
     };
     let text = match (state, command) {
-        (state, Resume) if state.is_final() => format!("job {id} is over ({state}); start the part again instead"),
+        (state, Resume) if state.is_final() => {
+            format!("job {id} is over ({state}); start the part again instead: `layerctl start --again {id}`")
+        }
         (state, _) if state.is_final() => format!("job {id} is over ({state}): there is nothing to {verb}"),
         (Paused, Pause) => format!("job {id} is paused already; `layerctl resume {id}` lets it go on"),
         (Queued, Pause) => {

@@ -13,30 +13,37 @@ use crate::daemon::jobs::opened::spool_text;
 use crate::daemon::printer::Printer;
 use crate::daemon::setting::Setting;
 use crate::job::{JobState, JournalError, NewJob, Record, Spool, SpoolError};
-use crate::pipeline::{Placed, Resolution, verify};
+use crate::pipeline::{PartError, Placed, Resolution, verify};
 use crate::random;
 
 impl Printer {
     /// Checks and stores a new job in the background.
     pub(crate) fn submit(&self, submission: Submission, reply: Reply) {
+        self.take_in(submission.jobs_ended, move || Ok(submission), ToString::to_string, reply);
+    }
+
+    /// The same of a job that `receive` makes, which may block. `jobs_ended` is that of the submission; `words` says what is wrong
+    /// with a part that cannot be read.
+    pub(crate) fn take_in(
+        &self,
+        jobs_ended: u64,
+        receive: impl FnOnce() -> Result<Submission, CommandError> + Send + 'static,
+        words: fn(&PartError) -> String,
+        reply: Reply,
+    ) {
         let (setting, spool) = (Arc::clone(&self.setting), Arc::clone(&self.spool));
-        let jobs_ended = submission.jobs_ended;
         let (background, limit_bytes) = (self.background.clone(), self.budget.limit_bytes());
         let fit = self.fit();
         // During a print there is no memory for this check. It is repeated in any case before the job begins.
         let looks = self.is_idle();
         tokio::task::spawn_blocking(move || {
-            let result = fit
-                .check(submission.recipe_text.as_deref(), submission.recipe_name.as_deref())
-                .and_then(|recipe| {
-                    // Every byte of it.
-                    verify(&submission.part).map_err(|error| unprintable(&submission, &error.to_string()))?;
-                    Ok(recipe)
-                })
-                .and_then(|recipe| accept(&setting, &spool, &submission, &recipe, limit_bytes, looks))
-                .map(Box::new);
             // The file of a refused part is deleted before the answer.
-            drop(submission);
+            let result = receive().and_then(|submission| {
+                let recipe = fit.check(submission.recipe_text.as_deref(), submission.recipe_name.as_deref())?;
+                // Every byte of it.
+                verify(&submission.part).map_err(|error| unprintable(&submission, &words(&error)))?;
+                accept(&setting, &spool, &submission, &recipe, limit_bytes, looks).map(Box::new)
+            });
             let _ = background.blocking_send(Background::Accepted { result, jobs_ended, reply });
         });
     }
@@ -45,6 +52,7 @@ impl Printer {
     pub(crate) fn accepted(&mut self, result: Result<Box<Job>, CommandError>, jobs_ended: u64, reply: Reply) {
         let answer = result.map(|job| {
             let id = job.directory.id;
+            self.sampler.want(&job.directory);
             self.jobs.accept(*job);
             // The operator has seen the plate only if this job is next, no job ended while it arrived, and the client still waits
             // for the answer. A job needs a confirmation otherwise.
@@ -126,7 +134,7 @@ fn accept(
     Ok(Job::accepted(directory, key, layer_count, name, machine, recipe.clone()))
 }
 
-fn spool_error(error: &SpoolError) -> CommandError {
+pub(super) fn spool_error(error: &SpoolError) -> CommandError {
     let is_full = match error {
         SpoolError::NoSpace { .. } => true,
         SpoolError::Io { source, .. } | SpoolError::Journal(JournalError::Io { source, .. }) => {

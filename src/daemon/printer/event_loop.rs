@@ -150,6 +150,7 @@ impl Printer {
             }
             Background::Opened { job, result } => self.opened(job, result, now_us),
             Background::Accepted { result, jobs_ended, reply } => self.accepted(result, jobs_ended, reply),
+            Background::Sampled { job, result } => self.sampled(job, result),
             Background::Changed { job, result, reply } => self.changed(job, result, reply),
             Background::RaisedNoted { from_um, result } => self.raised_noted(from_um, result),
             Background::Removed { job, result, reply } => self.removed(job, result, reply),

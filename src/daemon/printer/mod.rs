@@ -9,6 +9,7 @@ mod fits;
 mod light;
 mod plate;
 pub(crate) mod publish;
+mod sampler;
 mod session;
 mod turn;
 
@@ -16,6 +17,7 @@ use std::sync::{Arc, Mutex};
 
 use tokio::sync::mpsc;
 
+use self::sampler::Sampler;
 use super::background::Background;
 use super::handle::Desk;
 use super::host::clock::Clock;
@@ -55,6 +57,8 @@ pub(crate) struct Printer {
     pub(crate) idle: Idle,
     /// From where the plate was raised, until it is known to be empty.
     pub(crate) raised: RaisedNote,
+    /// Estimates how much resin parts take.
+    pub(crate) sampler: Sampler,
     pub(crate) device: DeviceView,
     pub(crate) faults: FaultNews,
     /// The device's latest state in this session; `None` without one.
@@ -75,6 +79,9 @@ pub(crate) struct Printer {
 
 impl Printer {
     /// A printer with the jobs of its spool; no job runs yet.
+    ///
+    /// # Errors
+    /// The system starts no further thread.
     pub(crate) fn new(
         setting: Arc<Setting>,
         spool: Spool,
@@ -82,10 +89,12 @@ impl Printer {
         budget: MemoryBudget,
         desk: Desk,
         link: Line,
-    ) -> Self {
+    ) -> std::io::Result<Self> {
         let (background, finished_background) = mpsc::channel(MAX_BACKGROUND_RESULTS);
         let raised = RaisedNote::load(&spool);
-        Self {
+        let sampler = Sampler::start(background.clone())?;
+        jobs.unsampled().for_each(|job| sampler.want(job));
+        Ok(Self {
             setting,
             spool: Arc::new(Mutex::new(spool)),
             budget,
@@ -101,6 +110,7 @@ impl Printer {
             capabilities: None,
             idle: Idle::default(),
             raised,
+            sampler,
             device: DeviceView::default(),
             faults: FaultNews::default(),
             device_state: None,
@@ -111,7 +121,7 @@ impl Printer {
             jobs_ended: 0,
             reconnects: 0,
             shutting_down: false,
-        }
+        })
     }
 
     /// Whether no job holds the machine or the memory.

@@ -65,7 +65,7 @@ fn load(place: &Path) -> anyhow::Result<Setting> {
 
 async fn serve(setting: Setting, mut signals: Signals) -> anyhow::Result<()> {
     let spool = Spool::open(&setting.config.spool)?;
-    let incoming = spool.incoming();
+    let place = setting.config.spool.clone();
     let jobs = Jobs::load(spool.jobs()?, spool.forgotten()?, setting.machine.confirm_plate());
     let socket = setting.config.socket.clone();
     let [control, aborts] = socket::bind(&socket).await?;
@@ -77,10 +77,11 @@ async fn serve(setting: Setting, mut signals: Signals) -> anyhow::Result<()> {
     let link = setting.machine.link().clone();
     let (abort_handle, abort_over) = (handle.clone(), over.clone());
     let servers = [
-        serve_in_thread("control api", control, |listener| server::serve(listener, handle, incoming, over))?,
+        serve_in_thread("control api", control, |listener| server::serve(listener, handle, place, over))?,
         serve_in_thread("aborts", aborts, |listener| server::serve_aborts(listener, abort_handle, abort_over))?,
     ];
     let printer = Printer::new(Arc::new(setting), spool, jobs, budget, desk, Line::start(link));
+    let printer = printer.context("cannot start a thread")?;
     let mut printer = tokio::spawn(printer.run(ending));
     notify::ready();
     tracing::info!(socket = %socket.display(), "ready");

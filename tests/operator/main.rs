@@ -1,5 +1,8 @@
 //! What an operator reads and types at a daemon that prints, is busy, hangs, or has ended a job: real processes throughout.
 
+mod again;
+mod records;
+#[path = "../support/mod.rs"]
 mod support;
 
 use std::io::{BufRead, BufReader};

@@ -1,0 +1,74 @@
+//! The log of a job for `GET /v1/jobs/{id}/log`: its journal as lines of JSON, read and sent piece by piece.
+
+use std::path::PathBuf;
+
+use axum::body::Body;
+use axum::http::header;
+use axum::response::{IntoResponse, Response};
+use hyper::body::Bytes;
+use tokio::sync::{OwnedSemaphorePermit, mpsc};
+use tokio::task::spawn_blocking;
+
+use crate::api::{ChannelBody, ErrorBody, LogEntry, LogLine, LogRecord};
+use crate::daemon::error::CommandError;
+use crate::job::{Entries, Entry, Record};
+
+/// Bytes sent at once: some hundred lines.
+const PIECE_BYTES: usize = 64 << 10;
+
+/// Answers with the entries of a journal. All disk access is on a thread that may block; it keeps `place` until it is done, which
+/// bounds the number of such threads.
+pub(crate) async fn answer(journal: PathBuf, place: OwnedSemaphorePermit) -> Result<Response, CommandError> {
+    let failed = |text: String| CommandError::new(500, text);
+    let opened = spawn_blocking(move || Entries::open(&journal)).await;
+    let entries = opened.map_err(|panic| failed(panic.to_string()))?.map_err(|error| failed(error.to_string()))?;
+    let (pieces, body) = ChannelBody::new();
+    spawn_blocking(move || {
+        send(entries, &pieces);
+        drop(place);
+    });
+    Ok(([(header::CONTENT_TYPE, "application/x-ndjson")], Body::new(body)).into_response())
+}
+
+/// Sends all entries, and what is wrong with the journal; ends early if the reader is gone. Blocks.
+fn send(entries: Entries, pieces: &mpsc::Sender<Bytes>) {
+    let mut piece = Vec::with_capacity(PIECE_BYTES);
+    for entry in entries {
+        let line = match entry {
+            Ok(entry) => LogLine::Entry(log_entry(entry)),
+            Err(error) => LogLine::Problem(ErrorBody { error: error.to_string() }),
+        };
+        serde_json::to_writer(&mut piece, &line).expect("a line is plain data, and a vector takes every byte");
+        piece.push(b'\n');
+        if piece.len() >= PIECE_BYTES && pieces.blocking_send(std::mem::take(&mut piece).into()).is_err() {
+            return;
+        }
+    }
+    if !piece.is_empty() {
+        // Sending fails if the reader is gone.
+        let _ = pieces.blocking_send(piece.into());
+    }
+}
+
+fn log_entry(Entry { at_unix_ms, record }: Entry) -> LogEntry {
+    let record = match record {
+        Record::Accepted { layer_count, name, .. } => LogRecord::Accepted { name, layers_total: layer_count },
+        Record::Started { layer } => LogRecord::Started { layer },
+        Record::PlateClear { traces, .. } => {
+            LogRecord::PlateClear { confirmed_exposures: u32::try_from(traces.len()).unwrap_or(u32::MAX) }
+        }
+        Record::Commanded { layer, .. } => LogRecord::Commanded { layer },
+        Record::Confirmed { layer } => LogRecord::Confirmed { layer },
+        Record::NotExposed { layer } => LogRecord::NotExposed { layer },
+        Record::Withdrawn { layer } => LogRecord::Withdrawn { layer },
+        Record::InDoubt { layer, why } => LogRecord::InDoubt { layer, why },
+        Record::Decided { layer, exposed } => LogRecord::Decided { layer, exposed },
+        Record::Paused => LogRecord::Paused,
+        Record::Resumed => LogRecord::Resumed,
+        Record::LightOff => LogRecord::LightOff,
+        Record::Ordered(order) => LogRecord::Ordered { order },
+        Record::Parked => LogRecord::Parked,
+        Record::Ended { state, reason } => LogRecord::Ended { state, reason },
+    };
+    LogEntry { at_ms: at_unix_ms, record }
+}
