@@ -1,6 +1,6 @@
 //! Results of work in the background, for the printer's loop: disk, computation, whatever may block.
 
-use crate::daemon::error::CommandError;
+use crate::daemon::error::OrderError;
 use crate::daemon::handle::Reply;
 use crate::daemon::jobs::job::Job;
 use crate::daemon::jobs::opened::{Opened, Unopened};
@@ -27,7 +27,7 @@ pub(crate) enum Background {
     /// A new job is in the spool, or not.
     Accepted {
         /// The job.
-        result: Result<Box<Job>, CommandError>,
+        result: Result<Box<Job>, OrderError>,
         /// Jobs that had ended when the operator asked.
         jobs_ended: u64,
         /// Who asked.
@@ -45,7 +45,7 @@ pub(crate) enum Background {
         /// The job.
         job: u32,
         /// The change.
-        result: Result<Settled, CommandError>,
+        result: Result<Settled, OrderError>,
         /// Who asked.
         reply: Reply,
     },

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use crate::config::Recipe;
-use crate::daemon::error::CommandError;
+use crate::daemon::error::OrderError;
 use crate::daemon::setting::Setting;
 use crate::device::{Misfit, check_fit};
 use crate::link::message::Capabilities;
@@ -27,16 +27,16 @@ impl Fit {
     ///
     /// # Errors
     /// 422 for a recipe that is wrong or that the device cannot print, 409 for a device that is another machine.
-    pub(crate) fn check(&self, text: Option<&str>, name: Option<&str>) -> Result<Recipe, CommandError> {
+    pub(crate) fn check(&self, text: Option<&str>, name: Option<&str>) -> Result<Recipe, OrderError> {
         let place = Path::new(name.unwrap_or("recipe"));
         let Setting { machine, config, recipe_text, .. } = &*self.setting;
         let recipe = Recipe::parse_for(machine, &config.machine, place, text.unwrap_or(recipe_text))
-            .map_err(|error| CommandError::new(422, error.to_string()))?;
+            .map_err(|error| OrderError::new(422, error.to_string()))?;
         if let Some(device) = &self.device {
             check_fit(&self.setting.machine, &recipe, device).map_err(|misfit| {
                 // 409 calls for another device, 422 for another recipe.
                 let status = if matches!(misfit, Misfit::Machine(_)) { 409 } else { 422 };
-                CommandError::new(status, misfit.to_string())
+                OrderError::new(status, misfit.to_string())
             })?;
         }
         Ok(recipe)

@@ -6,7 +6,7 @@ use tokio::task::spawn_blocking;
 
 use crate::api::{BudgetView, DeviceView, Event, InDoubt, JobView, LineView, LinkView, RaiseView, RemovedView, Status};
 use crate::daemon::caller::Caller;
-pub use crate::daemon::error::CommandError;
+pub use crate::daemon::error::OrderError;
 use crate::daemon::fit::Fit;
 use crate::job::JobState;
 use crate::text::short_name;
@@ -72,7 +72,7 @@ impl Snapshot {
     ///
     /// # Errors
     /// 503 if it has none.
-    pub fn check_queue(&self, coming: usize) -> Result<(), CommandError> {
+    pub fn check_queue(&self, coming: usize) -> Result<(), OrderError> {
         let queued = self.jobs.iter().filter(|job| job.state == JobState::Queued).count();
         if queued + coming < MAX_QUEUED_JOBS {
             return Ok(());
@@ -81,7 +81,7 @@ impl Snapshot {
             "the queue is full: {queued} jobs wait, at most {MAX_QUEUED_JOBS} may; let one be printed, or stop one \
              (layerctl jobs, layerctl stop JOB)"
         );
-        Err(CommandError::new(503, text))
+        Err(OrderError::new(503, text))
     }
 
     /// The job that ended last. If the end of no job is known, the newest one that is over.
@@ -98,7 +98,7 @@ impl Snapshot {
 
 /// What the operator orders.
 #[derive(Debug)]
-pub enum Command {
+pub enum Order {
     /// Take a new job.
     Submit(Submission),
     /// Take a new job with the part of one that is over.
@@ -141,7 +141,7 @@ impl From<JobView> for Answer {
 }
 
 /// The order as the log shows it.
-impl std::fmt::Display for Command {
+impl std::fmt::Display for Order {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::Submit(new) => write!(f, "start {}", short_name(&new.name)),
@@ -200,22 +200,22 @@ pub struct Again {
 }
 
 /// Where an order's answer goes.
-pub(crate) type Reply = oneshot::Sender<Result<Answer, CommandError>>;
+pub(crate) type Reply = oneshot::Sender<Result<Answer, OrderError>>;
 
 /// An order and where its answer goes.
 #[derive(Debug)]
-pub struct Order {
+pub struct Ticket {
     /// What to do.
-    pub command: Command,
+    pub order: Order,
     /// Takes the answer. The receiver may be gone.
-    pub reply: oneshot::Sender<Result<Answer, CommandError>>,
+    pub reply: oneshot::Sender<Result<Answer, OrderError>>,
 }
 
 /// The server's end.
 #[derive(Clone, Debug)]
 pub struct Handle {
-    orders: mpsc::Sender<Order>,
-    aborts: mpsc::Sender<Order>,
+    orders: mpsc::Sender<Ticket>,
+    aborts: mpsc::Sender<Ticket>,
     snapshot: watch::Receiver<Snapshot>,
     events: broadcast::Sender<Event>,
 }
@@ -234,8 +234,8 @@ pub struct Desk {
 /// The printer's queue of orders.
 #[derive(Debug)]
 pub struct Orders {
-    orders: mpsc::Receiver<Order>,
-    aborts: mpsc::Receiver<Order>,
+    orders: mpsc::Receiver<Ticket>,
+    aborts: mpsc::Receiver<Ticket>,
 }
 
 /// Both ends.
@@ -250,7 +250,7 @@ pub fn channel(first: Snapshot) -> (Handle, Desk) {
 
 impl Orders {
     /// The next order, an abort before any other; `None` when the server is gone. Cancel-safe.
-    pub async fn next(&mut self) -> Option<Order> {
+    pub async fn next(&mut self) -> Option<Ticket> {
         tokio::select! {
             biased;
             Some(order) = self.aborts.recv() => Some(order),
@@ -265,10 +265,10 @@ impl Handle {
     ///
     /// # Errors
     /// The printer's refusal, or 503 if it takes no orders.
-    pub async fn order(&self, command: Command, caller: Caller) -> Result<Answer, CommandError> {
-        let what = command.to_string();
+    pub async fn order(&self, order: Order, caller: Caller) -> Result<Answer, OrderError> {
+        let what = order.to_string();
         tracing::info!("order by {caller}: {what}");
-        let answer = self.give(command).await;
+        let answer = self.give(order).await;
         match &answer {
             Ok(Answer::Job(job)) => {
                 tracing::info!("order by {caller}: {what}: accepted, job {} is {}", job.id, job.state);
@@ -279,20 +279,20 @@ impl Handle {
         answer
     }
 
-    async fn give(&self, command: Command) -> Result<Answer, CommandError> {
-        let ending = || CommandError::new(503, "the daemon is shutting down");
+    async fn give(&self, order: Order) -> Result<Answer, OrderError> {
+        let ending = || OrderError::new(503, "the daemon is shutting down");
         let (reply, answer) = oneshot::channel();
-        if matches!(command, Command::Abort(_)) {
-            self.aborts.send(Order { command, reply }).await.map_err(|_| ending())?;
+        if matches!(order, Order::Abort(_)) {
+            self.aborts.send(Ticket { order, reply }).await.map_err(|_| ending())?;
         } else {
-            self.orders.try_send(Order { command, reply }).map_err(|refused| {
-                let (order, error) = match refused {
-                    mpsc::error::TrySendError::Full(order) => {
-                        (order, CommandError::new(503, "too many orders wait already; try again"))
+            self.orders.try_send(Ticket { order, reply }).map_err(|refused| {
+                let (ticket, error) = match refused {
+                    mpsc::error::TrySendError::Full(ticket) => {
+                        (ticket, OrderError::new(503, "too many orders wait already; try again"))
                     }
-                    mpsc::error::TrySendError::Closed(order) => (order, ending()),
+                    mpsc::error::TrySendError::Closed(ticket) => (ticket, ending()),
                 };
-                if let Command::Submit(submission) = order.command {
+                if let Order::Submit(submission) = ticket.order {
                     submission.discard();
                 }
                 error

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use layerd::api::{DeviceView, Event, InDoubt, JobView, LinkState, LinkView, RaiseView, RemovedView};
 use layerd::cli::client::{Client, NewJob};
-use layerd::daemon::handle::{Answer, Command, CommandError, Desk, Order, Snapshot, channel};
+use layerd::daemon::handle::{Answer, Desk, Order, OrderError, Snapshot, Ticket, channel};
 use layerd::daemon::http::server;
 use layerd::daemon::http::socket::{self};
 use layerd::job::JobState;
@@ -87,9 +87,9 @@ pub(crate) fn empty_snapshot() -> Snapshot {
 }
 
 pub(crate) async fn obey(mut desk: Desk, directory: PathBuf) {
-    while let Some(Order { command, reply }) = desk.orders.next().await {
-        let mut answer = Err(CommandError::new(404, "no such job"));
-        desk.snapshot.send_modify(|snapshot| answer = carry_out(command, snapshot, &directory));
+    while let Some(Ticket { order, reply }) = desk.orders.next().await {
+        let mut answer = Err(OrderError::new(404, "no such job"));
+        desk.snapshot.send_modify(|snapshot| answer = carry_out(order, snapshot, &directory));
         if let Ok(Answer::Job(job)) = &answer {
             let _ = desk.events.send(Event::Job(job.clone()));
         }
@@ -97,9 +97,9 @@ pub(crate) async fn obey(mut desk: Desk, directory: PathBuf) {
     }
 }
 
-pub(crate) fn carry_out(command: Command, snapshot: &mut Snapshot, directory: &Path) -> Result<Answer, CommandError> {
-    let (id, state) = match command {
-        Command::Submit(new) => {
+pub(crate) fn carry_out(order: Order, snapshot: &mut Snapshot, directory: &Path) -> Result<Answer, OrderError> {
+    let (id, state) = match order {
+        Order::Submit(new) => {
             let id = format!("job-{}", snapshot.jobs.len() + 1);
             let text = new.recipe_text.unwrap_or_default();
             std::fs::write(directory.join(format!("{id}.toml")), text).unwrap();
@@ -107,33 +107,33 @@ pub(crate) fn carry_out(command: Command, snapshot: &mut Snapshot, directory: &P
             snapshot.jobs.push(queued(&id, &new.name, new.recipe_name));
             return Ok(snapshot.jobs[snapshot.jobs.len() - 1].clone().into());
         }
-        Command::Again(again) => {
-            let old = snapshot.job(&again.id).cloned().ok_or_else(|| CommandError::new(404, "no such job"))?;
+        Order::Again(again) => {
+            let old = snapshot.job(&again.id).cloned().ok_or_else(|| OrderError::new(404, "no such job"))?;
             let id = format!("job-{}", snapshot.jobs.len() + 1);
             std::fs::write(directory.join(format!("{id}.toml")), again.recipe_text.unwrap_or_default()).unwrap();
             snapshot.jobs.push(queued(&id, &old.name, again.recipe_name));
             return Ok(snapshot.jobs[snapshot.jobs.len() - 1].clone().into());
         }
-        Command::Raise => return Ok(Answer::Raise(RaiseView { from_um: 3_200, to_um: 30_000, warning: None })),
-        Command::Remove(id) => {
+        Order::Raise => return Ok(Answer::Raise(RaiseView { from_um: 3_200, to_um: 30_000, warning: None })),
+        Order::Remove(id) => {
             let known = snapshot.jobs.len();
             snapshot.jobs.retain(|job| job.id != id);
             let removed = Answer::Removed(RemovedView { id, freed_bytes: 4096 });
-            return if snapshot.jobs.len() < known { Ok(removed) } else { Err(CommandError::new(404, "no such job")) };
+            return if snapshot.jobs.len() < known { Ok(removed) } else { Err(OrderError::new(404, "no such job")) };
         }
-        Command::Pause(id) => (id, JobState::Paused),
-        Command::Resume { in_doubt: Some(InDoubt::Repeat), .. } => {
-            return Err(CommandError::new(409, "nothing is in doubt"));
+        Order::Pause(id) => (id, JobState::Paused),
+        Order::Resume { in_doubt: Some(InDoubt::Repeat), .. } => {
+            return Err(OrderError::new(409, "nothing is in doubt"));
         }
-        Command::Resume { id, .. } => (id, JobState::Printing),
-        Command::Stop(id) => (id, JobState::Stopped),
-        Command::Abort(Some(id)) => (id, JobState::Aborted),
-        Command::Abort(None) => {
-            let active = snapshot.active().ok_or_else(|| CommandError::new(409, "nothing is printing"))?;
+        Order::Resume { id, .. } => (id, JobState::Printing),
+        Order::Stop(id) => (id, JobState::Stopped),
+        Order::Abort(Some(id)) => (id, JobState::Aborted),
+        Order::Abort(None) => {
+            let active = snapshot.active().ok_or_else(|| OrderError::new(409, "nothing is printing"))?;
             (active.id.clone(), JobState::Aborted)
         }
     };
-    let job = snapshot.jobs.iter_mut().find(|job| job.id == id).ok_or_else(|| CommandError::new(404, "no such job"))?;
+    let job = snapshot.jobs.iter_mut().find(|job| job.id == id).ok_or_else(|| OrderError::new(404, "no such job"))?;
     job.state = state;
     Ok(job.clone().into())
 }

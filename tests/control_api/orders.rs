@@ -5,7 +5,7 @@ use std::time::Duration;
 use layerd::api::{DeviceView, JobView, RaiseView, RemovedView, ResumeBody};
 use layerd::cli::client::{ClientError, NewJob};
 use layerd::daemon::caller::Caller;
-use layerd::daemon::handle::{Command, MAX_QUEUED_JOBS, channel};
+use layerd::daemon::handle::{MAX_QUEUED_JOBS, Order, channel};
 use layerd::job::JobState;
 
 use super::bench::*;
@@ -59,14 +59,14 @@ async fn an_abort_overtakes_orders_that_wait() {
     let (handle, mut desk) = channel(empty_snapshot());
     let pause = tokio::spawn({
         let handle = handle.clone();
-        async move { handle.order(Command::Pause("a".into()), Caller::default()).await }
+        async move { handle.order(Order::Pause("a".into()), Caller::default()).await }
     });
     tokio::time::sleep(Duration::from_millis(50)).await;
-    let abort = tokio::spawn(async move { handle.order(Command::Abort(None), Caller::default()).await });
+    let abort = tokio::spawn(async move { handle.order(Order::Abort(None), Caller::default()).await });
     tokio::time::sleep(Duration::from_millis(50)).await;
     let first = desk.orders.next().await.unwrap();
-    assert!(matches!(first.command, Command::Abort(None)), "{:?}", first.command);
-    assert!(matches!(desk.orders.next().await.unwrap().command, Command::Pause(_)));
+    assert!(matches!(first.order, Order::Abort(None)), "{:?}", first.order);
+    assert!(matches!(desk.orders.next().await.unwrap().order, Order::Pause(_)));
     drop(desk);
     drop(first);
     assert_eq!(abort.await.unwrap().unwrap_err().status, 503);
@@ -79,7 +79,7 @@ async fn orders_beyond_the_queue_are_refused_at_once() {
     let waiting: Vec<_> = (0..40)
         .map(|_| {
             let handle = handle.clone();
-            tokio::spawn(async move { handle.order(Command::Pause("a".into()), Caller::default()).await })
+            tokio::spawn(async move { handle.order(Order::Pause("a".into()), Caller::default()).await })
         })
         .collect();
     tokio::time::sleep(Duration::from_millis(50)).await;

@@ -10,7 +10,7 @@ use tokio::sync::{OwnedSemaphorePermit, mpsc};
 use tokio::task::spawn_blocking;
 
 use crate::api::{ChannelBody, ErrorBody, LogEntry, LogLine, LogRecord};
-use crate::daemon::error::CommandError;
+use crate::daemon::error::OrderError;
 use crate::job::{Entries, Entry, Record};
 
 /// Bytes sent at once: some hundred lines.
@@ -18,8 +18,8 @@ const PIECE_BYTES: usize = 64 << 10;
 
 /// Answers with the entries of a journal. All disk access is on a thread that may block; it keeps `place` until it is done, which
 /// bounds the number of such threads.
-pub(crate) async fn answer(journal: PathBuf, place: OwnedSemaphorePermit) -> Result<Response, CommandError> {
-    let failed = |text: String| CommandError::new(500, text);
+pub(crate) async fn answer(journal: PathBuf, place: OwnedSemaphorePermit) -> Result<Response, OrderError> {
+    let failed = |text: String| OrderError::new(500, text);
     let opened = spawn_blocking(move || Entries::open(&journal)).await;
     let entries = opened.map_err(|panic| failed(panic.to_string()))?.map_err(|error| failed(error.to_string()))?;
     let (pieces, body) = ChannelBody::new();

@@ -19,8 +19,8 @@ use super::connections::{Door, MAX_CONNECTIONS, MAX_CROWD, MAX_HEAD_TIME, ending
 use super::{job_log, upload};
 use crate::api::{ChannelBody, ErrorBody, Event, JobList, ResumeBody};
 use crate::daemon::caller::Caller;
-use crate::daemon::error::{CommandError, no_such_job};
-use crate::daemon::handle::{Again, Command, Handle};
+use crate::daemon::error::{OrderError, no_such_job};
+use crate::daemon::handle::{Again, Handle, Order};
 use crate::job::{JobDirectory, Spool};
 
 /// Subscribers to events at once. Fewer than connections, so that they leave room for orders.
@@ -75,10 +75,10 @@ struct Shared {
 
 impl Shared {
     /// Reserves a place for an upload if the queue has room for it and for the uploads under way.
-    fn begin_upload(&self) -> Result<OwnedSemaphorePermit, CommandError> {
+    fn begin_upload(&self) -> Result<OwnedSemaphorePermit, OrderError> {
         let place = Arc::clone(&self.uploads)
             .try_acquire_owned()
-            .map_err(|_| CommandError::new(503, format!("{MAX_UPLOADS} uploads are under way already; try again")))?;
+            .map_err(|_| OrderError::new(503, format!("{MAX_UPLOADS} uploads are under way already; try again")))?;
         let others = MAX_UPLOADS - 1 - self.uploads.available_permits();
         self.handle.snapshot().check_queue(others)?;
         Ok(place)
@@ -86,12 +86,12 @@ impl Shared {
 }
 
 type App = State<Arc<Shared>>;
-type Answer = Result<Response, CommandError>;
+type Answer = Result<Response, OrderError>;
 
 /// Routes for aborts alone; `otherwise` answers everything else.
 fn abort_router<F>(handle: Handle, otherwise: fn(Body) -> F) -> Router
 where
-    F: Future<Output = CommandError> + Send + 'static,
+    F: Future<Output = OrderError> + Send + 'static,
 {
     Router::new()
         .route("/v1/abort", post(abort_active))
@@ -118,7 +118,7 @@ fn router(shared: Arc<Shared>) -> Router {
         .with_state(shared)
 }
 
-impl IntoResponse for CommandError {
+impl IntoResponse for OrderError {
     fn into_response(self) -> Response {
         let status = StatusCode::from_u16(self.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
         (status, Json(ErrorBody { error: self.message })).into_response()
@@ -143,7 +143,7 @@ async fn log(State(shared): App, UrlPath(id): UrlPath<String>) -> Answer {
     let number = number.ok_or_else(|| no_such_job(&id))?;
     let place = Arc::clone(&shared.logs)
         .try_acquire_owned()
-        .map_err(|_| CommandError::new(503, format!("{MAX_LOGS} logs are being read already; try again")))?;
+        .map_err(|_| OrderError::new(503, format!("{MAX_LOGS} logs are being read already; try again")))?;
     job_log::answer(JobDirectory::of(&shared.spool, number).journal(), place).await
 }
 
@@ -158,7 +158,7 @@ async fn again(
     // Held until the job is in the queue, as for one that is uploaded.
     let _place = shared.begin_upload()?;
     let again = Again { id, recipe_text, recipe_name, jobs_ended };
-    let job = shared.handle.order(Command::Again(again), caller).await?;
+    let job = shared.handle.order(Order::Again(again), caller).await?;
     Ok((StatusCode::CREATED, Json(job)).into_response())
 }
 
@@ -190,7 +190,7 @@ async fn submit(
             return Err(refusal);
         }
     };
-    let job = shared.handle.order(Command::Submit(submission), caller).await?;
+    let job = shared.handle.order(Order::Submit(submission), caller).await?;
     Ok((StatusCode::CREATED, Json(job)).into_response())
 }
 
@@ -200,17 +200,17 @@ async fn order_job(
     UrlPath((id, order)): UrlPath<(String, String)>,
     request: Request,
 ) -> Answer {
-    let command = match order.as_str() {
-        "pause" => Command::Pause(id),
-        "resume" => Command::Resume { id, in_doubt: resume_body(request).await?.in_doubt },
-        "stop" => Command::Stop(id),
-        "abort" => Command::Abort(Some(id)),
+    let order = match order.as_str() {
+        "pause" => Order::Pause(id),
+        "resume" => Order::Resume { id, in_doubt: resume_body(request).await?.in_doubt },
+        "stop" => Order::Stop(id),
+        "abort" => Order::Abort(Some(id)),
         _ => {
             let message = format!("there is no order `{order}`; a job takes pause, resume, stop, abort and again");
-            return Err(CommandError::new(404, message));
+            return Err(OrderError::new(404, message));
         }
     };
-    Ok(Json(shared.handle.order(command, caller).await?).into_response())
+    Ok(Json(shared.handle.order(order, caller).await?).into_response())
 }
 
 async fn abort(State(shared): App, caller: Extension<Caller>) -> Answer {
@@ -218,7 +218,7 @@ async fn abort(State(shared): App, caller: Extension<Caller>) -> Answer {
 }
 
 async fn abort_active(State(handle): State<Handle>, Extension(caller): Extension<Caller>) -> Answer {
-    Ok(Json(handle.order(Command::Abort(None), caller).await?).into_response())
+    Ok(Json(handle.order(Order::Abort(None), caller).await?).into_response())
 }
 
 async fn abort_job(
@@ -226,56 +226,56 @@ async fn abort_job(
     Extension(caller): Extension<Caller>,
     UrlPath(id): UrlPath<String>,
 ) -> Answer {
-    Ok(Json(handle.order(Command::Abort(Some(id)), caller).await?).into_response())
+    Ok(Json(handle.order(Order::Abort(Some(id)), caller).await?).into_response())
 }
 
-async fn no_place(mut body: Body) -> CommandError {
+async fn no_place(mut body: Body) -> OrderError {
     upload::drain(&mut body).await;
-    CommandError::new(503, format!("{MAX_CONNECTIONS} connections are open already; only an abort is accepted now"))
+    OrderError::new(503, format!("{MAX_CONNECTIONS} connections are open already; only an abort is accepted now"))
 }
 
-async fn only_aborts(mut body: Body) -> CommandError {
+async fn only_aborts(mut body: Body) -> OrderError {
     upload::drain(&mut body).await;
     let message = "this socket takes only POST /v1/abort and POST /v1/jobs/{id}/abort; use the one without `.abort`";
-    CommandError::new(404, message)
+    OrderError::new(404, message)
 }
 
 async fn remove(State(shared): App, Extension(caller): Extension<Caller>, UrlPath(id): UrlPath<String>) -> Answer {
-    Ok(Json(shared.handle.order(Command::Remove(id), caller).await?).into_response())
+    Ok(Json(shared.handle.order(Order::Remove(id), caller).await?).into_response())
 }
 
 async fn raise(State(shared): App, Extension(caller): Extension<Caller>) -> Answer {
-    Ok(Json(shared.handle.order(Command::Raise, caller).await?).into_response())
+    Ok(Json(shared.handle.order(Order::Raise, caller).await?).into_response())
 }
 
-async fn resume_body(request: Request) -> Result<ResumeBody, CommandError> {
+async fn resume_body(request: Request) -> Result<ResumeBody, OrderError> {
     let read = timeout(MAX_HEAD_TIME, axum::body::to_bytes(request.into_body(), MAX_ORDER_BYTES));
     let bytes = read
         .await
-        .map_err(|_| CommandError::new(408, "the body did not arrive"))?
-        .map_err(|error| CommandError::new(400, format!("the body cannot be read: {error}")))?;
+        .map_err(|_| OrderError::new(408, "the body did not arrive"))?
+        .map_err(|error| OrderError::new(400, format!("the body cannot be read: {error}")))?;
     if bytes.is_empty() {
         return Ok(ResumeBody::default());
     }
     serde_json::from_slice(&bytes).map_err(|error| {
-        CommandError::new(
+        OrderError::new(
             400,
             format!("the body is not {{\"in_doubt\": \"exposed\"}} or {{\"in_doubt\": \"repeat\"}}: {error}"),
         )
     })
 }
 
-async fn no_such_path(uri: Uri) -> CommandError {
-    CommandError::new(404, format!("there is no path {}; docs/control-api.md lists all paths", uri.path()))
+async fn no_such_path(uri: Uri) -> OrderError {
+    OrderError::new(404, format!("there is no path {}; docs/control-api.md lists all paths", uri.path()))
 }
 
-async fn no_such_method(method: Method, uri: Uri) -> CommandError {
-    CommandError::new(405, format!("{} does not allow {method}; docs/control-api.md lists what it allows", uri.path()))
+async fn no_such_method(method: Method, uri: Uri) -> OrderError {
+    OrderError::new(405, format!("{} does not allow {method}; docs/control-api.md lists what it allows", uri.path()))
 }
 
 async fn events(State(shared): App) -> Answer {
     let Ok(permit) = Arc::clone(&shared.subscribers).try_acquire_owned() else {
-        return Err(CommandError::new(503, format!("{MAX_SUBSCRIBERS} subscribers listen already")));
+        return Err(OrderError::new(503, format!("{MAX_SUBSCRIBERS} subscribers listen already")));
     };
     // Subscribed before the status is read: nothing falls between the two.
     let news = shared.handle.subscribe();

@@ -15,7 +15,7 @@ use tokio::time::timeout;
 
 use crate::api::percent;
 use crate::api::{MAX_NAME_BYTES, MAX_RECIPE_BYTES, NAME_HEADER, RECIPE_HEADER, RECIPE_NAME_HEADER};
-use crate::daemon::error::CommandError;
+use crate::daemon::error::OrderError;
 use crate::daemon::fit::Fit;
 use crate::daemon::handle::Submission;
 use crate::disk;
@@ -45,9 +45,9 @@ pub(crate) async fn receive(
     jobs_ended: u64,
     fit: Option<Fit>,
     place: OwnedSemaphorePermit,
-) -> Result<(Submission, OwnedSemaphorePermit), CommandError> {
+) -> Result<(Submission, OwnedSemaphorePermit), OrderError> {
     let name = text(headers, NAME_HEADER, MAX_NAME_BYTES)?.filter(|name| !name.trim().is_empty()).ok_or_else(|| {
-        CommandError::new(400, format!("the header {NAME_HEADER} is missing: it must hold the job's name"))
+        OrderError::new(400, format!("the header {NAME_HEADER} is missing: it must hold the job's name"))
     })?;
     // A file's name may hold line breaks, but a list of jobs has one line for each.
     let name = name.replace(char::is_control, " ");
@@ -64,7 +64,7 @@ pub(crate) async fn receive(
 ///
 /// # Errors
 /// 400 for a header that is too long or not percent-encoded UTF-8.
-pub(super) fn recipe(headers: &HeaderMap) -> Result<(Option<String>, Option<String>), CommandError> {
+pub(super) fn recipe(headers: &HeaderMap) -> Result<(Option<String>, Option<String>), OrderError> {
     Ok((text(headers, RECIPE_HEADER, MAX_RECIPE_BYTES)?, text(headers, RECIPE_NAME_HEADER, MAX_NAME_BYTES)?))
 }
 
@@ -82,7 +82,7 @@ async fn store(
     announced: Option<u64>,
     body: &mut Body,
     place: OwnedSemaphorePermit,
-) -> Result<(TempPath, OwnedSemaphorePermit), CommandError> {
+) -> Result<(TempPath, OwnedSemaphorePermit), OrderError> {
     let mut target = Target::create(incoming, announced, place).await?;
     match fill(&mut target, name, body).await {
         Ok(()) => target.finish().await,
@@ -93,16 +93,16 @@ async fn store(
     }
 }
 
-async fn fill(target: &mut Target, name: &str, body: &mut Body) -> Result<(), CommandError> {
+async fn fill(target: &mut Target, name: &str, body: &mut Body) -> Result<(), OrderError> {
     let mut received: u64 = 0;
     let mut beginning = Vec::with_capacity(BEGINNING_BYTES);
     let mut piece = Vec::with_capacity(PIECE_BYTES);
     loop {
         let frame = timeout(MAX_SILENCE, body.frame())
             .await
-            .map_err(|_| CommandError::new(408, format!("no data for {} s: upload given up", MAX_SILENCE.as_secs())))?;
+            .map_err(|_| OrderError::new(408, format!("no data for {} s: upload given up", MAX_SILENCE.as_secs())))?;
         let Some(frame) = frame else { break };
-        let frame = frame.map_err(|error| CommandError::new(400, format!("the upload broke off: {error}")))?;
+        let frame = frame.map_err(|error| OrderError::new(400, format!("the upload broke off: {error}")))?;
         let Ok(bytes) = frame.into_data() else { continue };
         received += bytes.len() as u64;
         if received > target.space.for_parts() {
@@ -111,7 +111,7 @@ async fn fill(target: &mut Target, name: &str, body: &mut Body) -> Result<(), Co
         if beginning.len() < BEGINNING_BYTES {
             // A file that is no build file is refused before gigabytes of it arrive.
             beginning.extend_from_slice(&bytes[..bytes.len().min(BEGINNING_BYTES - beginning.len())]);
-            check_beginning(&beginning).map_err(|problem| CommandError::new(422, format!("{name}: {problem}")))?;
+            check_beginning(&beginning).map_err(|problem| OrderError::new(422, format!("{name}: {problem}")))?;
         }
         piece.extend_from_slice(&bytes);
         if piece.len() >= PIECE_BYTES {
@@ -119,7 +119,7 @@ async fn fill(target: &mut Target, name: &str, body: &mut Body) -> Result<(), Co
         }
     }
     if received == 0 {
-        return Err(CommandError::new(400, "the body is empty: send the build file's bytes"));
+        return Err(OrderError::new(400, "the body is empty: send the build file's bytes"));
     }
     target.write(piece).await?;
     Ok(())
@@ -141,11 +141,7 @@ struct TargetFile {
 }
 
 impl Target {
-    async fn create(
-        incoming: &Path,
-        announced: Option<u64>,
-        place: OwnedSemaphorePermit,
-    ) -> Result<Self, CommandError> {
+    async fn create(incoming: &Path, announced: Option<u64>, place: OwnedSemaphorePermit) -> Result<Self, OrderError> {
         let incoming = incoming.to_path_buf();
         on_disk(move || {
             let space = Space::of(&incoming)?;
@@ -160,8 +156,8 @@ impl Target {
     }
 
     /// Appends a piece; returns its buffer, empty.
-    async fn write(&mut self, mut piece: Vec<u8>) -> Result<Vec<u8>, CommandError> {
-        let Some(mut target) = self.file.take() else { return Err(CommandError::new(500, "the upload has ended")) };
+    async fn write(&mut self, mut piece: Vec<u8>) -> Result<Vec<u8>, OrderError> {
+        let Some(mut target) = self.file.take() else { return Err(OrderError::new(500, "the upload has ended")) };
         let incoming = self.incoming.clone();
         let (target, piece) = on_disk(move || {
             target.file.write_all(&piece).map_err(|error| failed(&incoming, &error))?;
@@ -174,8 +170,8 @@ impl Target {
     }
 
     /// Flushes the file.
-    async fn finish(mut self) -> Result<(TempPath, OwnedSemaphorePermit), CommandError> {
-        let Some(target) = self.file.take() else { return Err(CommandError::new(500, "the upload has ended")) };
+    async fn finish(mut self) -> Result<(TempPath, OwnedSemaphorePermit), OrderError> {
+        let Some(target) = self.file.take() else { return Err(OrderError::new(500, "the upload has ended")) };
         let incoming = self.incoming.clone();
         on_disk(move || {
             target.file.sync_all().map_err(|error| failed(&incoming, &error))?;
@@ -204,14 +200,14 @@ impl Drop for Target {
 
 /// Runs `work` on a thread that may wait for the disk.
 async fn on_disk<T: Send + 'static>(
-    work: impl FnOnce() -> Result<T, CommandError> + Send + 'static,
-) -> Result<T, CommandError> {
-    spawn_blocking(work).await.map_err(|panic| CommandError::new(500, format!("the upload failed: {panic}")))?
+    work: impl FnOnce() -> Result<T, OrderError> + Send + 'static,
+) -> Result<T, OrderError> {
+    spawn_blocking(work).await.map_err(|panic| OrderError::new(500, format!("the upload failed: {panic}")))?
 }
 
-fn failed(incoming: &Path, error: &std::io::Error) -> CommandError {
+fn failed(incoming: &Path, error: &std::io::Error) -> OrderError {
     let status = if error.kind() == std::io::ErrorKind::StorageFull { 507 } else { 500 };
-    CommandError::new(status, format!("cannot write the build file into {}: {error}", incoming.display()))
+    OrderError::new(status, format!("cannot write the build file into {}: {error}", incoming.display()))
 }
 
 /// Room on the spool's disk.
@@ -221,9 +217,9 @@ struct Space {
 }
 
 impl Space {
-    fn of(directory: &Path) -> Result<Self, CommandError> {
+    fn of(directory: &Path) -> Result<Self, OrderError> {
         let free_bytes = disk::free_bytes(directory).map_err(|error| {
-            CommandError::new(500, format!("cannot tell the free space of {}: {error}", directory.display()))
+            OrderError::new(500, format!("cannot tell the free space of {}: {error}", directory.display()))
         })?;
         Ok(Self { free_bytes })
     }
@@ -232,25 +228,25 @@ impl Space {
         self.free_bytes.saturating_sub(disk::RESERVE_BYTES)
     }
 
-    fn too_little(self, incoming: &Path, announced: Option<u64>) -> CommandError {
+    fn too_little(self, incoming: &Path, announced: Option<u64>) -> OrderError {
         let need = announced.map_or_else(|| "more than that".into(), size_text);
         let (place, free, reserve) = (incoming.display(), size_text(self.free_bytes), size_text(disk::RESERVE_BYTES));
         let text = format!(
             "the disk of {place} has {free} free; {reserve} must stay free for journals, and the build file needs {need}: \
              `layerctl remove JOB` deletes jobs that are over; or delete other files there, or move the spool"
         );
-        CommandError::new(507, text)
+        OrderError::new(507, text)
     }
 }
 
 /// One percent-encoded header as text of at most `limit` bytes.
-fn text(headers: &HeaderMap, header: &str, limit: usize) -> Result<Option<String>, CommandError> {
+fn text(headers: &HeaderMap, header: &str, limit: usize) -> Result<Option<String>, OrderError> {
     let Some(value) = headers.get(header) else { return Ok(None) };
     let text = percent::decode(value.as_bytes())
-        .ok_or_else(|| CommandError::new(400, format!("the header {header} is not percent-encoded UTF-8")))?;
+        .ok_or_else(|| OrderError::new(400, format!("the header {header} is not percent-encoded UTF-8")))?;
     if text.len() > limit {
         let message = format!("the header {header} holds {} bytes; at most {limit} are allowed", text.len());
-        return Err(CommandError::new(400, message));
+        return Err(OrderError::new(400, message));
     }
     Ok(Some(text))
 }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::job::TakeUp;
 use super::past::Past;
-use crate::daemon::error::{CommandError, refused};
+use crate::daemon::error::{OrderError, refused};
 use crate::daemon::host::clock::unix_ms;
 use crate::job::{EndOrder, JobState, Journal, JournalError, PlateAfter, Record, ResumeChoice, read_journal};
 
@@ -53,7 +53,7 @@ const ENDED: &str = "ended by the operator";
 
 /// Checks a change against the job's journal and writes there what must be known after a crash. An order to end is carried out
 /// even if it cannot be written. `past` is used if the journal cannot be read. Blocks.
-pub(crate) fn settle_in_journal(id: u32, path: &Path, past: &Past, change: Change) -> Result<Settled, CommandError> {
+pub(crate) fn settle_in_journal(id: u32, path: &Path, past: &Past, change: Change) -> Result<Settled, OrderError> {
     let ended = |state, reason: String| Settled { outcome: Outcome::Ended(state, reason), warning: None };
     let history = match read_journal(path) {
         Ok((_, history)) => history,
@@ -87,16 +87,16 @@ pub(crate) fn settle_in_journal(id: u32, path: &Path, past: &Past, change: Chang
 }
 
 /// Settles a change for a job whose journal cannot be read: it cannot be resumed, but the operator must be able to end it.
-fn settle_unreadable(id: u32, error: &JournalError, past: &Past, change: Change) -> Result<Settled, CommandError> {
+fn settle_unreadable(id: u32, error: &JournalError, past: &Past, change: Change) -> Result<Settled, OrderError> {
     let state = match change {
         Change::End(EndOrder::Abort) | Change::Close => JobState::Aborted,
         // A job whose part may lie in the vat keeps the machine until it is aborted.
         Change::End(EndOrder::Stop) if past.plate_after() == PlateAfter::Left => {
             let text = format!("{error}; {}. `layerctl abort {id}` ends the job all the same", past.plate_text());
-            return Err(CommandError::new(409, text));
+            return Err(OrderError::new(409, text));
         }
         Change::End(EndOrder::Stop) => JobState::Stopped,
-        Change::Resume(_) => return Err(CommandError::new(500, error.to_string())),
+        Change::Resume(_) => return Err(OrderError::new(500, error.to_string())),
     };
     // After a restart the job is back, as long as its journal cannot be read.
     let reason = format!("{ENDED}, but {error}: {}", past.plate_text());

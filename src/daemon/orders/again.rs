@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use super::submit::spool_error;
 use crate::config::{ConfigError, read_text};
-use crate::daemon::error::CommandError;
+use crate::daemon::error::OrderError;
 use crate::daemon::handle::{Again, Reply, Submission};
 use crate::daemon::printer::Printer;
 use crate::job::{JobDirectory, JobState, MAX_PARTS, Spool, SpoolError};
@@ -26,7 +26,7 @@ impl Printer {
     }
 
     /// Directory and name of a job whose part can be printed again.
-    fn repeatable(&mut self, id: &str) -> Result<(JobDirectory, String), CommandError> {
+    fn repeatable(&mut self, id: &str) -> Result<(JobDirectory, String), OrderError> {
         let id = self.find(id)?;
         let job = self.waiting(id)?;
         let state = job.view.state;
@@ -38,7 +38,7 @@ impl Printer {
                 _ => "wait for its end, or start its build file".into(),
             };
             let text = format!("job {id} is {state}; only the part of a job that is over can be printed again: {end}");
-            return Err(CommandError::new(409, text));
+            return Err(OrderError::new(409, text));
         }
         // Its journal cannot be read.
         let name = if job.view.name.is_empty() { format!("part of job {id}") } else { job.view.name.clone() };
@@ -47,12 +47,7 @@ impl Printer {
 }
 
 /// The new job as if it had been received. Blocks.
-fn submission(
-    spool: &Mutex<Spool>,
-    old: &JobDirectory,
-    name: String,
-    again: Again,
-) -> Result<Submission, CommandError> {
+fn submission(spool: &Mutex<Spool>, old: &JobDirectory, name: String, again: Again) -> Result<Submission, OrderError> {
     let Again { recipe_text, recipe_name, jobs_ended, .. } = again;
     let id = old.id;
     let spool = spool.lock().unwrap_or_else(PoisonError::into_inner);
@@ -79,14 +74,14 @@ fn damage_text(error: &PartError) -> String {
     )
 }
 
-fn gone(id: u32) -> CommandError {
+fn gone(id: u32) -> OrderError {
     let text = format!(
         "the part of job {id} is no longer in the spool, which keeps those of the newest {MAX_PARTS} jobs that are over: start its \
          build file (`layerctl start FILE`)"
     );
-    CommandError::new(409, text)
+    OrderError::new(409, text)
 }
 
-fn no_recipe(id: u32, error: &ConfigError) -> CommandError {
-    CommandError::new(500, format!("the recipe of job {id} cannot be read ({error}); name one with --recipe"))
+fn no_recipe(id: u32, error: &ConfigError) -> OrderError {
+    OrderError::new(500, format!("the recipe of job {id} cannot be read ({error}); name one with --recipe"))
 }

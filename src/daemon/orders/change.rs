@@ -1,7 +1,7 @@
 //! Orders for a job that does not hold the machine are written to its journal in the background, and then carried out.
 
 use crate::daemon::background::Background;
-use crate::daemon::error::{CommandError, no_such_job};
+use crate::daemon::error::{OrderError, no_such_job};
 use crate::daemon::handle::Reply;
 use crate::daemon::jobs::job::TakeUp;
 use crate::daemon::jobs::settle::{Change, Outcome, Settled, settle_in_journal};
@@ -24,7 +24,7 @@ impl Printer {
     }
 
     /// Carries out a change that the journal allows, and answers the order.
-    pub(crate) fn changed(&mut self, id: u32, result: Result<Settled, CommandError>, reply: Reply) {
+    pub(crate) fn changed(&mut self, id: u32, result: Result<Settled, OrderError>, reply: Reply) {
         let mut aborts = Vec::new();
         if let Some(job) = self.jobs.get_mut(id) {
             job.ordered = false;

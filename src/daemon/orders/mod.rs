@@ -8,14 +8,14 @@ pub(crate) mod submit;
 pub(crate) mod written;
 
 use crate::api::{InDoubt, JobView};
-use crate::daemon::error::{CommandError, no_such_job, refused};
-use crate::daemon::handle::{Answer, Command, Order};
+use crate::daemon::error::{OrderError, no_such_job, refused};
+use crate::daemon::handle::{Answer, Order, Ticket};
 use crate::daemon::jobs::job::{Job, TakeUp};
 use crate::daemon::jobs::settle::Change;
 use crate::daemon::jobs::unwritten::Unwritten;
 use crate::daemon::printer::Printer;
 use crate::daemon::printer::publish::RESUME_LATER;
-use crate::job::{Command as EngineCommand, EndOrder, JobState, ResumeChoice, ResumeError};
+use crate::job::{Command, EndOrder, JobState, ResumeChoice, ResumeError};
 use crate::link::message::Urgent;
 
 /// What is left to do for an order before it is answered.
@@ -32,31 +32,31 @@ pub(crate) enum Step {
 
 impl Printer {
     /// Carries an order out and answers it.
-    pub(crate) fn order(&mut self, order: Order) {
-        let Order { command, reply } = order;
+    pub(crate) fn order(&mut self, ticket: Ticket) {
+        let Ticket { order, reply } = ticket;
         if self.shutting_down
-            && matches!(command, Command::Submit(_) | Command::Again(_) | Command::Resume { .. } | Command::Remove(_))
+            && matches!(order, Order::Submit(_) | Order::Again(_) | Order::Resume { .. } | Order::Remove(_))
         {
-            let text = match command {
-                Command::Resume { .. } => RESUME_LATER,
+            let text = match order {
+                Order::Resume { .. } => RESUME_LATER,
                 _ => "the daemon is shutting down and begins nothing new",
             };
-            let _ = reply.send(Err(CommandError::new(503, text)));
-            if let Command::Submit(submission) = command {
+            let _ = reply.send(Err(OrderError::new(503, text)));
+            if let Order::Submit(submission) = order {
                 submission.discard();
             }
             return;
         }
-        let step = match command {
-            Command::Submit(submission) => return self.submit(submission, reply),
-            Command::Again(again) => return self.print_again(again, reply),
-            Command::Remove(id) => return self.remove(&id, reply),
-            Command::Raise => return self.raise(reply),
-            Command::Pause(id) => self.steer(&id, EngineCommand::Pause),
-            Command::Stop(id) => self.steer(&id, EngineCommand::Stop),
-            Command::Resume { id, in_doubt } => self.resume(&id, in_doubt),
-            Command::Abort(Some(id)) => self.steer(&id, EngineCommand::Abort),
-            Command::Abort(None) => self.abort_active(),
+        let step = match order {
+            Order::Submit(submission) => return self.submit(submission, reply),
+            Order::Again(again) => return self.print_again(again, reply),
+            Order::Remove(id) => return self.remove(&id, reply),
+            Order::Raise => return self.raise(reply),
+            Order::Pause(id) => self.steer(&id, Command::Pause),
+            Order::Stop(id) => self.steer(&id, Command::Stop),
+            Order::Resume { id, in_doubt } => self.resume(&id, in_doubt),
+            Order::Abort(Some(id)) => self.steer(&id, Command::Abort),
+            Order::Abort(None) => self.abort_active(),
         };
         let answer = match step {
             Ok(Step::Change(id, change)) => return self.change(id, change, reply),
@@ -82,9 +82,9 @@ impl Printer {
     }
 
     /// Aborts the job that holds the machine; without one the device is told to go dark.
-    fn abort_active(&mut self) -> Result<Step, CommandError> {
+    fn abort_active(&mut self) -> Result<Step, OrderError> {
         if let Some(id) = self.holder().or_else(|| self.jobs.interrupted()).or_else(|| self.jobs.ending()) {
-            return self.steer(&id.to_string(), EngineCommand::Abort);
+            return self.steer(&id.to_string(), Command::Abort);
         }
         // There may be light even without a job.
         self.send_urgent(Urgent::Abort);
@@ -94,16 +94,16 @@ impl Printer {
         } else {
             "no job is active, so there is nothing to abort; the device is told to go dark all the same, as soon as it answers"
         };
-        Err(CommandError::new(409, text))
+        Err(OrderError::new(409, text))
     }
 
     /// Pause, stop or abort.
-    fn steer(&mut self, id: &str, command: EngineCommand) -> Result<Step, CommandError> {
+    fn steer(&mut self, id: &str, command: Command) -> Result<Step, OrderError> {
         let id = self.find(id)?;
         let end = match command {
-            EngineCommand::Abort => Some(EndOrder::Abort),
-            EngineCommand::Stop => Some(EndOrder::Stop),
-            EngineCommand::Pause | EngineCommand::Resume => None,
+            Command::Abort => Some(EndOrder::Abort),
+            Command::Stop => Some(EndOrder::Stop),
+            Command::Pause | Command::Resume => None,
         };
         if self.command_running(id, command)? {
             return Ok(end.map_or(Step::Done(id), |order| Step::Unwritten(id, order)));
@@ -112,9 +112,9 @@ impl Printer {
         let job = self.known(id)?;
         let state = job.view.state;
         let ends = match command {
-            EngineCommand::Abort => !state.is_final(),
-            EngineCommand::Stop => !state.is_final() && state != JobState::Aborting,
-            EngineCommand::Pause | EngineCommand::Resume => false,
+            Command::Abort => !state.is_final(),
+            Command::Stop => !state.is_final() && state != JobState::Aborting,
+            Command::Pause | Command::Resume => false,
         };
         let Some(order) = end.filter(|_| ends) else { return Err(wrong_state(id, state, command)) };
         if is_opening {
@@ -134,18 +134,18 @@ impl Printer {
             return Ok(Step::Next(id));
         }
         if self.shutting_down {
-            return Err(CommandError::new(503, "the daemon is shutting down; end the job when it runs again"));
+            return Err(OrderError::new(503, "the daemon is shutting down; end the job when it runs again"));
         }
         self.waiting(id)?;
         Ok(Step::Change(id, Change::End(order)))
     }
 
-    fn resume(&mut self, id: &str, in_doubt: Option<InDoubt>) -> Result<Step, CommandError> {
+    fn resume(&mut self, id: &str, in_doubt: Option<InDoubt>) -> Result<Step, OrderError> {
         let id = self.find(id)?;
         if in_doubt.is_some() {
             self.check_doubt(id)?;
         }
-        if self.command_running(id, EngineCommand::Resume)? {
+        if self.command_running(id, Command::Resume)? {
             return Ok(Step::Done(id));
         }
         let stays = self.cannot_go_on(id);
@@ -165,7 +165,7 @@ impl Printer {
             JobState::Queued if needs_confirmation || is_unfit => self.plate_is_clear(id),
             JobState::Interrupted => {
                 if let Some(text) = stays {
-                    return Err(CommandError::new(409, text));
+                    return Err(OrderError::new(409, text));
                 }
                 if let (Some((why, _)), Some(layer), ResumeChoice::None) = (&job.doubt, job.view.in_doubt, choice) {
                     return Err(refused(id, &ResumeError::InDoubt { layer, why: why.clone() }));
@@ -173,21 +173,21 @@ impl Printer {
                 job.clear_told();
                 Ok(Step::Change(id, Change::Resume(choice)))
             }
-            state => Err(wrong_state(id, state, EngineCommand::Resume)),
+            state => Err(wrong_state(id, state, Command::Resume)),
         }
     }
 
     /// Takes the operator's confirmation for a queued job that the plate is empty. Refused until the job is next: before that the
     /// operator cannot have looked at the plate that the job will find.
-    fn plate_is_clear(&mut self, id: u32) -> Result<Step, CommandError> {
+    fn plate_is_clear(&mut self, id: u32) -> Result<Step, OrderError> {
         if let Some(ahead) = self.jobs.ahead_of(id, self.holder()) {
             let text = format!("job {id} {ahead}; what is on the plate then is not known yet");
-            return Err(CommandError::new(409, text));
+            return Err(OrderError::new(409, text));
         }
         if let Some(misfit) = self.jobs.get(id).and_then(|job| self.misfit_of(job)) {
             let text =
                 format!("job {id} waits for a device that fits, and the plate is not taken to be empty yet: {misfit}");
-            return Err(CommandError::new(409, text));
+            return Err(OrderError::new(409, text));
         }
         let job = self.waiting(id)?;
         job.awaits_plate = false;
@@ -213,7 +213,7 @@ impl Printer {
     }
 
     /// Refuses a decision on a layer in doubt if it is known that no layer of the job is.
-    fn check_doubt(&self, id: u32) -> Result<(), CommandError> {
+    fn check_doubt(&self, id: u32) -> Result<(), OrderError> {
         let Some(job) = self.jobs.get(id).filter(|job| !job.view.state.is_final()) else { return Ok(()) };
         // While there is light, or without a device, it is not known yet how the exposure ends.
         let is_settled = self.device_state.as_ref().is_some_and(|state| !state.light_on && state.exposing.is_none());
@@ -221,11 +221,11 @@ impl Printer {
         if may_be && job.view.state == JobState::Interrupted {
             return Ok(());
         }
-        Err(CommandError::new(409, format!("no layer of job {id} is in doubt: resume it without --in-doubt")))
+        Err(OrderError::new(409, format!("no layer of job {id} is in doubt: resume it without --in-doubt")))
     }
 
     /// Gives the order to the engine if the job is running; returns whether it is.
-    fn command_running(&mut self, id: u32, command: EngineCommand) -> Result<bool, CommandError> {
+    fn command_running(&mut self, id: u32, command: Command) -> Result<bool, OrderError> {
         let now_us = self.clock.now_us();
         let Some(running) = self.running.as_mut().filter(|running| running.job == id) else { return Ok(false) };
         let state = running.engine.progress().state;
@@ -244,51 +244,51 @@ impl Printer {
         Ok(true)
     }
 
-    fn known(&mut self, id: u32) -> Result<&mut Job, CommandError> {
+    fn known(&mut self, id: u32) -> Result<&mut Job, OrderError> {
         self.jobs.get_mut(id).ok_or_else(|| no_such_job(&id.to_string()))
     }
 
     /// A job for which no other order is being carried out.
-    pub(crate) fn waiting(&mut self, id: u32) -> Result<&mut Job, CommandError> {
+    pub(crate) fn waiting(&mut self, id: u32) -> Result<&mut Job, OrderError> {
         let job = self.known(id)?;
         if job.ordered {
             let text = format!("another order for job {id} is being carried out; look at it and try again");
-            return Err(CommandError::new(409, text));
+            return Err(OrderError::new(409, text));
         }
         Ok(job)
     }
 
-    pub(crate) fn find(&self, id: &str) -> Result<u32, CommandError> {
+    pub(crate) fn find(&self, id: &str) -> Result<u32, OrderError> {
         let number = id.parse().ok().filter(|number| self.jobs.get(*number).is_some());
         number.ok_or_else(|| no_such_job(id))
     }
 
     /// The answer to an order: the job, with a warning.
-    pub(crate) fn view(&self, id: u32, warning: Option<String>) -> Result<Answer, CommandError> {
+    pub(crate) fn view(&self, id: u32, warning: Option<String>) -> Result<Answer, OrderError> {
         let job = self.jobs.get(id).ok_or_else(|| no_such_job(&id.to_string()))?;
         Ok(JobView { warning, ..self.shown(job.view.clone()) }.into())
     }
 }
 
 /// Whether a running job in `state` takes the command.
-fn allowed(state: JobState, command: EngineCommand) -> bool {
+fn allowed(state: JobState, command: Command) -> bool {
     use JobState::{Aborting, Checking, Paused, Pausing, Printing, Stopping};
     match command {
-        EngineCommand::Pause => matches!(state, Checking | Printing | Pausing),
-        EngineCommand::Resume => matches!(state, Pausing | Paused),
-        EngineCommand::Stop => matches!(state, Checking | Printing | Pausing | Paused | Stopping),
-        EngineCommand::Abort => matches!(state, Checking | Printing | Pausing | Paused | Stopping | Aborting),
+        Command::Pause => matches!(state, Checking | Printing | Pausing),
+        Command::Resume => matches!(state, Pausing | Paused),
+        Command::Stop => matches!(state, Checking | Printing | Pausing | Paused | Stopping),
+        Command::Abort => matches!(state, Checking | Printing | Pausing | Paused | Stopping | Aborting),
     }
 }
 
-fn wrong_state(id: u32, state: JobState, command: EngineCommand) -> CommandError {
-    use EngineCommand::{Pause, Resume, Stop};
+fn wrong_state(id: u32, state: JobState, command: Command) -> OrderError {
+    use Command::{Pause, Resume, Stop};
     use JobState::{Aborting, Interrupted, Paused, Queued, Stopping};
     let verb = match command {
         Pause => "pause",
         Resume => "resume",
         Stop => "stop",
-        EngineCommand::Abort => "abort",
+        Command::Abort => "abort",
     };
     let text = match (state, command) {
         (state, Resume) if state.is_final() => {
@@ -305,5 +305,5 @@ fn wrong_state(id: u32, state: JobState, command: EngineCommand) -> CommandError
         (Stopping | Aborting, _) => format!("job {id} is on its way to its end ({state}); it can only be aborted"),
         _ => format!("job {id} is {state}: there is nothing to {verb}"),
     };
-    CommandError::new(409, text)
+    OrderError::new(409, text)
 }

@@ -2,7 +2,7 @@
 
 use crate::api::RaiseView;
 use crate::config::{DlpRecipe, Recipe};
-use crate::daemon::error::CommandError;
+use crate::daemon::error::OrderError;
 use crate::daemon::handle::{Answer, Reply};
 use crate::daemon::jobs::sign::CLEAR_TOLERANCE_UM;
 use crate::daemon::jobs::unwritten::MAX_WRITE_US;
@@ -39,23 +39,23 @@ impl Printer {
     }
 
     /// From where to where the plate would be raised now, or why it must not be.
-    fn may_raise(&self) -> Result<RaiseView, CommandError> {
+    fn may_raise(&self) -> Result<RaiseView, OrderError> {
         if self.shutting_down {
-            return Err(CommandError::new(503, "the daemon is shutting down and begins nothing new"));
+            return Err(OrderError::new(503, "the daemon is shutting down and begins nothing new"));
         }
         if let Some(job) = self.holder() {
             let text = format!(
                 "job {job} has the machine: `layerctl pause` or `layerctl stop` lifts its plate clear of the resin"
             );
-            return Err(CommandError::new(409, text));
+            return Err(OrderError::new(409, text));
         }
         if let Some(Raise { view, stage: Stage::Moving, .. }) = &self.idle.raise {
             return Ok(view.clone());
         }
         let (Some(capabilities), Some(state)) = (&self.capabilities, &self.device_state) else { return Err(absent()) };
         check_capabilities(&self.setting.machine, capabilities)
-            .map_err(|error| CommandError::new(409, error.to_string()))?;
-        let from_um = raised_from(state).map_err(|text| CommandError::new(409, text))?;
+            .map_err(|error| OrderError::new(409, error.to_string()))?;
+        let from_um = raised_from(state).map_err(|text| OrderError::new(409, text))?;
         Ok(RaiseView { from_um, to_um: self.clear_um().max(from_um), warning: None })
     }
 
@@ -91,13 +91,13 @@ impl Printer {
         }
     }
 
-    fn command_raise(&mut self, view: RaiseView) -> Result<RaiseView, CommandError> {
+    fn command_raise(&mut self, view: RaiseView) -> Result<RaiseView, OrderError> {
         let RaiseView { from_um, to_um, .. } = view;
         let Recipe::Dlp(DlpRecipe { lift_speed_um_s: speed_um_s, .. }) = self.setting.recipe;
         let now_us = self.clock.now_us();
         let driver = self.idle.driver.as_mut().ok_or_else(absent)?;
         let act = Act::Vat(VatAct::Move { position_um: to_um, speed_um_s });
-        driver.act(act, now_us).map_err(|error| CommandError::new(409, error.to_string()))?;
+        driver.act(act, now_us).map_err(|error| OrderError::new(409, error.to_string()))?;
         let travel_us = u64::from(to_um.abs_diff(from_um)) * 1_000_000 / u64::from(speed_um_s.max(1));
         let deadline = Deadline::at(now_us + travel_us + ACT_MARGIN_US);
         self.idle.raise = Some(Raise { view: view.clone(), stage: Stage::Moving, deadline });
@@ -111,7 +111,7 @@ impl Printer {
             self.idle.raise.take_if(|raise| matches!(raise.stage, Stage::Noting(_)))
         {
             for reply in replies {
-                let _ = reply.send(Err(CommandError::new(409, format!("the plate was not raised: {why}"))));
+                let _ = reply.send(Err(OrderError::new(409, format!("the plate was not raised: {why}"))));
             }
         }
     }
@@ -203,6 +203,6 @@ impl Printer {
     }
 }
 
-fn absent() -> CommandError {
-    CommandError::new(409, "the device does not answer, so nothing can be moved: `layerctl status` tells why")
+fn absent() -> OrderError {
+    OrderError::new(409, "the device does not answer, so nothing can be moved: `layerctl status` tells why")
 }

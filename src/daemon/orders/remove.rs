@@ -4,7 +4,7 @@ use std::sync::{Arc, PoisonError};
 
 use crate::api::RemovedView;
 use crate::daemon::background::Background;
-use crate::daemon::error::CommandError;
+use crate::daemon::error::OrderError;
 use crate::daemon::handle::{Answer, Reply};
 use crate::daemon::printer::Printer;
 use crate::job::JobState;
@@ -21,7 +21,7 @@ impl Printer {
         }
     }
 
-    fn removable(&mut self, id: &str) -> Result<u32, CommandError> {
+    fn removable(&mut self, id: &str) -> Result<u32, OrderError> {
         let id = self.find(id)?;
         let state = self.waiting(id)?.view.state;
         if state.is_final() {
@@ -31,7 +31,7 @@ impl Printer {
             JobState::Queued | JobState::Interrupted => format!("`layerctl abort {id}` ends it first"),
             _ => format!("`layerctl stop {id}` or `layerctl abort {id}` ends it first"),
         };
-        Err(CommandError::new(409, format!("job {id} is {state}; only a job that is over can be removed: {what}")))
+        Err(OrderError::new(409, format!("job {id} is {state}; only a job that is over can be removed: {what}")))
     }
 
     fn delete(&mut self, id: u32, reply: Reply) {
@@ -57,7 +57,7 @@ impl Printer {
                 if let Some(job) = self.jobs.get_mut(id) {
                     job.ordered = false;
                 }
-                Err(CommandError::new(500, text))
+                Err(OrderError::new(500, text))
             }
         };
         self.publish();

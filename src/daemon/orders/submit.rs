@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use crate::api::JobView;
 use crate::config::Recipe;
 use crate::daemon::background::Background;
-use crate::daemon::error::CommandError;
+use crate::daemon::error::OrderError;
 use crate::daemon::handle::{Reply, Submission};
 use crate::daemon::host::clock::unix_ms;
 use crate::daemon::jobs::job::Job;
@@ -27,7 +27,7 @@ impl Printer {
     pub(crate) fn take_in(
         &self,
         jobs_ended: u64,
-        receive: impl FnOnce() -> Result<Submission, CommandError> + Send + 'static,
+        receive: impl FnOnce() -> Result<Submission, OrderError> + Send + 'static,
         words: fn(&PartError) -> String,
         reply: Reply,
     ) {
@@ -49,7 +49,7 @@ impl Printer {
     }
 
     /// Queues a job that was put into the spool, or answers why it was not.
-    pub(crate) fn accepted(&mut self, result: Result<Box<Job>, CommandError>, jobs_ended: u64, reply: Reply) {
+    pub(crate) fn accepted(&mut self, result: Result<Box<Job>, OrderError>, jobs_ended: u64, reply: Reply) {
         let answer = result.map(|job| {
             let id = job.directory.id;
             self.sampler.want(&job.directory);
@@ -87,9 +87,9 @@ impl Printer {
     }
 }
 
-fn unprintable(submission: &Submission, text: &str) -> CommandError {
+fn unprintable(submission: &Submission, text: &str) -> OrderError {
     // The operator knows the part by its own name, not by its path in the spool.
-    CommandError::new(422, text.replace(&submission.part.display().to_string(), &submission.name))
+    OrderError::new(422, text.replace(&submission.part.display().to_string(), &submission.name))
 }
 
 /// Checks a new job, including its bottom layers if `looks`, and puts it into the spool. Blocks.
@@ -100,7 +100,7 @@ fn accept(
     recipe: &Recipe,
     limit_bytes: u64,
     looks: bool,
-) -> Result<Job, CommandError> {
+) -> Result<Job, OrderError> {
     let part = Placed::open(&submission.part, &Resolution::of(&setting.machine, recipe))
         .and_then(|placed| placed.fit(setting.threads, limit_bytes))
         .map_err(|error| unprintable(submission, &error.to_string()))?;
@@ -134,7 +134,7 @@ fn accept(
     Ok(Job::accepted(directory, key, layer_count, name, machine, recipe.clone()))
 }
 
-pub(super) fn spool_error(error: &SpoolError) -> CommandError {
+pub(super) fn spool_error(error: &SpoolError) -> OrderError {
     let is_full = match error {
         SpoolError::NoSpace { .. } => true,
         SpoolError::Io { source, .. } | SpoolError::Journal(JournalError::Io { source, .. }) => {
@@ -143,5 +143,5 @@ pub(super) fn spool_error(error: &SpoolError) -> CommandError {
         _ => false,
     };
     let status = if is_full { 507 } else { 500 };
-    CommandError::new(status, error.to_string())
+    OrderError::new(status, error.to_string())
 }

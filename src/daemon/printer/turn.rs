@@ -4,7 +4,7 @@ use std::sync::{Arc, PoisonError};
 
 use super::Printer;
 use crate::daemon::background::Background;
-use crate::daemon::error::CommandError;
+use crate::daemon::error::OrderError;
 use crate::daemon::jobs::job::TakeUp;
 use crate::daemon::jobs::opened::{Opened, Unopened};
 use crate::daemon::jobs::settle::Change;
@@ -89,7 +89,7 @@ impl Printer {
             self.change(id, Change::Close, reply);
         }
         for reply in replies {
-            let failed = || CommandError::new(409, format!("job {id} could not be taken up: {text}"));
+            let failed = || OrderError::new(409, format!("job {id} could not be taken up: {text}"));
             // The client may be gone.
             let _ = reply.send(if state.is_final() { self.view(id, None) } else { Err(failed()) });
         }
