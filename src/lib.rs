@@ -16,7 +16,7 @@
 //! | [`layer`]     | one layer as pixels, the grid it is made for, export as PNG       |
 //! | [`mod@slice`] | a part as a stream of layers, drawn body by body                  |
 //! | [`stream`]    | computing ahead: thread, memory budget, queue of finished layers  |
-//! | [`link`]      | the wire: frames, reliable session with credit, serial transport  |
+//! | [`link`]      | the serial line: the host's session, the port; bytes: [`layerd_wire`] |
 //! | [`device`]    | drivers, layer encodings and the simulated devices                |
 //! | [`pipeline`]  | a part on a machine with a recipe: encoded layers, ahead          |
 //! | [`job`]       | the life of a job: states, journal, resume                        |

@@ -3,7 +3,8 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-/// What each module may import, of the modules in this table. A module may always import itself and [`BASE`].
+/// What each module may import, of the modules in this table. A module may always import itself and [`BASE`]. The crate `layerd-wire`
+/// stands below all of them: it is a package of its own and cannot import any.
 const MAY_KNOW: &[(&str, &[&str])] = &[
     ("layer", &[]),
     ("solid", &[]),

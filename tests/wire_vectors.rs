@@ -252,6 +252,34 @@ fn the_bytes_in_the_document_are_those_of_the_vectors() {
     }
 }
 
+/// The tables of requests, replies and refusals.
+#[test]
+fn the_codes_in_the_document_are_those_on_the_line() {
+    let (vectors, document) = (vectors(), include_str!("../docs/protocol.md"));
+    // A request's or reply's code follows the kind of message and the number; a refusal's code follows that.
+    let code = |vector: &str, at: usize| decode(&vectors[vector]).payload[at];
+    for (vector, name) in [
+        ("request_state", "State"),
+        ("request_layer_begin", "LayerBegin"),
+        ("request_expose", "Expose"),
+        ("request_home", "Home"),
+        ("request_move", "Move"),
+        ("reply_done", "Done"),
+        ("reply_state", "State"),
+        ("reply_refused_1", "Refused"),
+        ("reply_exposed", "Exposed"),
+        ("reply_moved", "Moved"),
+    ] {
+        let row = format!("| 0x{:02X} {name} ", code(vector, 5));
+        assert!(document.contains(&row), "docs/protocol.md has no row {row}");
+    }
+    for number in 1..=12 {
+        let row = format!("| {} ", code(&format!("reply_refused_{number}"), 6));
+        let refusals = document.lines().skip_while(|line| !line.starts_with("| refusal "));
+        assert!(refusals.take(14).any(|line| line.starts_with(&row)), "docs/protocol.md has no refusal {number}");
+    }
+}
+
 #[test]
 fn a_largest_welcome_fits_a_host_frame() {
     let mut capabilities = capabilities();

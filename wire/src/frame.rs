@@ -1,5 +1,5 @@
-//! Frames: type, session, sequence, payload and CRC-32, COBS-encoded and ended by a zero byte. The example of the
-//! [crate](crate) reads one.
+//! Frames: type, session, sequence, payload and CRC-32, COBS-encoded and ended by a zero byte. The
+//! [crate's example](crate) reads one.
 
 use alloc::vec::Vec;
 

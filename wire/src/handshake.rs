@@ -1,5 +1,5 @@
-//! Payloads of all frames except data: hello, welcome, refusal, acknowledgement, urgent. The example of the
-//! [crate](crate) shows a handshake.
+//! Payloads of all frames except data: hello, welcome, refusal, acknowledgement, urgent. The
+//! [crate's example](crate) shows a handshake.
 
 use alloc::vec::Vec;
 

@@ -1,7 +1,7 @@
 //! The messages between host and device, carried in data frames. `docs/protocol.md` is the contract.
 //!
-//! Every [`Request`] has a number, which its [`Reply`] repeats. A [`Report`] answers no request. The example of the
-//! [crate](crate) answers requests.
+//! Every [`Request`] has a number, which its [`Reply`] repeats. A [`Report`] answers no request. The
+//! [crate's example](crate) answers requests.
 
 use alloc::string::String;
 use alloc::vec::Vec;

@@ -1,4 +1,4 @@
-//! The device's end of a session. The simulated devices of `layerd` run it. The example of the [crate](crate) does, too.
+//! The device's end of a session. The simulated devices of `layerd` run it. The [crate's example](crate) does, too.
 
 use alloc::boxed::Box;
 use alloc::collections::VecDeque;

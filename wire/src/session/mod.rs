@@ -2,7 +2,7 @@
 //!
 //! Bytes from the line go in, whole frames for the line come out. The owner passes the time in microseconds since any fixed
 //! start. After every input the owner calls `transmit` while the line takes bytes and `event` until it is empty; it calls
-//! `handle_timeout` at `next_timeout_us`. The example of the [crate](crate) shows it.
+//! `handle_timeout` at `next_timeout_us`. The [crate's example](crate) shows it.
 //!
 //! [`DeviceSession`] is the device's end. The host's end is part of `layerd`; both are built on [`Endpoint`], which carries data
 //! reliably, and [`Line`], which converts between bytes and frames.
