@@ -85,8 +85,8 @@ const PASS_TIME: Duration = Duration::from_secs(8);
 const PASS_LAYERS: u32 = 20;
 
 /// Passes are repeated until they have lasted this long together, and at most so often.
-const LEAST_TIME: Duration = Duration::from_secs(2);
-const MOST_PASSES: u32 = 20;
+const MIN_TIME: Duration = Duration::from_secs(2);
+const MAX_PASSES: u32 = 20;
 
 /// What a process is asked to measure; it travels as JSON in its argument.
 #[derive(Serialize, Deserialize)]
@@ -273,7 +273,7 @@ fn measure(order: &Order) -> anyhow::Result<Found> {
     };
     let mut total = Duration::ZERO;
     let mut passes = 0;
-    while passes < MOST_PASSES && total < LEAST_TIME {
+    while passes < MAX_PASSES && total < MIN_TIME {
         // A row that needs more than its budget is marked in the table and measured all the same.
         let budget = MemoryBudget::new(need_bytes.max(budget_mib << 20));
         // The layer before the first one timed takes in all that lies within its reach.

@@ -1,4 +1,4 @@
-//! Free space of a file system, and files that are opened without waiting and read up to a limit.
+//! Free space of a file system, and files that are opened without waiting and read up to a limit. `job/spool.rs` reads its files with it.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Read};

@@ -7,12 +7,12 @@
 //!                           └───────── job engine, journal ◀───┘ acknowledged, exposed
 //! ```
 //!
-//! Data flows one way, each step has one owner, and every queue between two steps has a bound:
+//! Data flows one way, each step has one owner, and every queue between two steps has a limit:
 //!
 //! | module        | owns                                                              |
 //! |---------------|-------------------------------------------------------------------|
-//! | [`buildfile`] | the build file: import, sort out of core, write, stream, seek     |
-//! | [`solid`]     | what is inside at a point: convolution struts, exact union        |
+//! | [`buildfile`] | the build file: import, external sort, write, stream, seek        |
+//! | [`solid`]     | which points are solid: convolution struts, exact union           |
 //! | [`layer`]     | one layer as pixels, the grid it is made for, export as PNG       |
 //! | [`mod@slice`] | a part as a stream of layers, drawn body by body                  |
 //! | [`stream`]    | computing ahead: thread, memory budget, queue of finished layers  |
@@ -21,7 +21,6 @@
 //! | [`pipeline`]  | a part on a machine with a recipe: encoded layers, ahead          |
 //! | [`job`]       | the life of a job: states, journal, resume                        |
 //! | [`config`]    | machines, recipes and the daemon's own settings                   |
-//! | [`codec`]     | small values as bytes: bincode, under a limit                     |
 //! | [`api`]       | the control API's types, for daemon and clients                   |
 //! | [`daemon`]    | control API, systemd, wiring the above together                   |
 //! | [`cli`]       | `layerctl`                                                        |
@@ -31,7 +30,7 @@
 pub mod api;
 pub mod buildfile;
 pub mod cli;
-pub mod codec;
+mod codec;
 pub mod config;
 pub mod daemon;
 mod deadline;

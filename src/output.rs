@@ -1,4 +1,5 @@
-//! A file that appears whole or not at all: written without a name if the file system allows that, then linked and renamed.
+//! A file that appears complete or not at all: it is written without a name if the file system allows that, then linked and renamed.
+//! `buildfile/store/writer.rs` and `layerctl slice` write with it.
 
 use std::fs::{File, OpenOptions};
 use std::io;
@@ -9,7 +10,7 @@ use std::path::{Path, PathBuf};
 use rustix::fs::{AtFlags, CWD, Mode, OFlags};
 use tempfile::NamedTempFile;
 
-/// A file on its way to `path`.
+/// A file that is being written and will replace `path`.
 #[derive(Debug)]
 pub(crate) struct Output {
     path: PathBuf,
@@ -19,9 +20,9 @@ pub(crate) struct Output {
 
 #[derive(Debug)]
 enum Target {
-    /// Has no name: the kernel frees it even if this process is killed.
+    /// It has no name: the kernel frees it even if this process is killed.
     Unnamed(File),
-    /// Has a passing name, which is removed on drop: for file systems without `O_TMPFILE`.
+    /// It has a temporary name, which is removed on drop: for file systems without `O_TMPFILE`.
     Named(NamedTempFile),
 }
 
@@ -29,14 +30,14 @@ impl Output {
     /// Begins a file that will replace `path`.
     ///
     /// # Errors
-    /// `path` is not a regular file's, or its directory cannot be written to.
+    /// If `path` exists and is not a regular file, or its directory cannot be written to.
     pub(crate) fn create(path: &Path) -> io::Result<Self> {
         if std::fs::metadata(path).is_ok_and(|metadata| !metadata.is_file()) {
-            return Err(io::Error::other("it exists and is not a file; name a file to write"));
+            return Err(io::Error::other("it exists and is not a regular file; choose another name"));
         }
         let directory = directory_of(path).to_owned();
         if path.file_name().is_none() {
-            return Err(io::Error::other("it names no file"));
+            return Err(io::Error::other("it is not the name of a file"));
         }
         if !directory.is_dir() {
             return Err(io::Error::other(format!("the directory {} does not exist", directory.display())));
@@ -49,7 +50,7 @@ impl Output {
                 let mut builder = tempfile::Builder::new();
                 let named = builder.prefix(".layerd-").suffix(".tmp").tempfile_in(&directory);
                 Target::Named(named.map_err(|error| {
-                    // The error's own text names the passing file, which the user does not know.
+                    // The message of the error names the temporary file, which the user does not know.
                     let text = format!("the directory {} cannot be written to ({})", directory.display(), error.kind());
                     io::Error::new(error.kind(), text)
                 })?)
@@ -69,7 +70,7 @@ impl Output {
     /// Syncs the file, gives it its name and syncs the directory.
     ///
     /// # Errors
-    /// The file is removed, and an earlier file of this name is unchanged; unless only the final sync of the directory failed.
+    /// The file is removed, and an earlier file of this name is unchanged, unless only the final sync of the directory failed.
     pub(crate) fn persist(self) -> io::Result<()> {
         self.file().sync_all()?;
         let directory = File::open(&self.directory)?;
@@ -93,7 +94,7 @@ impl Output {
     }
 }
 
-/// The directory a file lies in.
+/// The directory of a file.
 pub(crate) fn directory_of(path: &Path) -> &Path {
     match path.parent() {
         Some(parent) if parent != Path::new("") => parent,
@@ -101,13 +102,13 @@ pub(crate) fn directory_of(path: &Path) -> &Path {
     }
 }
 
-/// Names an unnamed file. `linkat` cannot replace a file, so the file gets a passing name first and is then renamed.
+/// Names an unnamed file. `linkat` cannot replace a file, so the file first gets a temporary name and is then renamed.
 fn link(file: &File, directory: &Path, path: &Path) -> io::Result<()> {
     let descriptor = format!("/proc/self/fd/{}", file.as_raw_fd());
     let passing = directory.join(format!(".layerd-{}-{}.tmp", std::process::id(), file.as_raw_fd()));
     let link = || rustix::fs::linkat(CWD, &descriptor, CWD, &passing, AtFlags::SYMLINK_FOLLOW);
     if link() == Err(rustix::io::Errno::EXIST) {
-        // Left by a process with the same id that was killed between the two calls.
+        // A process with the same id was killed between the two calls.
         std::fs::remove_file(&passing)?;
         link()?;
     }

@@ -1,7 +1,7 @@
 //! Makes text from outside safe to show: names of files and jobs, and texts of a device.
 //!
 //! A terminal obeys control characters, and bidirectional controls and other invisible characters can make a text look like
-//! another. All of them are escaped.
+//! another. All of them are escaped. Messages of the daemon, the log and `layerctl` pass through it.
 
 use std::borrow::Cow;
 use std::io::Write;

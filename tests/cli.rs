@@ -167,7 +167,7 @@ fn what_is_no_zip_is_told_to_be_no_3mf() {
     let output = layerctl(&["pack", file.to_str().unwrap(), "-o", out.to_str().unwrap()], Path::new("/nonexistent"));
     let told = stderr(&output);
     assert_eq!(output.status.code(), Some(1), "{told}");
-    assert!(told.contains("part.3mf: it is no 3MF file") && !told.contains("EOCD"), "{told}");
+    assert!(told.contains("part.3mf: it is not a 3MF file") && !told.contains("EOCD"), "{told}");
 }
 
 #[test]
@@ -222,7 +222,7 @@ fn counts_and_sizes_read_well() {
     assert!(stderr(&output).starts_with("note: 1 more picture of layers, from another run, "), "{output:?}");
     let output = layerctl(&["info", &part], Path::new("/nonexistent"));
     let told = String::from_utf8_lossy(&output.stdout).into_owned();
-    assert!(output.status.success() && told.contains(" bytes a strut, in 1 chunk\n"), "{told}");
+    assert!(output.status.success() && told.contains(" bytes per strut, in 1 chunk\n"), "{told}");
 }
 
 #[test]

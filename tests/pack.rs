@@ -85,7 +85,8 @@ fn a_quantum_bounds_the_error_along_each_axis_and_how_far_coordinates_reach() {
         }
         let output = Command::new(env!("CARGO_BIN_EXE_layerctl")).arg("info").arg(bench.path("out.layerd")).output();
         let told = String::from_utf8(output.expect("layerctl runs").stdout).expect("is text");
-        let expected = format!("{quantum_um} µm: coordinates are off their source by at most {} µm", quantum_um / 2.0);
+        let expected =
+            format!("{quantum_um} µm: coordinates differ from the source by at most {} µm", quantum_um / 2.0);
         assert!(told.contains(&expected), "{told}");
     }
     bench.options.quantum_um = 250.0;
@@ -156,7 +157,7 @@ fn factors_for_each_axis_move_nodes_exactly_and_give_radii_their_mean() {
     bench.options.scale = [1.0, 1.0, 1.026];
     let found = said(bench.text("1 2 0 0\n0 0 0 0 10 1\n"));
     let told =
-        ["in.txt:2", "by 1.0000 to 1.0260", "off by up to 26 µm", "allowed are 25 µm", "differ by at most 0.025"];
+        ["in.txt:2", "by 1.0000 to 1.0260", "off by up to 26 µm", "the limit is 25 µm", "differ by at most 0.025"];
     assert!(told.iter().all(|told| found.contains(told)), "{found}");
     bench.options.scale = [1.0, 0.0, 1.0];
     assert!(said(bench.text(text)).contains("--scale 1,0,1: allowed is"));
@@ -171,7 +172,7 @@ fn transforms_that_stretch_count_together_with_the_factors() {
     assert_eq!((struts[0].b, struts[0].radius_a, struts[0].radius_b), ([8000, 0, 10_200], 1010, 505));
     assert_eq!(off_um(&report), Some(10.0));
     let found = said(bench.model(&model("", "", lattice, "", &item(1.0, 2.0))));
-    assert!(found.contains("object 7 (Tower): beam 1") && found.contains("allowed are 25 µm"), "{found}");
+    assert!(found.contains("object 7 (Tower): beam 1") && found.contains("the limit is 25 µm"), "{found}");
     // What the factors undo is round again.
     bench.options.scale = [1.0, 1.0, 0.5];
     let (report, struts) = bench.model(&model("", "", lattice, "", &item(1.0, 2.0))).expect("is fine");
@@ -302,7 +303,7 @@ fn hostile_3mf_is_refused_in_words() {
         (bomb, "zip bomb"),
         (long, "longer than"),
         (many, "more than 128 attributes"),
-        (format!("{HEAD}><resources>"), "cut short"),
+        (format!("{HEAD}><resources>"), "truncated"),
         ("<!DOCTYPE a [<!ENTITY b 'c'>]><a/>".into(), "document type"),
         (model("", "", r#"<b:beams><b:beam v1="0" v2="9"/></b:beams>"#, "", ITEM), "beam 1: vertex 9; there are 3"),
         (model("", "", r#"<b:beams><b:beam v1="0" v2="0"/></b:beams>"#, "", ITEM), "1 beam of no length"),
@@ -316,7 +317,7 @@ fn hostile_3mf_is_refused_in_words() {
         assert!(found.contains(expected), "`{found}` does not say `{expected}`");
         assert!(!bench.path("out.layerd").exists());
     }
-    assert!(said(bench.pack(&bench.file("bad.3mf", b"PK no zip at all"))).contains("no 3MF file"));
+    assert!(said(bench.pack(&bench.file("bad.3mf", b"PK no zip at all"))).contains("not a 3MF file"));
 }
 
 #[test]

@@ -88,7 +88,7 @@ fn required_extensions_that_change_nothing_are_noted_and_others_refused() {
     let secure = "xmlns:sc='http://schemas.microsoft.com/3dmanufacturing/securecontent/2019/04'";
     let text = posts(&format!("{secure} requiredextensions=' b  sc x '"), &[0], ITEM);
     let (told, _) = notes(&bench, &text);
-    for name in ["`sc`", "securecontent/2019/04", "`x`", "http://example.org/unheard-of", "uses nothing of it"] {
+    for name in ["`sc`", "securecontent/2019/04", "`x`", "http://example.org/unheard-of", "does not use it"] {
         assert!(told.contains(name), "{told}");
     }
     let keystore = RELATIONSHIPS.replace(
@@ -218,7 +218,7 @@ fn long_texts_and_comments_are_passed_over() {
     }
     let quoted = plain.replace("name=\"Posts\"", "name=\"<!-- a > b -->\"");
     assert_eq!(notes(&bench, &quoted).1, expected, "a value is no comment");
-    for (unended, expected) in [("<!-- ", "cut short"), ("<![CDATA[ ]]", "cut short"), ("<!ELEMENT a>", "neither")] {
+    for (unended, expected) in [("<!-- ", "truncated"), ("<![CDATA[ ]]", "truncated"), ("<!ELEMENT a>", "neither")] {
         let found = said(bench.model(&plain.replace("</model>", unended)));
         assert!(found.contains(expected), "{found}");
     }

@@ -3,7 +3,11 @@
 mod properties;
 mod slice_part;
 
-use layerd::buildfile::{Blend, Bounds, Cap, Caps, Header, Lattice, Placement, Strut};
+use std::sync::Arc;
+
+use layerd::buildfile::{
+    Blend, BodySettings, Bounds, BuildFile, Cap, Caps, Header, Lattice, Placement, Strut, Writer, WriterSettings,
+};
 use layerd::layer::{Bitmap, Depth, Mirror, Raster};
 use layerd::slice::{BodySource, Footing, MemoryStruts, PlanError, SliceError, SlicePlan, Slicer};
 use layerd::solid::{Beam, InstructionSet};
@@ -267,6 +271,48 @@ fn bottom_layers_that_would_hold_to_nothing_are_found() {
         footing(&[spike(0, 400)], -1.0, 2).problem(9).map(|told| told.contains("all layers are dark")),
         Some(true)
     );
+}
+
+/// Two lattices in one file share its index and the buffers that read it.
+#[test]
+fn the_memory_of_a_build_file_is_counted_once_for_all_its_bodies() {
+    let directory = tempfile::tempdir().expect("temporary directory");
+    let path = directory.path().join("part.layerd");
+    let lattice = |blend| BodySettings::Lattice { blend, largest_radius: 90 };
+    let settings = WriterSettings {
+        quantum_um: 1.0,
+        placement: Placement::Centred,
+        source_digest: [0; 32],
+        source_name: String::new(),
+        bodies: vec![lattice(Blend::Union), lattice(CONVOLUTION)],
+    };
+    let mut writer = Writer::create(&path, settings).expect("can be created");
+    let post = |x: i32| strut([x, 0, 0], [x, 0, 500], 90, 90);
+    (0..20_000).for_each(|x| writer.push(post(x / 10)).expect("in order"));
+    writer.next_body().expect("one more");
+    writer.push(post(700)).expect("in order");
+    let header = writer.finish().expect("is whole");
+    let file = Arc::new(BuildFile::open(&path).expect("is whole"));
+    let plan = SlicePlan::new(&header, wide_raster(), Depth::Bit, 50.0).expect("it fits");
+    for threads in [1, 3] {
+        let bodies = BodySource::of(&file);
+        let [one, other] = [0, 1].map(|body| Slicer::memory_bytes(&bodies[body..=body], &plan, threads));
+        let both = Slicer::memory_bytes(&bodies, &plan, threads);
+        assert_eq!(one + other - both, (file.memory_bytes() + threads * file.scratch_bytes()) as u64);
+        assert!(file.memory_bytes() > 3 * 40, "an index of three chunks");
+        let budget = MemoryBudget::new(both);
+        let mut slicer = Slicer::new(bodies, plan.clone(), threads, 0, &budget).expect("a slicer");
+        assert_eq!(budget.used_bytes(), both, "what was stated is what is charged");
+        let mut bitmap = Bitmap::new(plan.raster.width_px, plan.raster.height_px, Depth::Bit);
+        assert_eq!(slicer.next_layer(&mut bitmap).expect("a layer"), Some(0));
+        assert_eq!(slicer.active_struts(), 20_001);
+        drop(slicer);
+        assert_eq!(budget.used_bytes(), 0);
+    }
+}
+
+fn wide_raster() -> Raster {
+    Raster { width_px: 200, ..raster(Mirror::default()) }
 }
 
 #[test]

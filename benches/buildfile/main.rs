@@ -20,13 +20,12 @@ use layerd::buildfile::{BuildFile, PackOptions, pack};
 const STRUTS: u64 = 1_000_000;
 
 /// Struts of the largest lattice of Liu et al. 2021, table 4.
-const LARGEST_STRUTS: u64 = 101_500_000;
+const MAX_STRUTS: u64 = 101_500_000;
 
 fn main() {
     let Some(path) = std::env::var_os("LAYERD_STANDIN").map(PathBuf::from) else { return divan::main() };
     let struts = std::env::var("LAYERD_STANDIN_STRUTS").ok();
-    let struts =
-        struts.map_or(LARGEST_STRUTS, |struts| struts.parse().expect("LAYERD_STANDIN_STRUTS is a whole number"));
+    let struts = struts.map_or(MAX_STRUTS, |struts| struts.parse().expect("LAYERD_STANDIN_STRUTS is a whole number"));
     standin::write(&path, struts).expect("can be written");
 }
 

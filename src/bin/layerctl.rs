@@ -1,4 +1,4 @@
-//! The operator's command. Its code is in [`layerd::cli`].
+//! The operator's command; its code is in [`layerd::cli`]. `layerctl demo` shows everything on a simulated machine.
 
 fn main() -> std::process::ExitCode {
     layerd::cli::run()

@@ -1,4 +1,6 @@
-//! The daemon on a printer's host: computes layers just ahead of the printer and sends them to it.
+//! The daemon on the host of a printer: it computes layers just ahead of the printer and sends them to it.
+//!
+//! `layerd --config config/layerd.toml --check` checks a configuration; README.md shows a first start.
 
 use std::path::Path;
 use std::process::ExitCode;

@@ -1,13 +1,13 @@
-//! Why a build file could not be made.
+//! Why a build file could not be made: [`pack`](super::pack) and [`generate`](super::generate) return it.
 
 use std::path::PathBuf;
 
 use super::store::WriteError;
 
-/// Why packing failed. Nothing half-written stays behind.
+/// Packing failed. No file stays behind.
 #[derive(Debug, thiserror::Error)]
 pub enum PackError {
-    /// A source cannot be read.
+    /// A source could not be read.
     #[error("cannot read {}: {source}", path.display())]
     Read {
         /// The file.
@@ -15,21 +15,21 @@ pub enum PackError {
         /// Why.
         source: std::io::Error,
     },
-    /// A source holds what cannot be printed.
+    /// A source contains something that cannot be packed.
     #[error("{place}: {problem}")]
     Input {
         /// File, and line or object.
         place: String,
-        /// What was found, what is allowed, and the remedy.
+        /// What was found, what is allowed, and what to do.
         problem: String,
     },
     /// An option is out of range.
     #[error("{0}")]
     Option(String),
-    /// Sorting out of core failed.
+    /// The temporary file of the sort could not be written or read.
     #[error("cannot write beside the build file, in {}: {source}", directory.display())]
     Sort {
-        /// Where runs are spilled: beside the build file.
+        /// Directory of the temporary file: that of the build file.
         directory: PathBuf,
         /// Why.
         source: std::io::Error,
@@ -40,7 +40,7 @@ pub enum PackError {
 }
 
 impl PackError {
-    /// An [`PackError::Input`].
+    /// A [`PackError::Input`].
     pub(super) fn input(place: impl Into<String>, problem: impl Into<String>) -> Self {
         Self::Input { place: place.into(), problem: problem.into() }
     }

@@ -1,40 +1,41 @@
-//! What a build file holds, in the quantised units it is stored in.
+//! The contents of a build file, in the quantised units of the file.
 //!
-//! Coordinates are integers in units of [`Header::quantum_um`]: comparison, sorting and sharing of nodes are exact, and a
-//! file means the same on every machine.
+//! Coordinates are integers in units of [`Header::quantum_um`]. Comparing, sorting and sharing of nodes are therefore exact, and a file
+//! means the same on every machine. [`buildfile`](crate::buildfile) has an example.
 
 use bincode::{Decode, Encode};
 
 use crate::solid;
 
-/// Lengths a quantum may have, micrometres: from what no printer can tell to what no part can spare, and coordinates of 2³⁰ of
-/// them still reach 1 m.
+/// Allowed lengths of a quantum, micrometres: from finer than any printer to as coarse as any part allows. With the finest, 2³⁰ quanta
+/// are still 1 m.
 pub(super) const QUANTA_UM: std::ops::RangeInclusive<f64> = 1e-3..=1e3;
 
-/// Support R as a multiple of the largest radius where none is named: keeps every radius at or below 2R/3.
+/// Default of the support R as a multiple of the largest radius (Liu et al. 2021, §3.2): every radius is then at most 2R/3.
 pub(super) const SUPPORT_FACTOR: f64 = 1.5;
 
 /// How overlapping struts become one solid.
 #[derive(Clone, Copy, Debug, PartialEq, Encode, Decode)]
 pub enum Blend {
-    /// Convolution surface (Liu et al. 2021, §3): solid where the summed field reaches [`ISOVALUE`](crate::solid::ISOVALUE).
+    /// Convolution surface (Liu et al. 2021, Eq. 6): a point is solid if the summed field is at least
+    /// [`ISOVALUE`](crate::solid::ISOVALUE).
     Convolution {
-        /// Kernel support R in micrometres, one for the whole part; greater than every strut radius / 0.95.
+        /// Support R of the kernel, micrometres, the same for the whole body. Every radius is below 0.95 R.
         support_um: f64,
     },
-    /// Exact union of beams and balls, as the 3MF beam lattice extension specifies.
+    /// Exact union of beams and balls, as the 3MF beam lattice extension defines it.
     Union,
 }
 
-/// The shape of one end of a strut under [`Blend::Union`]; a convolution surface rounds its ends by itself.
+/// The shape of one end of a strut under [`Blend::Union`]. A convolution surface rounds all ends, and does not use it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Encode, Decode)]
 pub enum Cap {
-    /// A whole ball of the end's radius round the node.
+    /// A ball around the node, with the radius of the end.
     #[default]
     Sphere,
-    /// The half of that ball which lies beyond the strut's end.
+    /// The half of that ball that lies beyond the end.
     Hemisphere,
-    /// A flat end in the plane through the node, square to the strut.
+    /// A flat end, in the plane through the node perpendicular to the strut.
     Butt,
 }
 
@@ -48,7 +49,7 @@ impl From<Cap> for solid::Cap {
     }
 }
 
-/// The two ends of a strut, `a` and `b`.
+/// The caps of a strut at `a` and `b`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Encode, Decode)]
 pub struct Caps {
     /// The cap at node `a`.
@@ -57,12 +58,12 @@ pub struct Caps {
     pub b: Cap,
 }
 
-/// One strut between two nodes; the radius varies linearly from `a` to `b`.
+/// A strut between two nodes, whose radius varies linearly from `a` to `b`, or a ball.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Strut {
-    /// Node a, quanta. `a` is the lower end, by z, then y, then x.
+    /// Node a, quanta: the lower end, compared by z, then y, then x.
     pub a: [i32; 3],
-    /// Node b, quanta; equal to `a` only in a ball.
+    /// Node b, quanta. It equals `a` only in a ball.
     pub b: [i32; 3],
     /// Radius at `a`, quanta, at least 1.
     pub radius_a: u32,
@@ -73,12 +74,12 @@ pub struct Strut {
 }
 
 impl Strut {
-    /// Whether this is a ball at a node (3MF balls): a strut of no length, with both radii equal.
+    /// Whether this is a ball at a node (3MF balls): both nodes are the same, and so are both radii.
     pub fn is_ball(&self) -> bool {
         self.a == self.b
     }
 
-    /// The same as solids know it, in quanta.
+    /// The strut as a beam of [`solid`], in quanta.
     pub(super) fn beam(&self) -> solid::Beam {
         solid::Beam {
             a: self.a.map(f64::from),
@@ -90,12 +91,12 @@ impl Strut {
     }
 }
 
-/// Nodes in the file's order: z first, so that ascending nodes ascend in z.
+/// The order of nodes in a file: by z, then y, then x.
 pub(super) fn node_key(node: [i32; 3]) -> [i32; 3] {
     [node[2], node[1], node[0]]
 }
 
-/// An axis-aligned box in quanta, both corners inside.
+/// An axis-aligned box, quanta. Both corners belong to it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
 pub struct Bounds {
     /// Lowest corner.
@@ -105,10 +106,10 @@ pub struct Bounds {
 }
 
 impl Bounds {
-    /// Of nothing.
+    /// The bounds of nothing.
     pub(super) const EMPTY: Self = Self { min: [i32::MAX; 3], max: [i32::MIN; 3] };
 
-    /// Of this and another.
+    /// The bounds of both.
     pub(super) fn joined(mut self, other: &Self) -> Self {
         for axis in 0..3 {
             self.min[axis] = self.min[axis].min(other.min[axis]);
@@ -117,12 +118,12 @@ impl Bounds {
         self
     }
 
-    /// Where it ends below, micrometres.
+    /// Height of the lower end, micrometres.
     pub(super) fn bottom_um(&self, quantum_um: f64) -> f64 {
         f64::from(self.min[2]) * quantum_um
     }
 
-    /// Of one strut more, with its radii; `None` where it reaches beyond ±2³¹ quanta.
+    /// The bounds with one more strut, including its radii; `None` if it reaches beyond ±2³¹ quanta.
     pub(super) fn with(mut self, strut: &Strut) -> Option<Self> {
         for (node, radius) in [(strut.a, strut.radius_a), (strut.b, strut.radius_b)] {
             for (axis, at) in node.into_iter().enumerate() {
@@ -134,12 +135,12 @@ impl Bounds {
     }
 }
 
-/// Where the part stands on the plate.
+/// Position of the part on the plate.
 #[derive(Clone, Copy, Debug, PartialEq, Encode, Decode)]
 pub enum Placement {
-    /// The middle of the part's footprint at the middle of the plate.
+    /// The middle of the footprint is at the middle of the plate.
     Centred,
-    /// The middle of the part's footprint at this point, millimetres from the corner of the build area with the least x and y.
+    /// The middle of the footprint is at this point, measured from the corner of the build area with the lowest x and y.
     At {
         /// Millimetres along x.
         x_mm: f64,
@@ -148,37 +149,37 @@ pub enum Placement {
     },
 }
 
-/// The header of a build file: a plate of bodies, and everything a plan needs before the first chunk is read.
+/// The header of a build file: its bodies, and everything that is needed before the first chunk is read.
 #[derive(Clone, Debug, PartialEq, Encode, Decode)]
 pub struct Header {
-    /// Length of one quantum in micrometres, e.g. 1.0.
+    /// Length of one quantum, micrometres, 0.001 to 1000.
     pub quantum_um: f64,
-    /// Bounds of all bodies. A blend may bulge past them, see [`Lattice::bulge_um`].
+    /// Bounds of all bodies. A convolution may bulge beyond them, by less than its support minus its smallest radius.
     pub bounds: Bounds,
-    /// Height of the lowest solid point, micrometres: what stands on the plate. Exact for a union; of a convolution at most
-    /// about 1 µm above the true one.
+    /// Height of the lowest solid point, which is on the plate, micrometres. Exact for a union; for a convolution at most about 1 µm
+    /// too high.
     pub bottom_um: f64,
-    /// Where the part stands.
+    /// Position of the part on the plate.
     pub placement: Placement,
     /// SHA-256 of the source files' bytes, in the order they were given.
     pub source_digest: [u8; 32],
-    /// Name of the source for people; at most 255 bytes.
+    /// Name of the source, for people; at most 255 bytes.
     pub source_name: String,
-    /// What the part is made of, 1 to [`Header::MAX_BODIES`]. Where bodies overlap the part is solid once.
+    /// The bodies, 1 to [`Header::MAX_BODIES`]. The part is their union.
     pub bodies: Vec<BodyHeader>,
 }
 
 impl Header {
-    /// Most bodies: their headers fit a header's 4096 bytes three times over.
+    /// Most bodies in a part: the headers of so many take a third of the 4096 bytes that a header may have.
     pub const MAX_BODIES: usize = 16;
 
-    /// The lattices among the bodies, in their order.
+    /// The lattices among the bodies, in order.
     pub fn lattices(&self) -> impl Iterator<Item = &Lattice> {
         self.bodies.iter().map(|BodyHeader::Lattice(lattice)| lattice)
     }
 }
 
-/// What one body is.
+/// The header of one body, by kind.
 #[derive(Clone, Debug, PartialEq, Encode, Decode)]
 pub enum BodyHeader {
     /// Struts and balls of one blend.
@@ -188,22 +189,22 @@ pub enum BodyHeader {
 /// The header of a lattice.
 #[derive(Clone, Debug, PartialEq, Encode, Decode)]
 pub struct Lattice {
-    /// How its struts are joined.
+    /// How the struts are joined.
     pub blend: Blend,
-    /// Bounds of all its struts with their radii.
+    /// Bounds of all struts, including their radii.
     pub bounds: Bounds,
-    /// Least and largest strut radius, quanta.
+    /// Smallest and largest radius, quanta.
     pub radius_range: [u32; 2],
-    /// Number of struts, balls not counted.
+    /// Number of struts, without balls.
     pub strut_count: u64,
     /// Number of balls.
     pub ball_count: u64,
-    /// Number of distinct nodes, or 0 where too many were open at once to be counted.
+    /// Number of distinct nodes, or 0 if the writer could not count them with limited memory.
     pub node_count: u64,
 }
 
 impl Lattice {
-    /// How far from its skeleton a strut can make anything solid, micrometres: the support, or the largest radius.
+    /// Greatest distance from its axis at which a strut has any effect, micrometres: the support, or the largest radius.
     pub fn reach_um(&self, quantum_um: f64) -> f64 {
         match self.blend {
             Blend::Convolution { support_um } => support_um,
@@ -211,8 +212,8 @@ impl Lattice {
         }
     }
 
-    /// How far the solid may bulge past `bounds`, micrometres: a convolution by less than its support minus the least radius.
-    pub fn bulge_um(&self, quantum_um: f64) -> f64 {
+    /// Upper limit of how far the solid extends beyond `bounds`, micrometres: the support minus the smallest radius, or 0 for a union.
+    pub(crate) fn bulge_um(&self, quantum_um: f64) -> f64 {
         match self.blend {
             Blend::Convolution { support_um } => support_um - f64::from(self.radius_range[0]) * quantum_um,
             Blend::Union => 0.0,

@@ -1,4 +1,4 @@
-//! What a pack is asked for.
+//! Options of [`pack`](super::pack); `layerctl pack` sets them.
 
 use std::num::NonZero;
 
@@ -7,27 +7,27 @@ use super::model::Placement;
 /// How to pack.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PackOptions {
-    /// Leave out what is not a lattice instead of refusing it.
+    /// Leave out everything that is not a lattice, instead of refusing the source.
     pub lattice_only: bool,
-    /// How struts are joined; `None` is what the format of the sources means: union for 3MF, convolution for edge text.
+    /// How struts are joined. `None` is the default of the source's format: union for 3MF, convolution for edge text.
     pub blend: Option<BlendChoice>,
-    /// Degrees about x, then y, then z.
+    /// Rotation about x, then y, then z, degrees.
     pub rotate_deg: [f64; 3],
-    /// Factors, greater than 0, on lengths along x, y and z, after turning. Radii get the mean of least and largest factor,
-    /// where that leaves no surface more than 25 µm off the stretched one.
+    /// Factors on lengths along x, y and z, applied after the rotation; greater than 0. Radii get the mean of the smallest and the
+    /// largest factor; a part is refused if a surface would then be more than 25 µm off the stretched one.
     pub scale: [f64; 3],
-    /// Where the part stands.
+    /// Position of the part on the plate.
     pub placement: Placement,
-    /// Length of one quantum, micrometres, 0.001 to 1000: coordinates and radii are rounded to whole ones.
+    /// Length of one quantum, micrometres, 0.001 to 1000. Coordinates and radii are rounded to multiples of it.
     pub quantum_um: f64,
-    /// Bytes the out-of-core sort may take.
+    /// Memory of the external sort, bytes.
     pub memory_bytes: u64,
-    /// Threads that parse and sort, and as many, up to 4, that compress. The file does not depend on their number.
+    /// Threads that parse and sort, and equally many, at most 4, that compress. The file does not depend on their number.
     pub threads: NonZero<usize>,
 }
 
 impl Default for PackOptions {
-    /// Taken as it stands, joined as its format means it, in the middle of the plate; 256 MiB of memory, one thread.
+    /// No rotation, no scale, the blend of the source's format, centred; a quantum of 1 µm, 256 MiB of memory, one thread.
     fn default() -> Self {
         Self {
             lattice_only: false,
@@ -42,12 +42,12 @@ impl Default for PackOptions {
     }
 }
 
-/// The blend as it is asked for.
+/// A choice of blend.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum BlendChoice {
-    /// A convolution surface; where no support R is named it is 1.5 times the largest radius.
+    /// A convolution surface.
     Convolution {
-        /// R in millimetres, after scaling.
+        /// Support R, millimetres, not scaled. `None` is 1.5 times the largest radius.
         support_mm: Option<f64>,
     },
     /// The exact union.

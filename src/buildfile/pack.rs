@@ -1,4 +1,4 @@
-//! From sources of any size and order to one build file.
+//! Packs sources of any size and order into one build file. [`buildfile`](crate::buildfile) has an example.
 
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
@@ -7,25 +7,26 @@ use super::error::PackError;
 use super::import::{Collector, Rules, Source, check_options};
 use super::model::{Blend, Caps, Header, Strut};
 use super::options::{BlendChoice, PackOptions};
+use super::primitive::EXPECTED_STRUT_BYTES;
 use super::progress::PackProgress;
 use super::sort::{self, Merge};
-use super::store::{BodySettings, EXPECTED_STRUT_BYTES, WriteError, Writer, WriterSettings};
+use super::store::{BodySettings, WriteError, Writer, WriterSettings};
 use crate::output::{self, Output};
 use crate::text::count_text;
 
-/// What packing did.
+/// Result of packing.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PackReport {
-    /// The finished file's header.
+    /// Header of the finished file.
     pub header: Header,
-    /// Everything that was left out, merged or not taken as the source says, one sentence each.
+    /// One sentence for each thing that was left out, merged, or not taken as the source states it.
     pub notes: Vec<String>,
 }
 
-/// Joins `inputs` into the build file `output`.
+/// Packs `inputs` into the build file `output`.
 ///
 /// # Errors
-/// [`PackError`] names the file, the place in it, what was found and the remedy.
+/// [`PackError`] names the file, the place in it, what was found and what to do.
 pub fn pack(
     inputs: &[PathBuf],
     output: &Path,
@@ -36,7 +37,7 @@ pub fn pack(
     check_options(options)?;
     let sources = inputs.iter().map(|path| Source::of(path)).collect::<Result<Vec<_>, _>>()?;
     let rules = Rules::new(options, options.blend.map_or_else(|| blend_of(&sources), Ok)?)?;
-    // Whether it can be written is told before the sources are read.
+    // Fails before the sources are read if the output cannot be written.
     Output::create(output).map_err(|source| WriteError::Io { path: output.into(), source })?;
     let total = inputs.iter().map(|path| check_input(path, output)).sum::<Result<u64, _>>()?;
     let mut collector = Collector::new(&rules, options, directory);
@@ -68,15 +69,15 @@ pub fn pack(
     Ok(PackReport { header, notes })
 }
 
-/// How struts are joined where nobody says.
+/// The default blend of the sources.
 ///
 /// # Errors
-/// Where the sources mean different things.
+/// If their defaults differ.
 fn blend_of(sources: &[Source]) -> Result<BlendChoice, PackError> {
     let union_count = sources.iter().filter(|source| source.blend() == BlendChoice::Union).count();
     match sources.first() {
         Some(_) if union_count % sources.len() != 0 => Err(PackError::Option(
-            "3MF and edge text together: 3MF means the exact union of its beams, edge text a convolution surface; say which with \
+            "3MF and edge text together: the default of 3MF is the exact union, that of edge text a convolution surface; choose with \
              --blend union or --blend convolution"
                 .into(),
         )),
@@ -85,21 +86,21 @@ fn blend_of(sources: &[Source]) -> Result<BlendChoice, PackError> {
     }
 }
 
-/// Refuses what cannot be a source of `output`; returns its length.
+/// Refuses a path that cannot be a source of `output`; returns the length of the source.
 fn check_input(path: &Path, output: &Path) -> Result<u64, PackError> {
     let metadata = std::fs::metadata(path).map_err(|source| PackError::Read { path: path.into(), source })?;
     if metadata.is_dir() {
         return Err(PackError::input(path.display().to_string(), "it is a directory; name a file to read"));
     }
     if std::fs::metadata(output).is_ok_and(|there| (there.dev(), there.ino()) == (metadata.dev(), metadata.ino())) {
-        let problem = "it is both read and written; name another build file with -o";
+        let problem = "it is both source and output; name another build file with -o";
         return Err(PackError::input(path.display().to_string(), problem));
     }
     Ok(metadata.len())
 }
 
 fn write(
-    sorted: Merge,
+    sorted: Merge<Strut>,
     mut writer: Writer,
     blend: Blend,
     notes: &mut Vec<String>,
@@ -113,7 +114,7 @@ fn write(
             report(total);
         }
         total += 1;
-        // Caps do not tell struts of a convolution apart.
+        // In a convolution, struts that differ only in their caps are duplicates.
         let counted = if blend == Blend::Union { strut } else { Strut { caps: Caps::default(), ..strut } };
         if last == Some(counted) {
             duplicates += 1;
@@ -125,7 +126,7 @@ fn write(
     report(total);
     if duplicates > 0 {
         notes.push(format!(
-            "merged {}: a strut that counts twice would print thicker",
+            "merged {}: a strut that counts twice prints thicker",
             count_text(duplicates, "exact duplicate")
         ));
     }

@@ -1,36 +1,36 @@
-//! What a pack tells of its progress.
+//! Progress of [`pack`](super::pack).
 
-/// How far packing has come.
+/// A step of packing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PackProgress {
-    /// Said before each source whose struts, with those of the sources before it, may not fit memory.
+    /// Comes before a source if its struts, together with those of earlier sources, may not fit memory.
     Space {
-        /// Temporary space needed beside the build file, at most; without what the sources before it have taken.
+        /// Temporary space needed in the directory of the build file, at most, without what earlier sources have taken.
         temporary_bytes: u64,
-        /// Space needed for the build file itself, about.
+        /// Size of the build file, about.
         output_bytes: u64,
-        /// Space that is free there.
+        /// Free space in that directory.
         free_bytes: u64,
     },
-    /// Source bytes read, of all.
+    /// Sources are being read.
     Reading {
         /// Bytes read.
         done: u64,
-        /// Bytes in all.
+        /// Bytes in total.
         total: u64,
     },
-    /// Bytes of sorted runs joined to longer ones, of all: only where memory is little for so many struts.
+    /// Sorted runs are being merged into longer ones. Happens only if there is little memory for so many struts.
     Joining {
-        /// Bytes joined.
+        /// Bytes merged.
         done: u64,
-        /// Bytes in all.
+        /// Bytes in total.
         total: u64,
     },
-    /// Struts written, of all.
+    /// The build file is being written.
     Writing {
         /// Struts written.
         done: u64,
-        /// Struts in all.
+        /// Struts in total.
         total: u64,
     },
 }

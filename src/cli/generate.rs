@@ -1,4 +1,4 @@
-//! `layerctl generate`: synthetic lattices.
+//! `layerctl generate`: makes synthetic lattices. `layerctl generate --help` has examples.
 
 use std::path::PathBuf;
 
@@ -28,10 +28,10 @@ pub struct GenerateArgs {
     /// Edges of the box along x and y, millimetres; its height follows from --active.
     #[arg(long, value_name = "X,Y", value_parser = numbers::<2>, requires = "active", conflicts_with = "box_mm", allow_hyphen_values = true)]
     footprint: Option<[f64; 2]>,
-    /// Highest number of struts within reach of one plane. The box gets the height that leads to this number, within 5 %.
+    /// Largest number of struts within reach of one plane. The height of the box is chosen for this number, within 5 %.
     #[arg(long, value_name = "A", requires = "footprint")]
     active: Option<u64>,
-    /// Strut radius, millimetres; of `random` the mean [default: a tenth of a cell's least edge].
+    /// Strut radius, millimetres; of `random` the mean [default: a tenth of the shortest edge of a cell].
     #[arg(long, value_name = "R")]
     radius: Option<f64>,
     /// Seed of the random choices.
@@ -52,7 +52,7 @@ enum KindArg {
 /// Generates with a progress bar, then prints a summary.
 ///
 /// # Errors
-/// Names the option that is out of range, or what the file system refused.
+/// Names the option that is out of range, or says why the file could not be written.
 pub fn run(args: GenerateArgs) -> anyhow::Result<()> {
     let GenerateArgs { kind, struts, box_mm, footprint, active, radius, seed, output } = args;
     check_output(&output)?;

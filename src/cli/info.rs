@@ -1,4 +1,4 @@
-//! `layerctl info`: what is in a build file, and how much material its solid takes.
+//! `layerctl info`: the contents of a build file, and the volume of its solid. `layerctl info --help` has examples.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -10,14 +10,14 @@ use crate::buildfile::{BodyHeader, BuildFile, Lattice, Placement};
 use crate::slice::{Estimate, Slicer, Volume};
 use crate::text::{count_text, size_text};
 
-/// Show what is in a build file, and how much resin the part takes.
+/// Show what a build file contains, and how much resin the part needs.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
   layerctl info lattice.layerd
   layerctl info lattice.layerd --json | jq .resin_ml
 
-The volume is sampled, which takes some seconds for a part with a million struts at one height.")]
+The volume is estimated by sampling. This takes some seconds if a million struts are at one height.")]
 pub struct InfoArgs {
     /// The build file.
     #[arg(value_name = "FILE")]
@@ -30,42 +30,42 @@ pub struct InfoArgs {
 /// Prints a [`Summary`].
 ///
 /// # Errors
-/// Where the file cannot be read or is damaged.
+/// If the file cannot be read or is damaged.
 pub fn run(args: InfoArgs) -> anyhow::Result<()> {
     let InfoArgs { file, json } = args;
     let summary = Summary::of(BuildFile::open(&file)?)?;
     if json { super::print_json(&summary) } else { super::print(&summary.to_string()) }
 }
 
-/// Summary of a build file. Field names are those of `info --json`.
+/// Summary of a build file. The names of the fields are those of `info --json`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Summary {
-    /// The file's name.
+    /// Name of the file.
     pub file: String,
-    /// What the part is made of.
+    /// The bodies of the part.
     pub bodies: Vec<BodySummary>,
-    /// Lowest corner of all struts with their radii, millimetres.
+    /// Lowest corner of all struts, including their radii, millimetres.
     pub bounds_min_mm: [f64; 3],
-    /// Highest corner.
+    /// Highest corner, millimetres.
     pub bounds_max_mm: [f64; 3],
-    /// Height of the lowest solid point, which stands on the plate, millimetres.
+    /// Height of the lowest solid point, which is on the plate, millimetres.
     pub bottom_mm: f64,
-    /// How much material the solid takes.
+    /// Volume of the solid.
     #[serde(flatten)]
     pub volume: VolumeFigures,
-    /// Quantum: resolution of coordinates and radii, micrometres.
+    /// Length of a quantum, the resolution of coordinates and radii, micrometres.
     pub quantum_um: f64,
-    /// Half a quantum: the greatest error that resolution makes of a coordinate along each axis, and of a radius, micrometres.
+    /// Half a quantum: the largest rounding error of a coordinate along each axis, and of a radius, micrometres.
     pub rounding_um: f64,
-    /// Length of the file.
+    /// Length of the file, bytes.
     pub file_bytes: u64,
-    /// That length divided by struts and balls.
+    /// Length of the file divided by the number of struts and balls.
     pub bytes_per_strut: f64,
-    /// Chunks.
+    /// Number of chunks.
     pub chunks: usize,
-    /// Upper bound of struts active at one z.
+    /// Upper bound of the number of struts active at any z.
     pub peak_active: u64,
-    /// Middle of the part on the plate, millimetres; absent where it is centred.
+    /// Position of the middle of the part on the plate, millimetres; absent if it is centred.
     pub at_mm: Option<[f64; 2]>,
     /// Name of the source.
     pub source: String,
@@ -73,22 +73,22 @@ pub struct Summary {
     pub source_sha256: String,
 }
 
-/// What is known of one body.
+/// Summary of one body.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BodySummary {
     /// `lattice`.
     pub kind: &'static str,
     /// `convolution` or `union`.
     pub blend: &'static str,
-    /// Kernel support R, millimetres; absent for a union.
+    /// Support R of the kernel, millimetres; absent for a union.
     pub support_mm: Option<f64>,
-    /// Struts, balls not counted.
+    /// Number of struts, without balls.
     pub struts: u64,
-    /// Balls.
+    /// Number of balls.
     pub balls: u64,
-    /// Distinct nodes; absent where the writer could not count them.
+    /// Number of distinct nodes; absent if the writer could not count them.
     pub nodes: Option<u64>,
-    /// Least and largest radius, millimetres.
+    /// Smallest and largest radius, millimetres.
     pub radius_mm: [f64; 2],
 }
 
@@ -124,7 +124,7 @@ impl Summary {
     /// Summarises an open file and samples its volume.
     ///
     /// # Errors
-    /// Where the file cannot be read.
+    /// If the file cannot be read.
     pub fn of(file: BuildFile) -> anyhow::Result<Self> {
         let file = Arc::new(file);
         let volume = Volume::sample(&file, Slicer::default_threads())?.into();
@@ -148,33 +148,33 @@ impl Summary {
                 Placement::Centred => None,
                 Placement::At { x_mm, y_mm } => Some([x_mm, y_mm]),
             },
-            // A name with line breaks must stay on one line.
+            // A name with line breaks is shown on one line.
             source: header.source_name.replace(char::is_control, " "),
             source_sha256: header.source_digest.iter().map(|byte| format!("{byte:02x}")).collect(),
         })
     }
 }
 
-/// Volumes as `info --json` has them; each error is two standard errors, as volumes are sampled.
+/// Volumes, with the names of `info --json`. They are sampled; each error is two standard errors.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct VolumeFigures {
-    /// The solid as it prints, mm³.
+    /// Volume of the solid as it prints, mm³.
     pub volume_mm3: f64,
     /// Error of `volume_mm3`.
     pub volume_error_mm3: f64,
-    /// The same in millilitres of resin.
+    /// The same volume in millilitres of resin.
     pub resin_ml: f64,
     /// Error of `resin_ml`.
     pub resin_error_ml: f64,
-    /// The exact union of the same beams and balls, which 3MF defines, mm³; absent for a union.
+    /// Volume of the exact union of the same beams and balls, as 3MF defines it, mm³; absent for a union.
     pub union_volume_mm3: Option<f64>,
     /// Error of `union_volume_mm3`.
     pub union_volume_error_mm3: Option<f64>,
-    /// By how much the convolution exceeds that union, per cent; absent for a union.
+    /// By how much the convolution exceeds that union, per cent; negative if it is smaller, absent for a union.
     pub excess_percent: Option<f64>,
     /// Error of `excess_percent`.
     pub excess_error_percent: Option<f64>,
-    /// Planes they were sampled on.
+    /// Number of planes that were sampled.
     pub volume_planes: u32,
 }
 
@@ -204,7 +204,7 @@ impl fmt::Display for VolumeFigures {
             self.volume_mm3, self.volume_error_mm3, self.volume_planes, self.resin_ml
         )?;
         let (Some(union), Some(error)) = (self.union_volume_mm3, self.union_volume_error_mm3) else { return Ok(()) };
-        write!(out, "exact union   {union:.2} ± {error:.2} mm³, which 3MF defines for the same beams")?;
+        write!(out, "exact union   {union:.2} ± {error:.2} mm³, as 3MF defines it for the same beams")?;
         if let (Some(excess), Some(error)) = (self.excess_percent, self.excess_error_percent) {
             let verb = if excess < 0.0 { "falls short of" } else { "exceeds" };
             write!(out, "; the convolution {verb} it by {:.1} ± {error:.1} %", excess.abs())?;
@@ -239,12 +239,12 @@ impl fmt::Display for Summary {
         )?;
         writeln!(
             out,
-            "resolution    {} µm: coordinates are off their source by at most {} µm along each axis, radii by as much",
+            "resolution    {} µm: coordinates differ from the source by at most {} µm along each axis, radii by as much",
             self.quantum_um, self.rounding_um
         )?;
         writeln!(
             out,
-            "size          {}, {:.2} bytes a strut, in {}",
+            "size          {}, {:.2} bytes per strut, in {}",
             size_text(self.file_bytes),
             self.bytes_per_strut,
             count_text(self.chunks as u64, "chunk")

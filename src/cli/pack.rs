@@ -1,4 +1,4 @@
-//! `layerctl pack`: 3MF and edge text become a build file.
+//! `layerctl pack`: makes a build file from 3MF and edge text. `layerctl pack --help` has examples.
 
 use std::fmt;
 use std::num::NonZero;
@@ -11,10 +11,10 @@ use crate::buildfile::{self, BlendChoice, BuildFile, PackError, PackOptions, Pac
 use crate::config::byte_size;
 use crate::text::size_text;
 
-/// Least memory for the sort, bytes; with less, merging takes too many passes.
+/// Smallest memory for the sort, bytes: with less, merging takes too many passes.
 const MIN_MEMORY_BYTES: u64 = 1 << 20;
 
-/// Most threads that parse and sort: the one thread that reads and digests the source cannot feed more.
+/// Most threads that parse and sort: the one thread that reads the source and computes its digest cannot supply more.
 const MAX_THREADS: NonZero<usize> = NonZero::<usize>::MIN.saturating_add(7);
 
 /// Pack 3MF lattices and edge text into a build file.
@@ -23,43 +23,43 @@ const MAX_THREADS: NonZero<usize> = NonZero::<usize>::MIN.saturating_add(7);
 Examples:
   layerctl pack lattice.3mf -o lattice.layerd
   layerctl pack edges.txt --rotate 0,0,90 --scale 0.5 -o half.layerd
-  layerctl pack lattice.3mf --scale 1.002,1.002,1.01 -o lattice.layerd    makes up for shrinkage
-  layerctl pack huge.txt --memory 64MiB -o huge.layerd                    sorts the rest on the disk
+  layerctl pack lattice.3mf --scale 1.002,1.002,1.01 -o lattice.layerd    compensates shrinkage
+  layerctl pack huge.txt --memory 64MiB -o huge.layerd                    sorts on the disk what does not fit
 
-Edge text: a first line `COUNT RADIUS [CONVOLUTION_RADIUS [0]]`, whose third number is reported but not used (see --support), then \
-one strut a line, `x1 y1 z1 x2 y2 z2 [radius]`, millimetres. Lines that begin with `#` or `//` are comments.")]
+Edge text has a first line `COUNT RADIUS [CONVOLUTION_RADIUS [0]]`, whose third number is reported but not used (see --support), then \
+one strut per line, `x1 y1 z1 x2 y2 z2 [radius]`, in millimetres. Lines that begin with `#` or `//` are comments.")]
 pub struct PackArgs {
-    /// Sources, joined into one part: 3MF (.3mf) or edge text (.txt).
+    /// Sources: 3MF (.3mf) or edge text (.txt). They are packed as one part.
     #[arg(required = true, value_name = "IN")]
     inputs: Vec<PathBuf>,
     /// The build file to write.
     #[arg(short, long, value_name = "OUT.layerd")]
     output: PathBuf,
-    /// Leave out everything that is not a lattice, pack clipped lattices without clipping, and report each case.
+    /// Leave out everything that is not a lattice, and pack lattices with clipping without it; report each case.
     #[arg(long)]
     lattice_only: bool,
-    /// How struts are joined: a smooth convolution surface, or the exact union of beams [default: union for 3MF, as that format
+    /// How struts are joined: as a smooth convolution surface, or as the exact union of beams [default: union for 3MF, as the format
     /// defines; convolution for edge text].
     #[arg(long, value_enum)]
     blend: Option<BlendArg>,
-    /// Kernel support R; means --blend convolution [default: 1.5 times the largest radius].
+    /// Support R of the kernel; implies --blend convolution [default: 1.5 times the largest radius].
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     support: Option<f64>,
     /// Rotate about x, then y, then z, degrees.
     #[arg(long, value_name = "X,Y,Z", value_parser = numbers::<3>, default_value = "0,0,0", allow_hyphen_values = true)]
     rotate: [f64; 3],
-    /// Scale lengths and radii by one factor, or lengths by one factor for each of the printer's axes, after the rotation: for
-    /// example 1.002,1.002,1.01 against shrinkage. Radii then get the mean factor; a part where that is off by more than 25 µm is
-    /// refused.
+    /// Scale lengths and radii by one factor, or lengths by a factor for each axis of the printer, after the rotation: for example
+    /// 1.002,1.002,1.01 to compensate shrinkage. Radii then get the mean factor. A part is refused if a surface would be off by more
+    /// than 25 µm.
     #[arg(long, value_name = "F|X,Y,Z", value_parser = factors, default_value = "1", allow_hyphen_values = true)]
     scale: Factors,
-    /// Middle of the part on the plate, millimetres from its corner [default: the plate's middle].
+    /// Position of the middle of the part, millimetres from the corner of the plate [default: the middle of the plate].
     #[arg(long, value_name = "X,Y", value_parser = numbers::<2>, allow_hyphen_values = true)]
     at: Option<[f64; 2]>,
     /// Length of one quantum, micrometres, 0.001 to 1000. Coordinates and radii are rounded to multiples of it.
     #[arg(long, value_name = "UM", default_value_t = 1.0)]
     quantum: f64,
-    /// Memory for the out-of-core sort.
+    /// Memory for the sort. More struts are sorted on the disk.
     #[arg(long, value_name = "SIZE", value_parser = memory, default_value = "256MiB")]
     memory: u64,
 }
@@ -70,10 +70,10 @@ enum BlendArg {
     Union,
 }
 
-/// Packs with a progress bar, then prints a summary and every deviation from the source.
+/// Packs with a progress bar, then prints every deviation from the source, and a summary.
 ///
 /// # Errors
-/// Names the file, the place in it, what was found and the remedy.
+/// Names the file, the place in it, what was found and what to do.
 pub fn run(args: PackArgs) -> anyhow::Result<()> {
     let PackArgs { inputs, output, lattice_only, blend, support, rotate, scale, at, quantum, memory } = args;
     let blend = match (blend, support) {
@@ -81,7 +81,7 @@ pub fn run(args: PackArgs) -> anyhow::Result<()> {
         (Some(BlendArg::Convolution) | None, support_mm) => Some(BlendChoice::Convolution { support_mm }),
         (Some(BlendArg::Union), None) => Some(BlendChoice::Union),
         (Some(BlendArg::Union), Some(_)) => {
-            let text = "--support belongs to --blend convolution; a union has no kernel";
+            let text = "--support applies to --blend convolution; a union has no kernel";
             return Err(PackError::Option(text.into()).into());
         }
     };
@@ -106,7 +106,7 @@ pub fn run(args: PackArgs) -> anyhow::Result<()> {
     super::print(&super::info::Summary::of(BuildFile::open(&output)?)?.to_string())
 }
 
-/// Refuses an output under the name of another kind of file: it could replace a source, and would later be taken for one.
+/// Refuses an output with the extension of a source: it could replace a source, and would later be mistaken for one.
 pub(super) fn check_output(output: &Path) -> Result<(), PackError> {
     let extension = output.extension().unwrap_or_default();
     if ["3mf", "txt"].iter().any(|other| extension.eq_ignore_ascii_case(other)) {
@@ -116,10 +116,10 @@ pub(super) fn check_output(output: &Path) -> Result<(), PackError> {
     Ok(())
 }
 
-/// Template of the progress bar while a build file is made.
+/// Template of the progress bar of `pack` and `generate`.
 pub(super) const BAR: &str = "{msg:>8} [{wide_bar}] {percent:>3}% {eta}";
 
-/// Progress of all phases on one bar.
+/// Shows the progress of all phases on one bar.
 struct Display<'a> {
     bar: ProgressBar,
     phase: &'static str,
@@ -164,27 +164,27 @@ impl Display<'_> {
     }
 }
 
-/// Parses `N` finite numbers with commas between them.
+/// Parses `N` finite numbers separated by commas.
 pub(super) fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
     let found: Vec<f64> = text
         .split(',')
         .map(|field| field.trim().parse().ok().filter(|value: &f64| value.is_finite()))
         .collect::<Option<_>>()
-        .ok_or_else(|| format!("`{text}`: write {N} numbers with commas between them"))?;
+        .ok_or_else(|| format!("`{text}`: write {N} numbers separated by commas"))?;
     let count = found.len();
-    found.try_into().map_err(|_| format!("{count} numbers; {N} are needed, with commas between them"))
+    found.try_into().map_err(|_| format!("{count} numbers; {N} are needed, separated by commas"))
 }
 
-/// Value of `--scale`: the factors along x, y and z.
+/// The value of `--scale`: factors along x, y and z.
 #[derive(Clone, Copy, Debug)]
 struct Factors([f64; 3]);
 
 fn factors(text: &str) -> Result<Factors, String> {
     match numbers::<1>(text) {
         Ok([factor]) => Ok(Factors([factor; 3])),
-        Err(_) => numbers(text)
-            .map(Factors)
-            .map_err(|_| format!("`{text}`: write one number, or three with commas between them")),
+        Err(_) => {
+            numbers(text).map(Factors).map_err(|_| format!("`{text}`: write one number, or three separated by commas"))
+        }
     }
 }
 

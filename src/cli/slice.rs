@@ -55,10 +55,8 @@ pub struct SliceArgs {
 
 fn parse_layer_height(text: &str) -> Result<f64, String> {
     let height =
-        text.parse().ok().filter(|height| (SlicePlan::LEAST_HEIGHT_UM..=SlicePlan::MOST_HEIGHT_UM).contains(height));
-    height.ok_or_else(|| {
-        format!("write micrometres from {} to {}", SlicePlan::LEAST_HEIGHT_UM, SlicePlan::MOST_HEIGHT_UM)
-    })
+        text.parse().ok().filter(|height| (SlicePlan::MIN_HEIGHT_UM..=SlicePlan::MAX_HEIGHT_UM).contains(height));
+    height.ok_or_else(|| format!("write micrometres from {} to {}", SlicePlan::MIN_HEIGHT_UM, SlicePlan::MAX_HEIGHT_UM))
 }
 
 /// A range of layers; without an end, to the last layer.

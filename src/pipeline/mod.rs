@@ -47,7 +47,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use crate::buildfile::BuildFile;
-pub use crate::buildfile::{BEGINNING_BYTES, check_beginning};
+pub(crate) use crate::buildfile::{BEGINNING_BYTES, check_beginning};
 use crate::config::MAX_THREADS;
 use crate::slice::{Slicer, Volume};
 

@@ -1,25 +1,25 @@
-//! Some rows of a layer while bodies are drawn into them.
+//! A band: some rows of a layer, into which all bodies are drawn. `slicer` makes them, brushes fill them.
 
 use crate::layer::Depth;
 
-/// Successive rows of a layer. Every body is merged into what the others have drawn: bits by or, grey by maximum.
+/// Successive rows of a layer. Each body is merged into what the others have drawn: bits by OR, grey by maximum.
 pub(super) enum Band<'a> {
-    /// One bit a pixel, the first pixel of a byte in its highest bit.
+    /// One bit per pixel. The first pixel of a byte is its highest bit.
     Bits(Rows<'a>),
-    /// One byte a pixel, the covered share of the pixel.
+    /// One byte per pixel: the covered share of the pixel.
     Grey(Rows<'a>),
 }
 
 /// The bytes of a band.
 pub(super) struct Rows<'a> {
-    /// The layer's row that comes first.
+    /// Number in the layer of the first row.
     pub(super) first: usize,
     bytes: &'a mut [u8],
     stride_bytes: usize,
 }
 
 impl<'a> Band<'a> {
-    /// Dark rows from `first` on, over whatever `bytes` hold.
+    /// Dark rows from `first` on. Overwrites `bytes`.
     pub(super) fn dark(depth: Depth, first: usize, bytes: &'a mut [u8], stride_bytes: usize) -> Self {
         bytes.fill(0);
         let rows = Rows { first, bytes, stride_bytes };
@@ -29,7 +29,7 @@ impl<'a> Band<'a> {
         }
     }
 
-    /// Clears what was drawn beyond `width_px` into the last byte of each row of bits.
+    /// Clears the bits beyond `width_px` in the last byte of each row.
     pub(super) fn finish(self, width_px: usize) {
         if let Self::Bits(mut rows) = self
             && !width_px.is_multiple_of(8)
@@ -44,7 +44,7 @@ impl<'a> Band<'a> {
 }
 
 impl Rows<'_> {
-    /// How many rows.
+    /// Number of rows.
     pub(super) fn count(&self) -> usize {
         self.bytes.len() / self.stride_bytes
     }

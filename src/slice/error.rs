@@ -1,24 +1,24 @@
 //! Why a layer could not be computed.
 
-use crate::solid::LARGEST_RADIUS_SHARE;
+use crate::solid::MAX_RADIUS_SHARE;
 use crate::stream::BudgetExceeded;
 
-/// Why a layer could not be computed.
+/// A layer could not be computed.
 #[derive(Debug, thiserror::Error)]
 pub enum SliceError {
-    /// Memory the budget does not have.
+    /// The memory budget is too small.
     #[error(transparent)]
     Budget(#[from] BudgetExceeded),
     /// The struts could not be read.
     #[error("{0:#}")]
     Source(anyhow::Error),
-    /// The struts contradict header or index; the text says how.
+    /// The struts contradict header, index or profile; the text says how.
     #[error("{0}; the file is damaged: pack the part again")]
     Damaged(String),
-    /// A strut as thick as the kernel's support has no finite weight.
+    /// A strut is too thick: one as thick as the support of the kernel has no finite weight.
     #[error(
         "the thickest strut has radius {radius_um} µm, but the kernel's support of {support_um} µm allows less than \
-         {LARGEST_RADIUS_SHARE} of it: pack the part again with a larger support"
+         {MAX_RADIUS_SHARE} of it: pack the part again with a larger support"
     )]
     RadiusTooLarge {
         /// Largest strut radius.
@@ -26,15 +26,15 @@ pub enum SliceError {
         /// Support R.
         support_um: f64,
     },
-    /// A bitmap of another size or depth than the plan's.
-    #[error("the bitmap is not of the size and depth the plan asks for")]
+    /// The bitmap does not have the size and depth of the plan.
+    #[error("the bitmap does not have the size and depth of the plan")]
     WrongBitmap,
-    /// No thread, or too many.
+    /// The number of threads is out of range.
     #[error("{threads} threads: allowed are 1 to {max}")]
     BadThreads {
-        /// Threads asked for.
+        /// The number.
         threads: usize,
-        /// Most that are allowed.
+        /// Largest allowed number.
         max: usize,
     },
     /// The operating system gave no threads; the text is its reason.

@@ -1,48 +1,49 @@
-//! From a part, a raster and a layer height to the pixels and planes that will be sampled.
+//! The plan of a print: from a part, a raster and a layer height to the pixels and planes that are sampled. [`slice`](crate::slice) has
+//! an example.
 
 use crate::buildfile::{Header, Placement};
 use crate::layer::{Depth, Raster};
 
-/// Why a part cannot be sliced for a machine.
+/// A part cannot be sliced for a machine.
 #[derive(Debug, thiserror::Error)]
 pub enum PlanError {
-    /// A picture of no size, or too large.
+    /// The raster has no pixels, or too many.
     #[error(
         "a picture of {} × {} pixels of {:?} µm: allowed are 1 to {} pixels along a side, of a pitch greater than 0",
         .0.width_px, .0.height_px, .0.pixel_um, Raster::MAX_PX
     )]
     BadRaster(Raster),
-    /// The part leaves the build volume.
+    /// The part does not fit the build volume.
     #[error("{0}")]
     OutsideVolume(String),
-    /// A layer height that is no height.
+    /// The layer height is out of range.
     #[error("a layer height of {0} µm: allowed is 1 to 1000 µm")]
     BadLayerHeight(f64),
-    /// More layers than layers have names.
+    /// There are more layers than can be named.
     #[error(
-        "{layers} layers of {layer_height_um} µm: at most {MOST_LAYERS} are possible; choose a greater layer height"
+        "{layers} layers of {layer_height_um} µm: at most {MAX_LAYERS} are possible; choose a greater layer height"
     )]
     TooManyLayers {
-        /// Layers it would take.
+        /// Number of layers.
         layers: f64,
-        /// Layer height asked for.
+        /// Layer height, micrometres.
         layer_height_um: f64,
     },
 }
 
-/// Layers are named with six digits.
-const MOST_LAYERS: u32 = 1_000_000;
+/// Most layers of a part: file names of layers have six digits.
+const MAX_LAYERS: u32 = 1_000_000;
 
-/// Everything the slicer must know besides the struts: layer k is sampled at `z0_um + (k + ½)·layer_height_um`.
+/// Everything that the slicer needs besides the primitives. Layer k is sampled at `z0_um + (k + ½)·layer_height_um`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SlicePlan {
-    /// The raster this plan is for.
+    /// The raster of the machine.
     pub raster: Raster,
-    /// Bits a pixel.
+    /// Bits or grey.
     pub depth: Depth,
-    /// Where the centre of the picture's first pixel lies in the build file's coordinates, micrometres.
+    /// Centre of the first pixel of the picture in the coordinates of the build file, micrometres.
     pub origin_um: [f64; 2],
-    /// The lowest solid point of the part, micrometres: the plate.
+    /// Height of the plate in the coordinates of the build file, micrometres: the lowest solid point of the part.
     pub z0_um: f64,
     /// Layer height, micrometres.
     pub layer_height_um: f64,
@@ -50,25 +51,25 @@ pub struct SlicePlan {
     pub layer_count: u32,
 }
 
-/// Parts may exceed the volume by this much: less than any machine can tell, more than placement rounds.
+/// A part may exceed the volume by this much: less than the precision of any machine, more than the rounding errors of placement.
 const TOLERANCE_UM: f64 = 1e-3;
 
 impl SlicePlan {
-    /// Least layer height, micrometres: no mechanism steps less.
-    pub const LEAST_HEIGHT_UM: f64 = 1.0;
-    /// Greatest layer height, micrometres: no resin cures through more.
-    pub const MOST_HEIGHT_UM: f64 = 1000.0;
+    /// Smallest layer height, micrometres: no mechanism makes smaller steps.
+    pub(crate) const MIN_HEIGHT_UM: f64 = 1.0;
+    /// Largest layer height, micrometres: no resin cures through more.
+    pub(crate) const MAX_HEIGHT_UM: f64 = 1000.0;
 
     /// Places a part on a raster.
     ///
     /// # Errors
-    /// [`PlanError`] where the raster or the layer height is out of range, the part's bounds leave the build area or height (it
-    /// names axis and excess), or there would be too many layers.
+    /// [`PlanError`] if the raster or the layer height is out of range, the bounds of the part leave the build volume (it names axis
+    /// and excess), or there would be too many layers.
     pub fn new(header: &Header, raster: Raster, depth: Depth, layer_height_um: f64) -> Result<Self, PlanError> {
         if !raster.is_valid() {
             return Err(PlanError::BadRaster(raster));
         }
-        if !(Self::LEAST_HEIGHT_UM..=Self::MOST_HEIGHT_UM).contains(&layer_height_um) {
+        if !(Self::MIN_HEIGHT_UM..=Self::MAX_HEIGHT_UM).contains(&layer_height_um) {
             return Err(PlanError::BadLayerHeight(layer_height_um));
         }
         let low_um = header.bounds.min.map(|x| f64::from(x) * header.quantum_um);
@@ -85,7 +86,7 @@ impl SlicePlan {
         let low_um = [low_um[0], low_um[1], z0_um];
         check_volume(&raster, low_um, high_um, corner_um)?;
         let layers = ((high_um[2] - low_um[2]) / layer_height_um - 1e-9).ceil().max(1.0);
-        if layers > f64::from(MOST_LAYERS) {
+        if layers > f64::from(MAX_LAYERS) {
             return Err(PlanError::TooManyLayers { layers, layer_height_um });
         }
         let mirrored = [raster.mirror.x, raster.mirror.y];
@@ -96,21 +97,21 @@ impl SlicePlan {
         Ok(Self { raster, depth, origin_um, z0_um, layer_height_um, layer_count: layers as u32 })
     }
 
-    /// The plane a layer is sampled at: its middle, micrometres.
+    /// Height of the plane at which a layer is sampled: the middle of the layer, micrometres.
     pub fn layer_z_um(&self, layer: u32) -> f64 {
         self.z0_um + (f64::from(layer) + 0.5) * self.layer_height_um
     }
 
-    /// From one pixel centre to the next along a row and down a column, micrometres; negative where mirrored.
+    /// Distance from one pixel centre to the next along a row, and along a column, micrometres. Negative if mirrored.
     pub fn step_um(&self) -> [f64; 2] {
         let [x, y] = self.raster.pixel_um;
         [if self.raster.mirror.x { -x } else { x }, if self.raster.mirror.y { -y } else { y }]
     }
 }
 
-/// The quarter turns, as `--rotate` takes them, after which a part of that size fits the volume.
+/// Quarter turns, as `--rotate` takes them, after which a part of this size fits the volume.
 fn turn_that_fits(size: [f64; 3], volume: [f64; 3]) -> Option<&'static str> {
-    // Which of the part's axes lies along x, y and z after each.
+    // For each, the axes of the part that then lie along x, y and z.
     let turns = [
         ("0,0,90", [1, 0, 2]),
         ("90,0,0", [0, 2, 1]),
@@ -130,7 +131,7 @@ fn check_volume(raster: &Raster, low_um: [f64; 3], high_um: [f64; 3], corner_um:
     let mut too_long = Vec::new();
     for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
         let excess = size[axis] - volume[axis];
-        // Not a number is outside, too.
+        // NaN counts as outside.
         if excess <= TOLERANCE_UM {
             continue;
         }
@@ -147,7 +148,7 @@ fn check_volume(raster: &Raster, low_um: [f64; 3], high_um: [f64; 3], corner_um:
         } else {
             let scale = (0..3).map(|k| volume[k] / size[k]).fold(1.0, f64::min);
             match (scale * 1000.0).floor() / 1000.0 {
-                0.0 => "it is more than a thousand times too large: was its unit of length meant?".to_owned(),
+                0.0 => "it is more than a thousand times too large: is its unit of length right?".to_owned(),
                 scale => format!("pack it at most {scale:.3} times as large as now (`--scale`)"),
             }
         };
@@ -159,8 +160,8 @@ fn check_volume(raster: &Raster, low_um: [f64; 3], high_um: [f64; 3], corner_um:
         if below > TOLERANCE_UM || above > TOLERANCE_UM {
             let (side, excess) = if below > above { ("low", below) } else { ("high", above) };
             return outside(format!(
-                "where it is placed the part leaves the build area by {:.3} mm at the {side} end of {name}; pack it with \
-                 another `--at`, or without: then it is centred",
+                "at its position the part leaves the build area by {:.3} mm at the {side} end of {name}; pack it with another \
+                 `--at`, or without `--at`, which centres it",
                 excess / 1000.0
             ));
         }

@@ -1,12 +1,15 @@
-//! A part as a stream of layers.
+//! The slicer: a part as a stream of layers. [`slice`](crate::slice) has an example.
+
+use std::sync::Arc;
 
 use super::band::Band;
 use super::body::{Body, BodySource, Cut};
 use super::workers::Workers;
 use super::{SliceError, SlicePlan};
+use crate::buildfile::BuildFile;
 use crate::layer::Bitmap;
 use crate::solid::{Effort, InstructionSet};
-use crate::stream::MemoryBudget;
+use crate::stream::{Charge, MemoryBudget};
 
 /// Computes the layers of a plan, in ascending order.
 pub struct Slicer {
@@ -14,21 +17,22 @@ pub struct Slicer {
     next_layer: u32,
     bodies: Vec<Box<dyn Body>>,
     workers: Workers,
+    _files: Charge,
 }
 
 impl Slicer {
-    /// More than the cores of any host that drives a printer; each takes the memory of a strip and of a chunk.
+    /// Most threads: more than any printer's host has cores. Each thread takes the memory of a strip and of a chunk.
     pub const MAX_THREADS: usize = 256;
 
-    /// One thread a core, within [`Slicer::MAX_THREADS`].
-    pub fn default_threads() -> usize {
+    /// One thread per core, at most [`Slicer::MAX_THREADS`].
+    pub(crate) fn default_threads() -> usize {
         std::thread::available_parallelism().map_or(1, usize::from).min(Self::MAX_THREADS)
     }
 
-    /// A slicer whose first layer will be `first_layer`; what it needs is charged to `budget` now.
+    /// A slicer whose first layer is `first_layer`. Its memory is charged to `budget` now.
     ///
     /// # Errors
-    /// [`SliceError`] where the memory is not free, the part cannot be sliced or `threads` is out of range.
+    /// [`SliceError`] if the memory is not free, the part cannot be sliced or `threads` is out of range.
     pub fn new(
         bodies: Vec<BodySource>,
         plan: SlicePlan,
@@ -39,7 +43,7 @@ impl Slicer {
         Self::with_instructions(InstructionSet::detect(), bodies, plan, threads, first_layer, budget)
     }
 
-    /// The same on a given instruction set: layers are equal bit for bit on every one of [`InstructionSet::available`].
+    /// As [`Slicer::new`], with a given instruction set. All sets of [`InstructionSet::available`] give equal bits.
     ///
     /// # Errors
     /// As [`Slicer::new`].
@@ -54,20 +58,23 @@ impl Slicer {
         if !(1..=Self::MAX_THREADS).contains(&threads) {
             return Err(SliceError::BadThreads { threads, max: Self::MAX_THREADS });
         }
+        let files = budget.charge("the open build file", file_bytes(&bodies, threads))?;
         let bodies: Result<_, _> =
             bodies.into_iter().map(|source| source.body(instructions, &plan, threads, budget)).collect();
-        Ok(Self { plan, next_layer: first_layer, bodies: bodies?, workers: Workers::new(threads)? })
+        let workers = Workers::new(threads)?;
+        Ok(Self { plan, next_layer: first_layer, bodies: bodies?, workers, _files: files })
     }
 
-    /// Bytes a slicer will charge to its budget: known before a chunk is read.
+    /// Memory that a slicer will charge to its budget, bytes. It is known before a chunk is read.
     pub fn memory_bytes(bodies: &[BodySource], plan: &SlicePlan, threads: usize) -> u64 {
-        bodies.iter().fold(0, |sum, body| sum.saturating_add(body.memory_bytes(plan, threads)))
+        let each = bodies.iter().map(|body| body.memory_bytes(plan, threads));
+        each.fold(file_bytes(bodies, threads), u64::saturating_add)
     }
 
-    /// Draws the next layer over whatever `bitmap` held and returns its index; `None` after the last.
+    /// Draws the next layer and returns its number; `None` after the last. Overwrites `bitmap`.
     ///
     /// # Errors
-    /// [`SliceError::Source`] where the struts cannot be read, [`SliceError::WrongBitmap`] where the bitmap does not fit.
+    /// [`SliceError`] if the primitives cannot be read or contradict the build file, or if the bitmap does not fit the plan.
     pub fn next_layer(&mut self, bitmap: &mut Bitmap) -> Result<Option<u32>, SliceError> {
         let layer = self.next_layer;
         if layer >= self.plan.layer_count {
@@ -78,8 +85,8 @@ impl Slicer {
         Ok(Some(layer))
     }
 
-    /// Draws the plane at `z_um`, no lower than any before it. Its pixels lie `shift_px` from the plan's: within half a pixel
-    /// along x and y where pixels are bits, else 0.
+    /// Draws the plane at `z_um`, which must not be lower than the one before. Its pixels are offset from those of the plan by
+    /// `shift_px`: at most half a pixel along x and y for bits, 0 for grey.
     pub(super) fn draw_plane(&mut self, z_um: f64, shift_px: [f64; 2], bitmap: &mut Bitmap) -> Result<(), SliceError> {
         let raster = &self.plan.raster;
         let wanted = (raster.width_px, raster.height_px, self.plan.depth);
@@ -93,7 +100,7 @@ impl Slicer {
         Ok(())
     }
 
-    /// Draws all bodies band by band, whichever thread is free.
+    /// Draws all bodies band by band. Each free thread takes the next band.
     fn draw_bands(&mut self, cut: &Cut, bitmap: &mut Bitmap) {
         let (depth, width_px, stride_bytes) = (bitmap.depth(), bitmap.width_px() as usize, bitmap.stride_bytes());
         let Some(rows_per_band) = self.bodies.iter().map(|body| body.rows_per_band()).min() else { return };
@@ -113,12 +120,12 @@ impl Slicer {
         });
     }
 
-    /// Struts within reach of the layer drawn last.
+    /// Number of struts and balls within reach of the plane drawn last.
     pub fn active_struts(&self) -> usize {
         self.bodies.iter().map(|body| body.active_count()).sum()
     }
 
-    /// What drawing has taken since the slicer was made.
+    /// Work since the slicer was made.
     pub fn effort(&self) -> Effort {
         self.bodies.iter().map(|body| body.effort()).sum()
     }
@@ -127,4 +134,15 @@ impl Slicer {
     pub fn plan(&self) -> &SlicePlan {
         &self.plan
     }
+}
+
+/// Memory of the open build files, each counted once, and of what `threads` threads need to read their chunks, bytes.
+fn file_bytes(bodies: &[BodySource], threads: usize) -> u64 {
+    let mut files: Vec<&Arc<BuildFile>> = Vec::new();
+    for file in bodies.iter().filter_map(BodySource::file) {
+        if !files.iter().any(|known| Arc::ptr_eq(known, file)) {
+            files.push(file);
+        }
+    }
+    files.into_iter().map(|file| (file.memory_bytes() + threads * file.scratch_bytes()) as u64).sum()
 }

@@ -1,8 +1,8 @@
-//! How much material a solid takes, sampled with the planes and pixels that layers are made of.
+//! The volume of a part, estimated from sampled planes and pixels.
 //!
-//! The height is cut into equal slabs, and one plane is drawn in each. Where in its slab, and where in a pixel the first
-//! pixel's centre lies, follows a sequence that fills space evenly (multiples of the powers of 1/ρ, ρ⁴ = ρ + 1): so no period
-//! of a lattice keeps step with planes or pixels. The error is told from how far neighbouring slabs differ.
+//! The height is divided into equal slabs, and one plane is drawn in each. The height of the plane within its slab, and the offset of the
+//! pixels, follow a low-discrepancy sequence (Roberts 2018: multiples of the powers of 1/ρ with ρ⁴ = ρ + 1). So no period of a lattice
+//! stays in step with planes or pixels. The error is estimated from the differences of neighbouring slabs. `layerctl info` prints both.
 
 use std::sync::Arc;
 
@@ -11,59 +11,60 @@ use crate::buildfile::{Blend, BuildFile, Header};
 use crate::layer::{Bitmap, Depth, Mirror, Raster};
 use crate::stream::MemoryBudget;
 
-/// Planes drawn: some of each floor of a lattice of a hundred, as most of the error is what happens between two planes.
-const MOST_PLANES: u64 = 1024;
+/// Most planes: about ten for each floor of a lattice with a hundred floors. Most of the error comes from changes between two planes.
+const MAX_PLANES: u64 = 1024;
 
-/// With fewer, how neighbours differ would tell too little of the error.
-const LEAST_PLANES: u64 = 64;
+/// Fewest planes: with fewer, the differences of neighbours are a poor estimate of the error.
+const MIN_PLANES: u64 = 64;
 
-/// Struts met by all planes together, about: where more lie at one height, fewer planes are drawn. 2²⁴ take some seconds.
-const MOST_STRUTS: u64 = 1 << 24;
+/// Struts that all planes together may cut, about: the more struts at one height, the fewer planes. 2²⁴ struts take some seconds.
+const MAX_STRUTS: u64 = 1 << 24;
 
-/// Planes and struts where less time and accuracy are wanted ([`Volume::slabs`]).
+/// Planes and struts of [`Volume::slabs`], which takes less time and is less accurate.
 const FEW_PLANES: u64 = 256;
 const FEW_STRUTS: u64 = 1 << 22;
 
-/// Pixels of a plane, about: what they miss averages over struts and planes.
+/// Pixels of a plane, about. Their errors average out over struts and planes.
 const PIXELS: f64 = (1 << 16) as f64;
 
-/// A pixel need not be smaller than this share of the thinnest radius: planes see its circle in 3,000 pixels.
-const LEAST_PIXEL_SHARE: f64 = 1.0 / 32.0;
+/// Smallest pixel, as a share of the smallest radius: a disc of that radius then has 3,000 pixels, and more are not needed.
+const MIN_PIXEL_SHARE: f64 = 1.0 / 32.0;
 
-/// The powers of 1/ρ with ρ⁴ = ρ + 1: multiples of them fill a cube evenly.
+/// The powers of 1/ρ with ρ⁴ = ρ + 1. Their multiples modulo 1 fill a cube evenly (Roberts 2018, "The unreasonable effectiveness of
+/// quasirandom sequences", R₃).
 const EVEN: [f64; 3] = [0.819_172_513_396_164_4, 0.671_043_606_703_789_2, 0.549_700_477_901_970_3];
 
-/// An estimate.
+/// An estimate with its error.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
     /// The value.
     pub value: f64,
-    /// Two standard errors: 19 of 20 such estimates lie within.
+    /// Two standard errors: the true value is within this distance in 19 of 20 cases.
     pub error: f64,
 }
 
-/// What a part takes.
+/// The volume of a part.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Volume {
     /// The solid as it prints, mm³.
     pub solid_mm3: Estimate,
-    /// The exact union of the same beams and balls, mm³; only where the solid is a convolution.
+    /// The exact union of the same beams and balls, mm³; only if a body is a convolution.
     pub union_mm3: Option<Estimate>,
-    /// By how much the convolution exceeds that union, per cent; negative where it is less. Both are sampled at the same
-    /// places, so this is better known than either.
+    /// By how much the convolution exceeds that union, per cent; negative if it is smaller. Both are sampled at the same points, so
+    /// its relative error is smaller than that of either volume.
     pub excess_percent: Option<Estimate>,
-    /// Planes drawn.
+    /// Number of planes.
     pub planes: u32,
 }
 
 impl Volume {
-    /// Samples a part on `threads` threads, always at the same places. Takes the memory of a slicer for each of the two
-    /// solids, and time for 2²⁴ struts and 2²⁶ pixels at most of each, or what 64 planes take.
+    /// Samples a part on `threads` threads, always at the same points. For each of the two solids, one after the other, it takes the
+    /// memory of a slicer, and the time to draw up to 2²⁴ struts and 2²⁶ pixels, or 64 planes if that is longer.
     ///
     /// # Errors
-    /// [`SliceError`] where the file cannot be read or `threads` is out of range.
+    /// [`SliceError`] if the file cannot be read or `threads` is out of range.
     pub fn sample(file: &Arc<BuildFile>, threads: usize) -> Result<Self, SliceError> {
-        let plan = plan(file.header(), file.peak_active(), MOST_PLANES, MOST_STRUTS);
+        let plan = plan(file.header(), file.peak_active(), MAX_PLANES, MAX_STRUTS);
         let areas = |bodies: Vec<BodySource>| {
             let budget = MemoryBudget::new(Slicer::memory_bytes(&bodies, &plan, threads));
             self::areas(bodies, &plan, threads, &budget, || {})
@@ -82,9 +83,9 @@ impl Volume {
         })
     }
 
-    /// Volume of the solid in each of equal slabs of the height that layers take, the lowest first, mm³: sampled on this thread, less accurately than
-    /// [`Volume::sample`] and in less time. There are 64 to 256 slabs. Calls `rest` after each, so that the caller can let others
-    /// work meanwhile.
+    /// Volume of the solid in each of 64 to 256 equal slabs of the height of all layers, the lowest first, mm³. It is sampled on this
+    /// thread, in less time and less accurately than [`Volume::sample`]. Calls `rest` after each slab, so that the caller can let
+    /// others work meanwhile.
     ///
     /// # Errors
     /// [`SliceError`] if it needs more memory than `limit_bytes`, or the file cannot be read.
@@ -105,21 +106,21 @@ fn slab_mm3(plan: &SlicePlan) -> f64 {
     plan.layer_height_um * plan.raster.pixel_um[0] * plan.raster.pixel_um[1] * 1e-9
 }
 
-/// A picture round the part, one pixel wider on all sides, and as many slabs of its height as are worth their time.
-fn plan(header: &Header, peak_active: u64, most_planes: u64, most_struts: u64) -> SlicePlan {
+/// A plan whose picture is one pixel larger than the part on all sides, and whose layers are the slabs.
+fn plan(header: &Header, peak_active: u64, max_planes: u64, max_struts: u64) -> SlicePlan {
     let bulge_um = header.lattices().map(|lattice| lattice.bulge_um(header.quantum_um)).fold(0.0, f64::max);
     let least_radius = header.lattices().map(|lattice| lattice.radius_range[0]).min().unwrap_or(0);
     let mut low_um = header.bounds.min.map(|x| f64::from(x) * header.quantum_um - bulge_um);
-    // A step of the area costs accuracy: no empty slab below the first.
+    // A jump of the area costs accuracy, so no slab below the part is sampled.
     low_um[2] = header.bottom_um;
     let high_um = header.bounds.max.map(|x| f64::from(x) * header.quantum_um + bulge_um);
     let size_um = [0, 1, 2].map(|axis| high_um[axis] - low_um[axis]);
-    let least_um = f64::from(least_radius) * header.quantum_um * LEAST_PIXEL_SHARE;
+    let least_um = f64::from(least_radius) * header.quantum_um * MIN_PIXEL_SHARE;
     let longest_um = size_um[0].max(size_um[1]) / f64::from(Raster::MAX_PX - 3);
     let pixel_um = (size_um[0] * size_um[1] / PIXELS).sqrt().max(least_um).max(longest_um);
     let [width_px, height_px] = [0, 1].map(|axis| (size_um[axis] / pixel_um).ceil() as u32 + 2);
-    // A whole number of pairs.
-    let planes = (most_struts / peak_active.max(1)).clamp(LEAST_PLANES, most_planes) as u32 & !1;
+    // An even number, for the pairs of neighbours.
+    let planes = (max_struts / peak_active.max(1)).clamp(MIN_PLANES, max_planes) as u32 & !1;
     SlicePlan {
         raster: Raster {
             width_px,
@@ -136,7 +137,7 @@ fn plan(header: &Header, peak_active: u64, most_planes: u64, most_struts: u64) -
     }
 }
 
-/// Pixels lit in each plane.
+/// Number of lit pixels in each plane.
 fn areas(
     bodies: Vec<BodySource>,
     plan: &SlicePlan,
@@ -161,7 +162,7 @@ fn sum(areas: &[f64]) -> Estimate {
     Estimate { value: areas.iter().sum(), error: 2.0 * squares(areas.iter().copied()).sqrt() }
 }
 
-/// None where nothing of the union was met.
+/// `None` if no pixel of the union is lit.
 fn excess_percent(areas: &[f64], union: &[f64]) -> Option<Estimate> {
     let total = union.iter().sum::<f64>();
     let ratio = areas.iter().sum::<f64>() / total;
@@ -169,8 +170,8 @@ fn excess_percent(areas: &[f64], union: &[f64]) -> Option<Estimate> {
     (total > 0.0).then(|| Estimate { value: (ratio - 1.0) * 100.0, error: 200.0 * squares(rest).sqrt() / total })
 }
 
-/// Variance of a sum of one sample from each slab, from the squared differences of neighbours: more than it is, where the slabs'
-/// means differ, never less.
+/// Estimated variance of the sum of one sample from each slab: the sum of the squared differences within pairs of neighbours (collapsed
+/// strata: Cochran 1977, Sampling Techniques, §5A.12). Its expectation is never too small; it is too large if the slabs' means differ.
 fn squares(samples: impl Iterator<Item = f64>) -> f64 {
     let samples: Vec<f64> = samples.collect();
     samples.as_chunks::<2>().0.iter().map(|[one, other]| (one - other) * (one - other)).sum()

@@ -1,4 +1,4 @@
-//! Threads that live as long as a slicer: a small layer takes less time than starting one.
+//! The threads of a slicer. They live as long as the slicer, because starting a thread takes longer than drawing a small layer.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -6,12 +6,12 @@ use super::SliceError;
 
 /// The calling thread and some helpers.
 pub(super) struct Workers {
-    /// `None` where the calling thread works alone.
+    /// `None` if the calling thread works alone.
     helpers: Option<rayon::ThreadPool>,
 }
 
 impl Workers {
-    /// `threads` in all.
+    /// `threads` threads in total, at least 1.
     pub(super) fn new(threads: usize) -> Result<Self, SliceError> {
         if threads == 1 {
             return Ok(Self { helpers: None });
@@ -20,17 +20,17 @@ impl Workers {
         Ok(Self { helpers: Some(pool.map_err(|error| SliceError::Threads(error.to_string()))?) })
     }
 
-    /// Calls `work` for each item, whichever thread is free.
+    /// Calls `work` for each item. Each free thread takes the next item.
     pub(super) fn each<T: Send>(&self, items: impl Iterator<Item = T> + Send, work: impl Fn(T) + Sync) {
         self.run(items, &mut vec![(); self.count()], |(), item| work(item));
     }
 
-    /// How many threads, the calling one included.
+    /// Number of threads, including the calling one.
     pub(super) fn count(&self) -> usize {
         1 + self.helpers.as_ref().map_or(0, rayon::ThreadPool::current_num_threads)
     }
 
-    /// The same, where each thread has one of `states` to itself.
+    /// As [`Workers::each`], with one of `states` for each thread.
     pub(super) fn run<T: Send, S: Send>(
         &self,
         items: impl Iterator<Item = T> + Send,

@@ -1,17 +1,18 @@
-//! How far down a beam or ball reaches under exact union.
+//! The lowest point of a beam or ball under exact union. `buildfile/store/lowest.rs` finds the bottom of a
+//! part with it.
 
 use super::{Beam, Cap};
 
-/// Lowest z of a beam or ball, exact but for rounding, in the unit of its coordinates. The body is the convex hull of the discs
-/// at its ends; each cap may reach lower than its disc.
-pub fn lowest_z(beam: &Beam) -> f64 {
+/// Lowest z of a beam or ball, exact except for rounding, in the unit of its coordinates. A beam is the convex hull of the discs at its
+/// ends, and caps that may reach lower than the discs.
+pub(crate) fn lowest_z(beam: &Beam) -> f64 {
     let [dx, dy, dz] = [0, 1, 2].map(|axis| beam.b[axis] - beam.a[axis]);
     let flat = dx * dx + dy * dy;
     let length = (flat + dz * dz).sqrt();
     if length == 0.0 {
         return beam.a[2] - beam.radius_a;
     }
-    // A disc square to the beam reaches down by this share of its radius.
+    // A disc perpendicular to the beam reaches this share of its radius below its centre: the sine of the angle to the vertical.
     let lean = flat.sqrt() / length;
     let end = |z: f64, radius: f64, cap: Cap, looks_down: bool| match cap {
         Cap::Sphere => z - radius,

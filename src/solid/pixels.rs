@@ -1,13 +1,13 @@
-//! From fields to pixels, a row at a time.
+//! From fields to pixels, one row at a time. `convolution` uses it for bits and for grey.
 
 use super::instruction_set::Work;
 use super::vector::{greater, lesser};
 
-/// Sets the bits of pixels whose fields reach the isovalue, the first pixel of a byte in its highest bit.
+/// Sets the bits of pixels whose fields are at least the isovalue. The first pixel of a byte is its highest bit.
 pub(super) struct PackBits<'a> {
     /// At least eight for each byte.
     pub(super) cells: &'a [f32],
-    /// Where to.
+    /// The bits.
     pub(super) out: &'a mut [u8],
 }
 
@@ -31,8 +31,8 @@ fn packed(cells: &[f32; 8]) -> u8 {
     }
 }
 
-/// With the instruction that collects signs, which compilers do not find by themselves: in half the time. Its lowest bit is
-/// the first pixel's; reversed by a table, as compilers make eight loads of a reversed vector.
+/// Uses the instruction that collects sign bits, which compilers do not choose by themselves; it halves the time. Its lowest bit is the
+/// first pixel, so a table reverses the bits: compilers turn a reversed vector into eight loads.
 #[cfg(target_arch = "x86_64")]
 #[inline]
 #[target_feature(enable = "sse")]
@@ -45,7 +45,7 @@ fn packed_sse(cells: &[f32; 8]) -> u8 {
     REVERSED[usize::from((first | last << 4) as u8)]
 }
 
-/// Each byte with its bits in reversed order.
+/// Every byte with its bits in reverse order.
 #[cfg(target_arch = "x86_64")]
 const REVERSED: [u8; 256] = {
     let mut reversed = [0; 256];
@@ -65,16 +65,17 @@ fn packed(cells: &[f32; 8]) -> u8 {
     cells.iter().fold(0, |bits, field| bits << 1 | u8::from(*field >= isovalue))
 }
 
-/// Raises a row's pixels to their covered shares.
+/// Raises the pixels of a row to their covered shares.
 ///
-/// The half-plane that the field's mean over the pixel and its gradient (central differences, in pixels) describe, cut with
-/// the pixel. The mean, to second order the value plus a 24th of the Laplacian, allows for what a half-plane cannot show:
-/// that the border bends and that the field is steeper on one side. With the value at the centre instead, discs of three
-/// pixels' radius come out 1 to 3 % too large.
+/// The field within a pixel is approximated by a linear function, whose gradient comes from central differences and whose value at the
+/// centre is the mean of the field over the pixel. The covered share is the part of the pixel in the half-plane where that function is at
+/// least the isovalue. To second order the mean is the centre's value plus Δ/24, where Δ is the Laplacian (the five-point difference):
+/// it accounts for a curved border and for a field that is steeper on one side. With the centre's value itself, discs with a radius of
+/// three pixels come out 1 to 3 % too large. Derivation: the Taylor series of the field to second order, integrated over the pixel.
 pub(super) struct Coverage<'a> {
-    /// Fields above, of and below the row, from the pixel left of the first on.
+    /// Fields of the row above, the row itself and the row below, from the pixel left of the first one on.
     pub(super) around: [&'a [f32]; 3],
-    /// Where to, 0 to 255.
+    /// The pixels, 0 to 255.
     pub(super) out: &'a mut [u8],
 }
 
@@ -96,11 +97,12 @@ impl Work for Coverage<'_> {
     }
 }
 
-/// From here on an `f32` holds integers only, the lowest bits of its own bits. A cast would not compile to vectors.
+/// 2²³: from here on an `f32` holds integers only, and they are its lowest bits. A cast would not compile to vector instructions.
 const INTEGERS: f32 = 8_388_608.0;
 
-/// Share of a unit square where `value + major·x + minor·y ≥ 0`, x and y within ±½, `major ≥ minor ≥ 0`. Without branches:
-/// what is divided by zero is not taken.
+/// Share of a unit square in which `value + major·x + minor·y ≥ 0`, with x and y within ±½ and `major ≥ minor ≥ 0`. The smaller part
+/// of a square cut by a line is a triangle or a trapezium, whose area is elementary. Without branches: results of a division by zero
+/// are not used.
 #[inline(always)]
 fn half_plane_coverage(value: f32, major: f32, minor: f32) -> f32 {
     let away = value.abs();

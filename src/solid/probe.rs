@@ -1,24 +1,25 @@
-//! Whether a convolution surface has a solid point in a plane, wherever in it and however wide it is.
+//! Does a convolution surface have a solid point anywhere in a plane of unlimited extent?
 //!
-//! Only where struts are is anything drawn: rows in bands, in which a sweep along y finds the struts, and of a band tiles, in
-//! which one along x does. Tiles have grids of their own, so that `f32` counts their columns however far they lie apart.
+//! The plane is divided into bands of rows, and bands into tiles. A sweep along y finds the struts of each band, and a sweep along x
+//! those of each tile; empty regions are skipped. Each tile has its own grid, so `f32` is precise enough however far tiles are apart.
+//! `buildfile/store/bottom.rs` finds the lowest point of a part with it.
 
 use super::{Block, Convolution, Grid, InstructionSet, Plane, Record, Shape, Strip};
 
-/// Rows and columns of a tile: 256 KiB of fields, which a level-2 cache holds.
+/// Rows and columns of a tile: 256 KiB of fields, which fit a level-2 cache.
 const TILE_ROWS: usize = 64;
 const TILE_COLUMNS: usize = 1024;
 
-/// Draws planes. Unit of length: the support R.
+/// Probes planes. Unit of length: the support R.
 #[derive(Debug)]
-pub struct PlaneProbe {
+pub(crate) struct PlaneProbe {
     quantum: f64,
     pitch: f64,
     strip: Strip<f32>,
     bits: [u8; TILE_COLUMNS / 8],
 }
 
-/// Where a strut may be seen along one axis, and which it is.
+/// The range of one axis that a strut may reach, and the index of its record.
 #[derive(Clone, Copy, Debug)]
 struct Span {
     low: f64,
@@ -27,20 +28,20 @@ struct Span {
 }
 
 impl PlaneProbe {
-    /// A probe of points `pitch` apart, for struts in quanta of this length.
-    pub fn new(quantum: f64, pitch: f64) -> Self {
+    /// A probe of points at distances of `pitch`, for struts whose quantum has length `quantum`.
+    pub(crate) fn new(quantum: f64, pitch: f64) -> Self {
         let strip = Strip::new(TILE_COLUMNS, TILE_ROWS, 0);
         Self { quantum, pitch, strip, bits: [0; TILE_COLUMNS / 8] }
     }
 
-    /// Whether the field reaches the isovalue at any point of the plane at height `z`. Takes some 48 bytes for each record that
-    /// the plane cuts, besides.
-    pub fn is_solid(&mut self, records: &[Record], z: f64) -> bool {
+    /// Whether the field is at least the isovalue at any point of the plane at height `z`. Allocates some 48 bytes for each record that
+    /// may reach the plane.
+    pub(crate) fn is_solid(&mut self, records: &[Record], z: f64) -> bool {
         let height = TILE_ROWS as f64 * self.pitch;
         let seen = |at: usize| self.seen(&records[at], z, [f64::NEG_INFINITY, f64::INFINITY]).map(|[_, y]| (at, y));
         let mut waiting: Vec<Span> =
             (0..records.len()).filter_map(seen).map(|(at, [low, high])| Span { low, high, at }).collect();
-        // The last is next.
+        // The last one is the next to be taken.
         waiting.sort_unstable_by(|one, other| other.low.total_cmp(&one.low).then(other.at.cmp(&one.at)));
         let mut active: Vec<Span> = Vec::new();
         let mut low = f64::NEG_INFINITY;
@@ -61,14 +62,14 @@ impl PlaneProbe {
         }
     }
 
-    /// The same in one band of rows.
+    /// [`PlaneProbe::is_solid`] within one band of rows.
     fn is_solid_in(&mut self, records: &[Record], active: &[Span], z: f64, band: [f64; 2]) -> bool {
         let seen = |span: &Span| {
             let [[low, high], _] = self.seen(&records[span.at], z, band)?;
             Some(Span { low, high, at: span.at })
         };
         let mut spans: Vec<Span> = active.iter().filter_map(seen).collect();
-        // In an order that depends on nothing but the struts: sums do.
+        // The order depends on the struts alone, so that sums are reproducible.
         spans.sort_unstable_by(|one, other| one.low.total_cmp(&other.low).then(one.at.cmp(&other.at)));
         let width = TILE_COLUMNS as f64 * self.pitch;
         let mut rest = spans.as_slice();
@@ -90,7 +91,7 @@ impl PlaneProbe {
         }
     }
 
-    /// The same in one tile from a corner.
+    /// [`PlaneProbe::is_solid`] within the tile whose corner is given.
     fn is_solid_tile(&mut self, records: &[Record], tile: &[Span], [x0, y0, z]: [f64; 3]) -> bool {
         let instructions = InstructionSet::detect();
         let grid = Grid { x0, dx: self.pitch, y0, dy: self.pitch, width: TILE_COLUMNS, samples: 1 };
@@ -117,7 +118,7 @@ impl PlaneProbe {
         false
     }
 
-    /// Ranges of x and y that a strut may reach in a plane, between rows of a band; `None` where it reaches none.
+    /// The ranges of x and y that a strut may reach in a plane and within a band; `None` if it does not reach them.
     fn seen(&self, record: &Record, z: f64, [low, high]: [f64; 2]) -> Option<[[f64; 2]; 2]> {
         let [a, b] = [record.a, record.b].map(|node| node.map(|x| f64::from(x) * self.quantum));
         let along_z = within(a[2], b[2], [z - 1.0, z + 1.0])?;
@@ -134,7 +135,7 @@ impl PlaneProbe {
     }
 }
 
-/// Shares of the way from `a` to `b` between which it lies within a range; `None` where it does nowhere.
+/// The part of the segment from `a` to `b` within a range, as shares of its length; `None` if no part is.
 fn within(a: f64, b: f64, [low, high]: [f64; 2]) -> Option<[f64; 2]> {
     if a.max(b) < low || a.min(b) > high {
         return None;

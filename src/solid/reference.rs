@@ -1,11 +1,11 @@
-//! The field in plain `f64`, as the formulas read: every faster way is measured against it.
+//! The field in plain `f64`, straight from the formulas. The tests compare the fast kernels with it.
 //!
-//! Liu et al. 2021, §3: `F(p) = Σ w ∫ (1 − |p−x|²/R²)² dx` over the part of each strut within R of p. The closed form was
-//! derived anew from that integral.
+//! Liu et al. 2021, Eq. 5 and 6: `F(p) = Σ w ∫ (1 − |p−x|²/R²)² dx`, over the part of each strut within R of p. The closed form below
+//! was derived from that integral; it replaces their Eq. 7, whose print could not be relied on. [`solid`](crate::solid) has an example.
 
 use super::{Beam, weight};
 
-/// Field of one beam at `p`; `support` is R. A ball is a point source. Any unit of length, the same for all.
+/// Field of one beam at `p`; `support` is R. A ball is a point source. Any unit of length, the same for all arguments.
 pub fn beam_field(beam: &Beam, support: f64, p: [f64; 3]) -> f64 {
     let share = |radius: f64| radius / support;
     let v = [0, 1, 2].map(|axis| p[axis] - beam.a[axis]);
@@ -18,10 +18,11 @@ pub fn beam_field(beam: &Beam, support: f64, p: [f64; 3]) -> f64 {
     strut_field(v, u, length, [weight_a, weight_b], support)
 }
 
-/// Field of a strut from the origin along the unit vector `u` at `v`; the weight runs linearly between its ends.
+/// Field at `v` of a strut that runs from the origin along the unit vector `u`. The weight varies linearly between its ends.
 ///
-/// With t the axial coordinate of v's foot, q = R² − h² and s = √q, the part within R is `[lo, hi]` measured from the foot,
-/// and `F R⁴ = w (G(hi) − G(lo)) + w' (H(hi) − H(lo))`, `G(x) = q²x − ⅔qx³ + x⁵/5`, `H(x) = −(q − x²)³/6`.
+/// Closed form of Liu et al. 2021, Eq. 6, extended to a linear weight `w + w'·x`. Let t be the axial coordinate of v's foot on the strut
+/// and h the distance from it, q = R² − h² and s = √q. The part of the strut within R is `[lo, hi]`, measured from the foot. Then
+/// `F R⁴ = w (G(hi) − G(lo)) + w' (H(hi) − H(lo))` with `G(x) = q²x − ⅔qx³ + x⁵/5` and `H(x) = −(q − x²)³/6`.
 fn strut_field(v: [f64; 3], u: [f64; 3], length: f64, weights: [f64; 2], support: f64) -> f64 {
     let t = dot(v, u);
     let foot = [0, 1, 2].map(|axis| v[axis] - t * u[axis]);

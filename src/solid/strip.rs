@@ -1,51 +1,53 @@
-//! The pixels of a plane, and a few rows of them to draw on.
+//! The pixels of a plane, and strips: a few rows of cells to draw on.
+//!
+//! `slice/body/lattice/brush.rs` has one strip for each thread, and draws the bands of a layer on it one after another.
 
 use std::ops::Range;
 
-/// Where pixel centres lie: column i at `x0 + i·dx`, row j at `y0 + j·dy`. Pitches are negative where mirrored.
+/// Positions of pixel centres: column i at `x0 + i·dx`, row j at `y0 + j·dy`. Pitches are negative if the picture is mirrored.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Grid {
-    /// Column 0.
-    pub x0: f64,
-    /// From one column to the next.
-    pub dx: f64,
-    /// Row 0.
-    pub y0: f64,
-    /// From one row to the next.
-    pub dy: f64,
+pub(crate) struct Grid {
+    /// x of column 0.
+    pub(crate) x0: f64,
+    /// Distance from one column to the next.
+    pub(crate) dx: f64,
+    /// y of row 0.
+    pub(crate) y0: f64,
+    /// Distance from one row to the next.
+    pub(crate) dy: f64,
     /// Number of columns.
-    pub width: usize,
-    /// Samples along each side of a pixel, for shapes that are sampled: 1, or 8 for grey.
-    pub samples: u32,
+    pub(crate) width: usize,
+    /// Samples along each side of a pixel, for shapes that are sampled: 1 for bits, 8 for grey.
+    pub(crate) samples: u32,
 }
 
-/// The plane that is drawn, in a solid's unit of length.
+/// A plane to be drawn, in the unit of length of the solid.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Plane {
+pub(crate) struct Plane {
     /// Its pixels.
-    pub grid: Grid,
+    pub(crate) grid: Grid,
     /// Its height.
-    pub z: f64,
-    /// Length of the quantum in which struts are given.
-    pub quantum: f64,
+    pub(crate) z: f64,
+    /// Length of the quantum of the struts.
+    pub(crate) quantum: f64,
 }
 
-/// Columns that are noted as touched together: eight bytes of a picture of bits.
+/// Columns that share one `touched` flag: eight bytes of a picture of bits.
 const BLOCK: usize = 64;
 
-/// Spare cells at the end of each row: a kernel may write a whole vector that begins at the last pixel.
+/// Spare cells at the end of each row, because a kernel may write a whole vector that begins at the last pixel.
 const SPARE: usize = super::vector::LANES;
 
-/// What drawing took, for those who ask what bounds it.
+/// Counters of the work that drawing took, for benchmarks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Effort {
-    /// Looks at struts; each band looks at those that may reach it at some height.
+    /// Struts looked at. Each band looks at the struts that may reach it at any height.
     pub looks: u64,
-    /// Of those, struts that reached the band in this plane; one that reaches two bands counts twice.
+    /// Struts that reached the band in the plane. A strut that reaches two bands counts twice.
     pub drawn: u64,
-    /// Rows of footprints drawn, those of long struts once for each 64 cells; 0 of a union.
+    /// Rows of footprints drawn. A row of a long strut counts once for each 64 cells. 0 for a union.
     pub rows: u64,
-    /// Fields evaluated, whole vectors counted; 0 of a union.
+    /// Fields evaluated, in whole vectors. 0 for a union.
     pub evaluations: u64,
 }
 
@@ -60,38 +62,38 @@ impl std::iter::Sum for Effort {
     }
 }
 
-/// Unused entries before and after those of [`Strip::touched`]. They keep the lists of two threads on different cache lines (at
-/// most 128 bytes, fetched in pairs): a line that two threads write moves back and forth between them.
+/// Unused entries before and after the flags in [`Strip::touched`]. They keep the flags of two threads on different cache lines, which
+/// have at most 128 bytes and are fetched in pairs: a line that two threads write moves back and forth between them.
 const APART: usize = 256;
 
-/// Some rows of cells, `halo` more columns on each side than the grid has.
+/// Some rows of cells, with `halo` more columns on each side than the grid has.
 ///
-/// Aligned so that the counters of no two threads' strips share a cache line.
+/// Aligned so that the counters of two threads never share a cache line.
 #[derive(Debug)]
 #[repr(align(256))]
-pub struct Strip<Cell> {
+pub(crate) struct Strip<Cell> {
     cells: Vec<Cell>,
     stride: usize,
     halo: usize,
     first_row: i32,
     rows: usize,
-    /// In which blocks of [`BLOCK`] columns any row may hold anything but the default; [`APART`] more before and after.
+    /// For each block of [`BLOCK`] columns, whether any cell may differ from the default; [`APART`] more entries before and after.
     touched: Vec<bool>,
-    /// Since the strip was made.
+    /// Work since the strip was made.
     effort: Effort,
 }
 
 impl<Cell: Copy + Default> Strip<Cell> {
     /// A strip for up to `rows` rows of `width` pixels, with `halo` more on every side.
-    pub fn new(width: usize, rows: usize, halo: usize) -> Self {
+    pub(crate) fn new(width: usize, rows: usize, halo: usize) -> Self {
         let stride = Self::stride(width, halo);
         let cells = vec![Cell::default(); stride * (rows + 2 * halo)];
         let touched = vec![false; stride.div_ceil(BLOCK) + 2 * APART];
         Self { cells, stride, halo, first_row: 0, rows: 0, touched, effort: Effort::default() }
     }
 
-    /// Bytes a strip takes.
-    pub fn bytes(width: usize, rows: usize, halo: usize) -> u64 {
+    /// Memory of a strip, bytes.
+    pub(crate) fn bytes(width: usize, rows: usize, halo: usize) -> u64 {
         (Self::stride(width, halo) * (rows + 2 * halo) * size_of::<Cell>()) as u64
     }
 
@@ -99,8 +101,8 @@ impl<Cell: Copy + Default> Strip<Cell> {
         width + 2 * halo + SPARE
     }
 
-    /// Clears the strip and lets it stand for rows `first_row .. first_row + rows` of the grid, halo rows besides.
-    pub fn begin(&mut self, first_row: usize, rows: usize) {
+    /// Clears the strip and assigns rows `first_row .. first_row + rows` of the grid to it, plus halo rows.
+    pub(crate) fn begin(&mut self, first_row: usize, rows: usize) {
         for range in runs(&self.touched[APART..], self.stride) {
             for row in self.cells.chunks_exact_mut(self.stride) {
                 row[range.clone()].fill(Cell::default());
@@ -112,51 +114,51 @@ impl<Cell: Copy + Default> Strip<Cell> {
         self.first_row = i32::try_from(first_row).unwrap_or(i32::MAX) - self.halo as i32;
     }
 
-    /// The part of a row range that lies in this strip, counted from its first row (halo rows included).
+    /// The rows of this strip within a range of the grid's rows, counted from the first halo row.
     pub(super) fn rows_within(&self, [first, last]: [i32; 2]) -> Range<usize> {
         let first = (first.saturating_sub(self.first_row)).max(0) as usize;
         let end = (last.saturating_sub(self.first_row).saturating_add(1)).max(0) as usize;
         first..end.min(self.rows)
     }
 
-    /// Rows the strip stands for, halo rows included.
+    /// Number of rows, including halo rows.
     pub(super) fn rows(&self) -> usize {
         self.rows
     }
 
-    /// The grid's row number of a row of this strip.
+    /// Row number in the grid of a row of this strip.
     pub(super) fn grid_row(&self, row: usize) -> f64 {
         f64::from(self.first_row) + row as f64
     }
 
-    /// The grid's column number of the first cell.
+    /// Column number in the grid of the first cell.
     pub(super) fn first_column(&self) -> f64 {
         -(self.halo as f64)
     }
 
-    /// Cells a row without the spare ones.
+    /// Cells in a row, without the spare ones.
     pub(super) fn columns(&self) -> usize {
         self.stride - SPARE
     }
 
-    /// One row of cells, spare ones included.
+    /// The cells of one row, including the spare ones.
     pub(super) fn row_mut(&mut self, row: usize) -> &mut [Cell] {
         &mut self.cells[row * self.stride..(row + 1) * self.stride]
     }
 
-    /// Successive rows of cells. Not `chunks_exact`, which begins with a division.
+    /// Successive rows of cells. `chunks_exact_mut` would begin with a division.
     #[inline(always)]
     pub(super) fn rows_mut(&mut self, first: usize, count: usize) -> impl Iterator<Item = &mut [Cell]> {
         self.cells[first * self.stride..(first + count) * self.stride].chunks_mut(self.stride)
     }
 
-    /// The cells from one on, row after row, and how many there are from one row to the next.
+    /// The cells from a given one on, row after row, and the distance from one row to the next.
     #[inline(always)]
     pub(super) fn cells_from(&mut self, row: usize, column: usize) -> (&mut [Cell], usize) {
         (&mut self.cells[row * self.stride + column..], self.stride)
     }
 
-    /// Notes that cells of some rows were written; the range is not empty.
+    /// Marks a range of columns as written. The range is not empty.
     #[inline(always)]
     pub(super) fn touch(&mut self, cells: Range<usize>) {
         let (first, last) = (APART + cells.start / BLOCK, APART + (cells.end.min(self.stride) - 1) / BLOCK);
@@ -166,45 +168,45 @@ impl<Cell: Copy + Default> Strip<Cell> {
         }
     }
 
-    /// Counts looks at struts, and those of them that were drawn.
+    /// Counts struts that were looked at, and those of them that were drawn.
     pub(super) fn count(&mut self, looks: usize, drawn: usize) {
         self.effort.looks += looks as u64;
         self.effort.drawn += drawn as u64;
     }
 
-    /// Counts rows of a strut and the fields evaluated on them.
+    /// Counts rows of footprints, and the fields evaluated on them.
     #[inline(always)]
     pub(super) fn count_rows(&mut self, rows: usize, evaluations: usize) {
         self.effort.rows += rows as u64;
         self.effort.evaluations += evaluations as u64;
     }
 
-    /// What drawing has taken since the strip was made.
-    pub fn effort(&self) -> Effort {
+    /// Work since the strip was made.
+    pub(crate) fn effort(&self) -> Effort {
         self.effort
     }
 
-    /// Ranges of pixels, ascending, outside of which every row has the default.
-    pub fn used_pixels(&self, width: usize) -> impl Iterator<Item = Range<usize>> {
-        // Cell c is pixel c − halo; a pixel's coverage hangs on cells up to the halo away.
+    /// Ranges of pixels, in ascending order. Outside of them all cells have the default.
+    pub(crate) fn used_pixels(&self, width: usize) -> impl Iterator<Item = Range<usize>> {
+        // Cell c is pixel c − halo. The coverage of a pixel depends on cells within the halo.
         let before = 2 * self.halo;
         let pixels = runs(&self.touched[APART..], self.stride);
         pixels.map(move |cells| cells.start.saturating_sub(before).min(width)..cells.end.min(width))
     }
 
-    /// The cells of a row from a pixel on, spare ones included; `row` counts from the band's first.
+    /// The cells of a row from a pixel on, including the spare ones. `row` is counted from the first row of the band.
     pub(super) fn pixels(&self, row: usize, first: usize) -> &[Cell] {
         let row = row + self.halo;
         &self.cells[row * self.stride + self.halo + first..(row + 1) * self.stride]
     }
 
-    /// The cells above a row, of it and below it, from the one left of a pixel on. Only for strips with a halo.
+    /// The cells of the row above, the row itself and the row below, from the one left of a pixel on. Only for strips with a halo.
     pub(super) fn around(&self, row: usize, first: usize) -> [&[Cell]; 3] {
         [0, 1, 2].map(|line| &self.cells[(row + line) * self.stride + first..(row + line + 1) * self.stride])
     }
 }
 
-/// The cells of a row of `stride` cells whose blocks are touched, in as few ranges as possible.
+/// The columns of all touched blocks in rows of `stride` cells, as few ranges as possible.
 fn runs(touched: &[bool], stride: usize) -> impl Iterator<Item = Range<usize>> {
     let mut first = 0;
     touched[..stride.div_ceil(BLOCK)].chunk_by(|one, other| one == other).filter_map(move |run| {

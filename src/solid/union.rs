@@ -1,21 +1,23 @@
-//! Exact union: truncated cones, caps and balls, cut by pixel rows in closed form (3MF beam lattice extension). Unit of
-//! length: micrometres.
+//! The exact union of truncated cones, caps and balls, as the 3MF beam lattice extension 1.2 defines it. Unit of length: micrometres.
 //!
-//! A row is a line; a convex body cuts it in one interval, the roots of a quadratic. For grey a pixel is sampled at the
-//! centres of 8 × 8 sub-pixels by eight such rows, each exact: the sub-pixels inside any body are counted once.
+//! Each row of pixels is a line. A convex body cuts it in one interval, whose ends are roots of a quadratic. For grey, a pixel is
+//! sampled at the centres of 8 × 8 sub-pixels with eight such lines; sub-pixels inside several bodies count once. The quadratics are
+//! those of a cone, `|v − t u|² = (r + m t)²`, and of a sphere, with the line inserted.
+//!
+//! `slice/body/lattice` draws with it if the blend is a union.
 
 use super::block::Record;
 use super::{Block, Cap, Grid, InstructionSet, Plane, Shape, Strip};
 
-/// Solid inside any beam or ball.
+/// A point is solid if it lies in any beam or ball.
 #[derive(Clone, Copy, Debug)]
-pub struct Union;
+pub(crate) struct Union;
 
-/// A beam or ball seen by a plane. Unit of length: micrometres.
+/// A beam or ball, in micrometres.
 #[derive(Clone, Copy, Debug)]
 struct UnionStrut {
     a: [f64; 3],
-    /// Unit vector; zero for a ball.
+    /// Unit vector of the axis; zero for a ball.
     u: [f64; 3],
     /// 0 for a ball.
     length: f64,
@@ -23,21 +25,21 @@ struct UnionStrut {
     caps: [Cap; 2],
 }
 
-/// An interval of x; empty where the first is greater.
+/// An interval of x. It is empty if the first number is greater.
 type Interval = [f64; 2];
 
-/// An end's cap stands above the bits of its radius, which are at most 30: see [`super::LARGEST_RADIUS`].
+/// The bits of a cap are above those of a radius, of which there are 30: see [`super::MAX_RADIUS`].
 const CAP_SHIFT: u32 = 30;
 
 const CAPS: [Cap; 3] = [Cap::Sphere, Cap::Hemisphere, Cap::Butt];
 
 impl Shape for Union {
-    /// One bit for each sub-pixel, eight to a sub-row.
+    /// One bit for each sub-pixel, eight for each sub-row.
     type Cell = u64;
 
     const HALO: usize = 0;
 
-    /// The radius in quanta, the cap in the two highest bits.
+    /// The radius in quanta, and the cap in the two highest bits.
     fn ends(radii: [u32; 2], caps: [Cap; 2], _is_ball: bool, _quantum: f64) -> [u32; 2] {
         debug_assert!(radii.iter().all(|radius| *radius < 1 << CAP_SHIFT));
         [0, 1].map(|end| radii[end] | (caps[end] as u32) << CAP_SHIFT)
@@ -73,7 +75,7 @@ impl Shape for Union {
     }
 }
 
-/// Where sample `index` of `samples` lies in a pixel, in pixels from its centre.
+/// Position of sample `index` of `samples` in a pixel, in pixels from its centre.
 fn sub_offset(index: u32, samples: u32) -> f64 {
     (f64::from(index) + 0.5) / f64::from(samples) - 0.5
 }
@@ -103,18 +105,18 @@ impl UnionStrut {
         if dz < run.min(0.0) - radius || dz > run.max(0.0) + radius {
             return None;
         }
-        // Only the part of the axis within the larger radius of the plane can matter.
+        // Only the part of the axis within the larger radius of the plane matters.
         let along = |height: f64| if run == 0.0 { 0.0 } else { (height / run).clamp(0.0, 1.0) * self.length };
         let (from, to) = if run == 0.0 { (0.0, self.length) } else { (along(dz - radius), along(dz + radius)) };
         let (y1, y2) = (self.a[1] + self.u[1] * from, self.a[1] + self.u[1] * to);
         let (low, high) = (y1.min(y2) - radius, y1.max(y2) + radius);
         let (one, two) = ((low - grid.y0) / grid.dy, (high - grid.y0) / grid.dy);
-        // One row more on both sides: sub-rows lie up to half a row from the row's centre.
-        // A float beyond i32 saturates: such rows lie outside every picture.
+        // One more row on both sides, because sub-rows lie up to half a row from the centre of the row.
+        // Numbers beyond i32 saturate: such rows lie outside every picture.
         Some([(one.min(two).floor() as i32).saturating_sub(1), (one.max(two).ceil() as i32).saturating_add(1)])
     }
 
-    /// Intervals of x (from `a`) in which the line at (y, z) from `a` lies in the body, the cap at `a`, the cap at `b`.
+    /// Intervals of x, measured from `a`, in which the line at (y, z), also from `a`, lies in the cone, the cap at `a` and the cap at `b`.
     fn cut(&self, y: f64, z: f64) -> [Interval; 3] {
         if self.length == 0.0 {
             return [ball(y, z, self.radius[0]), EMPTY, EMPTY];
@@ -137,8 +139,9 @@ impl UnionStrut {
         }
     }
 
-    /// Where |v|² − t² ≤ (r + m t)², t = g + u_x·x, m the change of radius a unit of length. Where the row runs so flat that
-    /// the quadratic opens downwards, the double cone is cut in two half-lines; the one on the body's side counts.
+    /// The interval in which `|v|² − t² ≤ (r + m t)²`, with `t = g + u_x·x` and m the change of radius along the axis. If the row is so
+    /// nearly parallel to the axis that the quadratic opens downwards, the line cuts the double cone in two half-lines. The half-line
+    /// on the side of the body counts.
     fn cone(&self, y: f64, z: f64, g: f64) -> Interval {
         let ux = self.u[0];
         let m = (self.radius[1] - self.radius[0]) / self.length;
@@ -174,12 +177,12 @@ impl UnionStrut {
         if length(sides[0]) >= length(sides[1]) { sides[0] } else { sides[1] }
     }
 
-    /// Marks the sub-pixels of one sub-row whose centres lie in the interval.
+    /// Sets the sub-pixels of one sub-row whose centres lie in the interval.
     fn fill(&self, [from, to]: Interval, grid: &Grid, sub_row: u32, strip: &mut Strip<u64>, row: usize) {
         if from > to {
             return;
         }
-        // In samples, sample 0 the first of column 0.
+        // In samples, counted from the first of column 0.
         let samples = f64::from(grid.samples);
         let sample = |x: f64| ((x + self.a[0] - grid.x0) / grid.dx + 0.5) * samples - 0.5;
         let (one, two) = (sample(from), sample(to));
@@ -206,7 +209,8 @@ impl UnionStrut {
     }
 }
 
-/// The two roots of `second·x² + 2·half_first·x + zeroth`, ascending, without cancellation. `second` is not 0.
+/// The two roots of `second·x² + 2·half_first·x + zeroth` in ascending order. One root is computed without subtracting nearly equal
+/// numbers, the other from their product (Vieta). `second` is not 0.
 fn roots(second: f64, half_first: f64, zeroth: f64, discriminant: f64) -> Interval {
     let sum = -(half_first + discriminant.sqrt().copysign(half_first));
     let one = sum / second;
@@ -214,7 +218,7 @@ fn roots(second: f64, half_first: f64, zeroth: f64, discriminant: f64) -> Interv
     [one.min(two), one.max(two)]
 }
 
-/// Where |v|² ≤ r².
+/// The interval in which |v|² ≤ r².
 fn ball(y: f64, z: f64, radius: f64) -> Interval {
     let rest = radius * radius - y * y - z * z;
     if rest < 0.0 {
@@ -223,7 +227,7 @@ fn ball(y: f64, z: f64, radius: f64) -> Interval {
     [-rest.sqrt(), rest.sqrt()]
 }
 
-/// Where `low ≤ g + u·x ≤ high`.
+/// The interval in which `low ≤ g + u·x ≤ high`.
 fn slab(g: f64, u: f64, low: f64, high: f64) -> Interval {
     if u == 0.0 {
         return if low <= g && g <= high { [f64::NEG_INFINITY, f64::INFINITY] } else { EMPTY };

@@ -1,18 +1,20 @@
-//! The field of struts, vectors of pixels at a time. See [`super::instruction_set`] for what may be used here.
+//! The field of struts on vectors of pixels. [`super::instruction_set`] lists the operations that are allowed here.
+//!
+//! All forms below follow from the closed form in [`super::reference`], with R = 1. `convolution` draws footprints with them.
 
-/// Pixels evaluated at once. Rows of a strut are often some 15 pixels wide: longer vectors would mostly overshoot.
+/// Pixels evaluated at once. Rows of a strut are often some 15 pixels wide, so most of a longer vector would be wasted.
 pub(super) const LANES: usize = 8;
 
-/// Numbers of the lanes.
+/// The number of each lane.
 pub(super) const LANE: [f32; LANES] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
 
-/// `max` as one instruction; no operand is ever NaN.
+/// `max` as one instruction. No operand is ever NaN.
 #[inline(always)]
 pub(super) fn greater(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
-/// `min` as one instruction; no operand is ever NaN.
+/// `min` as one instruction. No operand is ever NaN.
 #[inline(always)]
 pub(super) fn lesser(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
@@ -24,47 +26,48 @@ pub(super) fn multiply_add<const FUSED: bool>(a: f32, b: f32, c: f32) -> f32 {
     if FUSED { a.mul_add(b, c) } else { a * b + c }
 }
 
-/// A stretch of one row, of one strut, in `f32`. `d` counts pixels from a base pixel near the strut's axis, so that
-/// `q = q_base − d (slope + curve·d)` loses nothing to cancellation.
+/// One strut on a stretch of one row, in `f32`. `d` is the distance in pixels from a base pixel near the axis of the strut: then
+/// `q = q_base − d (slope + curve·d)` does not lose digits to cancellation.
 #[derive(Clone, Copy)]
 pub(super) struct Stretch {
     /// `1 − h²` at the base pixel, h the distance from the strut's axis in units of R.
     pub(super) q_base: f32,
-    /// First-order change of h² a pixel.
+    /// First-order change of h² per pixel.
     pub(super) slope: f32,
-    /// Second-order change of h² a pixel.
+    /// Second-order change of h² per pixel.
     pub(super) curve: f32,
-    /// Start of the strut measured from the foot of the base pixel: −t.
+    /// Start of the strut, measured from the foot of the base pixel: −t.
     pub(super) lo_base: f32,
-    /// End of the strut measured from there: L − t.
+    /// End of the strut, measured from the same point: L − t.
     pub(super) hi_base: f32,
-    /// Change of t a pixel.
+    /// Change of t per pixel.
     pub(super) axial: f32,
     /// `weight[0] + weight[1]·t`, times R.
     pub(super) weight: [f32; 2],
-    /// Base pixel's offset: d of the first pixel.
+    /// `d` of the first pixel.
     pub(super) first_d: f32,
 }
 
-/// What a pixel sees of a strut.
+/// A strut as seen from one pixel.
 #[derive(Clone, Copy)]
 pub(super) struct Point {
-    /// `1 − h²`, h the distance from the strut's axis in units of R; 0 or less where nothing is within reach.
+    /// `1 − h²`, with h the distance from the axis in units of R. If it is 0 or less, the strut is out of reach.
     pub(super) q: f32,
-    /// Start of the strut measured from the pixel's foot on its axis.
+    /// Start of the strut, measured from the pixel's foot on the axis.
     pub(super) lo: f32,
-    /// End of the strut measured from there.
+    /// End of the strut, measured from the same point.
     pub(super) hi: f32,
 }
 
-/// A strut's field where certain of its ends may be within reach. Of one kind for all pixels that are evaluated together:
-/// most of them see one end or none, which takes fewer operations.
+/// The field of a strut, given which of its ends may be within reach. All pixels that are evaluated together use the same
+/// implementation. Most pixels see one end or none, which takes fewer operations.
 pub(super) trait Ends {
-    /// `field` and the strut's at a pixel; `weight` at the strut's start and its change a unit of length.
+    /// `field` plus the field of the strut at a pixel. `weight` is the weight at the start of the strut, and its change per unit of length.
     fn plus<const FUSED: bool>(field: f32, point: Point, weight: [f32; 2]) -> f32;
 }
 
-/// Neither: lo = −√q and hi = √q leave `16/15 q² √q`, and of a linear weight only its value at the foot.
+/// No end is within reach: with lo = −√q and hi = √q the closed form becomes `16/15 q² √q`. Of a linear weight only the value at the
+/// foot matters.
 pub(super) struct NoEnd<const TAPERED: bool>;
 
 impl<const TAPERED: bool> Ends for NoEnd<TAPERED> {
@@ -77,8 +80,8 @@ impl<const TAPERED: bool> Ends for NoEnd<TAPERED> {
     }
 }
 
-/// One of them, of a strut of one weight. With x from the foot to it, the other end leaves `8/15 q² √q` beside `G(x)`, where
-/// `G(x) = x (q² − x² (⅔ q − x²/5))`.
+/// One end is within reach, and the weight is constant. Let x be the distance from the foot to that end. The side of the other end
+/// contributes `8/15 q² √q`, and this side `G(x) = x (q² − x² (⅔ q − x²/5))`.
 pub(super) struct OneEnd<const UPPER: bool>;
 
 impl<const UPPER: bool> Ends for OneEnd<UPPER> {
@@ -94,8 +97,8 @@ impl<const UPPER: bool> Ends for OneEnd<UPPER> {
     }
 }
 
-/// Both. With D = hi − lo, S = hi + lo, P = hi·lo, e = S² − P the closed form is
-/// `G(hi) − G(lo) = D (q² − ⅔ q e + (e² − P S²)/5)`: no difference of nearly equal numbers for short struts.
+/// Both ends are within reach. With D = hi − lo, S = hi + lo, P = hi·lo and e = S² − P the closed form is
+/// `G(hi) − G(lo) = D (q² − ⅔ q e + (e² − P S²)/5)`. It does not subtract nearly equal numbers if the strut is short.
 pub(super) struct BothEnds<const TAPERED: bool>;
 
 impl<const TAPERED: bool> Ends for BothEnds<TAPERED> {
@@ -122,14 +125,14 @@ impl<const TAPERED: bool> Ends for BothEnds<TAPERED> {
 }
 
 impl Stretch {
-    /// `1 − h²`, `d` pixels from the base.
+    /// `1 − h²` at `d` pixels from the base pixel.
     #[inline(always)]
     fn q<const FUSED: bool>(&self, d: f32) -> f32 {
         multiply_add::<FUSED>(-d, multiply_add::<FUSED>(self.curve, d, self.slope), self.q_base)
     }
 }
 
-/// Adds a strut's field to whole vectors of pixels.
+/// Adds the field of a strut to whole vectors of pixels.
 #[inline(always)]
 pub(super) fn add_strut<const FUSED: bool, E: Ends>(row: &mut [f32], stretch: Stretch) {
     let Stretch { lo_base, hi_base, axial, weight, mut first_d, .. } = stretch;
@@ -144,7 +147,7 @@ pub(super) fn add_strut<const FUSED: bool, E: Ends>(row: &mut [f32], stretch: St
     }
 }
 
-/// Adds a ball's field, `w q²`.
+/// Adds the field of a ball, `w q²`, to whole vectors of pixels.
 #[inline(always)]
 pub(super) fn add_ball<const FUSED: bool>(row: &mut [f32], stretch: Stretch) {
     let Stretch { weight, mut first_d, .. } = stretch;

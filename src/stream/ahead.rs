@@ -1,8 +1,8 @@
 //! A thread that computes layers ahead of the printer, and the bounded queue of those it has finished.
 //!
 //! The queue is limited in bytes, which are charged to the memory budget, and in layers. The bytes of a layer become free when its
-//! [`Room`] is dropped, so a layer being uploaded still counts. One more layer may wait for room; the producer charges it
-//! together with its own buffers.
+//! [`Room`] is dropped, so a layer that is being uploaded still counts. One more layer may wait for room; the producer charges it
+//! together with its own buffers. `pipeline` streams the layers of a print with it.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -15,9 +15,9 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc};
 use super::{BudgetExceeded, Charge, MemoryBudget};
 use crate::text::size_text;
 
-/// Most finished layers that wait: enough to bridge any delay, few enough that a resumed or aborted job discards little work. Without
-/// it thousands of small layers would queue.
-const QUEUE_LAYERS: usize = 64;
+/// Most finished layers in the queue: enough to bridge any delay, few enough that a resumed or aborted job discards little work. Without
+/// this limit thousands of small layers would queue.
+const MAX_QUEUE_LAYERS: usize = 64;
 
 /// Unit of the semaphore. Its permits are a `u32`, so counting single bytes would limit the queue to 4 GiB.
 const PERMIT_BYTES: u64 = 1024;
@@ -96,7 +96,7 @@ impl<T: Send + 'static> Ahead<T> {
         let charge = budget.charge("the queue of finished layers", queue_bytes)?;
         let permits = u32::try_from(queue_bytes / PERMIT_BYTES).unwrap_or(u32::MAX);
         let room = Arc::new(Semaphore::new(permits as usize));
-        let (sender, finished) = mpsc::channel(QUEUE_LAYERS);
+        let (sender, finished) = mpsc::channel(MAX_QUEUE_LAYERS);
         let worker =
             Worker { sender, room: Arc::clone(&room), permits, runtime: Handle::current(), charge: Arc::new(charge) };
         let thread = std::thread::Builder::new()

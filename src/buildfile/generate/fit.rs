@@ -1,49 +1,49 @@
-//! How large a grid must be: enough struts in the box, and where it is asked for, a box of such a height that a given
-//! number of struts is active at the busiest plane.
+//! Finds the grid for a lattice: one with enough struts in the box, and, if requested, a box of such a height that a given number of
+//! struts is active at the busiest plane. `generate` calls [`fit`].
 
 use super::grid::{Grid, Radii};
 use super::{GenerateOptions, Height, QUANTUM_UM};
 use crate::buildfile::error::PackError;
 
-/// Strut radius in grid steps where none is given, a tenth of a cell's edge: slender, yet four pixels wide in a 2 mm cell at
-/// 50 µm.
+/// Default radius in grid steps: a tenth of the edge of a cell. Struts are slender, but still 4 pixels of 50 µm in radius in a cell of
+/// 2 mm.
 const RADIUS_SHARE: f64 = 0.2;
 
-/// Nodes nearer than this could fall on one quantum.
-const LEAST_PITCH: f64 = 10.0;
+/// Smallest distance of grid points, micrometres: nodes that are closer could fall on the same quantum.
+const MIN_PITCH: f64 = 10.0;
 
-/// Each grid tried is finer than the one before by this factor: a large one has at most 1 % more struts than wanted.
+/// Each grid that is tried is finer than the one before by this factor. A large grid then has at most 1 % more struts than wanted.
 const FINER: f64 = 0.998;
 
-/// Heights tried to halve five decades on a logarithmic scale: down to about 1 %.
+/// Bisections of the height, on a logarithmic scale of five decades: down to about 1 %.
 const BISECTIONS: u32 = 10;
 
-/// Heights tried round the one found, and how far from it: a lattice has a whole number of layers of nodes, so that its active
-/// set changes by leaps, up and down.
+/// Number of heights tried around the one found, and their largest distance from it as a share: a lattice has a whole number of layers
+/// of nodes, so its active set jumps up and down.
 const NEAR_HEIGHTS: u32 = 24;
 const NEAR_SHARE: f64 = 0.15;
 
-/// Heights of a cell, as shares of its width, tried with each of them: a flat lattice of few layers of nodes needs the choice.
+/// Heights of a cell, as shares of its width, that are tried with each height of the box. A flat lattice of few layers needs the choice.
 const STRETCHES: [f64; 3] = [1.0, 0.85, 1.15];
 
-/// Near enough to look no further.
+/// Relative error that is small enough to stop the search.
 const CLOSE: f64 = 0.005;
 
-/// Most struts counted to find the busiest plane, one by one; of a larger lattice a part stands for the whole.
-const MOST_COUNTED: u64 = 500_000;
+/// Most struts that are counted to find the busiest plane. Of a larger lattice only a section is counted.
+const MAX_COUNTED: u64 = 500_000;
 
-/// That part: layers of nodes beyond which a higher lattice is only more of the same, and steps along x and y.
-const PART_LAYERS: i64 = 12;
-const PART_STEPS: i64 = 128;
+/// Size of that section: layers of nodes, beyond which the active set of a higher lattice hardly changes, and steps along x and y.
+const SECTION_LAYERS: i64 = 12;
+const SECTION_STEPS: i64 = 128;
 
-/// Slices of the height in which active struts are counted.
+/// Slabs of the height for which active struts are counted.
 const SLABS: usize = 4096;
 
-/// Largest share by which the active set as counted may differ from what is asked for. It leaves room for what a part of a
-/// lattice and slabs of its height cannot tell.
+/// Largest allowed relative error of the counted active set. It leaves room for the errors of counting a section, and in slabs: together
+/// they are below 5 %.
 const TOLERANCE: f64 = 0.025;
 
-/// The grid and the radii that `options` ask for.
+/// The grid and the radii for `options`.
 ///
 /// # Errors
 /// [`PackError::Option`] names the option that is out of range.
@@ -72,11 +72,11 @@ fn refused<T>(problem: String) -> Result<T, PackError> {
     Err(PackError::Option(problem))
 }
 
-/// The coarsest grid in a box of this height that has enough struts, of cells about `stretch` times as high as wide.
+/// The coarsest grid with enough struts in a box of this height. Its cells are about `stretch` times as high as wide.
 fn in_height(options: &GenerateOptions, height_mm: f64, stretch: f64) -> Result<(Grid, Radii), PackError> {
     let GenerateOptions { kind, struts, footprint_mm: [x_mm, y_mm], radius_mm, seed, .. } = *options;
     let edges = [x_mm, y_mm, height_mm].map(|edge_mm| edge_mm * 1000.0 / QUANTUM_UM);
-    // A flat or slender box has up to some times as many struts as a part of the inside of a large one.
+    // Begin with a coarse grid: a flat or slender box has several times as many struts as the same volume inside a large one.
     let mut step = 2.0 * (edges.iter().product::<f64>() * kind.density() / struts as f64).cbrt();
     let grid = loop {
         let multiple = kind.steps_multiple();
@@ -84,7 +84,7 @@ fn in_height(options: &GenerateOptions, height_mm: f64, stretch: f64) -> Result<
         let steps =
             [0, 1, 2].map(|axis| (edges[axis] / wished[axis] / multiple as f64).round().max(1.0) as i64 * multiple);
         let pitch = [0, 1, 2].map(|axis| edges[axis] / steps[axis] as f64);
-        if let Some(pitch) = pitch.iter().find(|pitch| **pitch < LEAST_PITCH) {
+        if let Some(pitch) = pitch.iter().find(|pitch| **pitch < MIN_PITCH) {
             return refused(format!(
                 "--struts {struts}: nodes {pitch:.1} µm apart in this box; ask for fewer or a larger --box"
             ));
@@ -103,7 +103,7 @@ fn in_height(options: &GenerateOptions, height_mm: f64, stretch: f64) -> Result<
     Ok((grid, Radii::new(kind, radius)))
 }
 
-/// The box of such a height that `wanted` struts are active at the busiest plane: higher boxes have fewer.
+/// The box in which `wanted` struts are active at the busiest plane. The higher the box, the fewer are.
 fn with_active(options: &GenerateOptions, wanted: u64) -> Result<(Grid, Radii), PackError> {
     let mut nearest: Option<(u64, Grid, Radii)> = None;
     let off = |active: u64| active.abs_diff(wanted) as f64 / wanted as f64;
@@ -123,7 +123,7 @@ fn with_active(options: &GenerateOptions, wanted: u64) -> Result<(Grid, Radii), 
             Ok(active) if active <= wanted => high_mm = height_mm,
             Ok(_) => low_mm = height_mm,
             Err(error) => {
-                // Nodes too near one another: too little room.
+                // The nodes are too close to one another: the box must be higher.
                 failure = Some(error);
                 low_mm = height_mm;
             }
@@ -132,7 +132,7 @@ fn with_active(options: &GenerateOptions, wanted: u64) -> Result<(Grid, Radii), 
     let shares = (0..=NEAR_HEIGHTS).map(|number| 2.0 * f64::from(number) / f64::from(NEAR_HEIGHTS) - 1.0);
     let nearby = STRETCHES.iter().flat_map(|stretch| shares.clone().map(|share| (1.0 + NEAR_SHARE * share, *stretch)));
     for (factor, stretch) in nearby {
-        // One that cannot be is no candidate.
+        // An impossible box is not a candidate.
         if attempt(high_mm * factor, stretch).is_ok_and(|active| off(active) <= CLOSE) {
             break;
         }
@@ -141,34 +141,38 @@ fn with_active(options: &GenerateOptions, wanted: u64) -> Result<(Grid, Radii), 
         (Some((active, grid, radii)), _) if off(active) <= TOLERANCE => Ok((grid, radii)),
         (None, Some(failure)) => Err(failure),
         (nearest, _) => refused(format!(
-            "--active {wanted}: {} struts on this footprint come no nearer than {} at the busiest plane, whatever the height; \
-             ask for about that, or try another --radius or --footprint",
+            "--active {wanted}: {} struts on this footprint reach at best {} at the busiest plane, at any height; use about that \
+             number, or another --radius or --footprint",
             options.struts,
             nearest.map_or(0, |(active, ..)| active)
         )),
     }
 }
 
-/// How many of the `chosen` struts of a grid are active at the plane where most are.
+/// Number of active struts at the busiest plane, if `chosen` struts of a grid are chosen.
 fn busiest(whole: &Grid, radii: &Radii, chosen: u64) -> u64 {
-    let mut part = *whole;
-    if chosen > MOST_COUNTED {
-        part.steps = [part.steps[0].min(PART_STEPS), part.steps[1].min(PART_STEPS), part.steps[2].min(PART_LAYERS)];
+    let mut section = *whole;
+    if chosen > MAX_COUNTED {
+        section.steps = [
+            section.steps[0].min(SECTION_STEPS),
+            section.steps[1].min(SECTION_STEPS),
+            section.steps[2].min(SECTION_LAYERS),
+        ];
     }
-    // As many of the whole's struts as lie at the part's height.
-    let tall = Grid { steps: [whole.steps[0], whole.steps[1], part.steps[2]], ..*whole };
-    let share = tall.strut_count() as f64 / part.strut_count() as f64;
+    // The whole grid at the height of the section.
+    let tall = Grid { steps: [whole.steps[0], whole.steps[1], section.steps[2]], ..*whole };
+    let share = tall.strut_count() as f64 / section.strut_count() as f64;
     let chosen_share = chosen as f64 / whole.strut_count() as f64;
-    let mut choice = part.choice((part.strut_count() as f64 * chosen_share).round() as u64);
+    let mut choice = section.choice((section.strut_count() as f64 * chosen_share).round() as u64);
 
     let reach = radii.support();
-    let slab = (part.steps[2] as f64 * part.pitch[2] + 2.0 * reach) / SLABS as f64;
-    // Nodes are rounded to quanta, perhaps past the end of the last slab.
+    let slab = (section.steps[2] as f64 * section.pitch[2] + 2.0 * reach) / SLABS as f64;
+    // Nodes are rounded to quanta, possibly beyond the end of the last slab.
     let number = |z: f64| ((z / slab) as usize).min(SLABS);
-    // Active in a slab are those that begin in it or below, without those that end below it.
+    // The struts active in a slab are those that begin in it or below it, without those that end below it.
     let mut change = vec![0i64; SLABS + 2];
-    for k in 0..part.layer_count() {
-        part.layer(k, radii, &mut choice, &mut |strut| {
+    for k in 0..section.layer_count() {
+        section.layer(k, radii, &mut choice, &mut |strut| {
             change[number(f64::from(strut.a[2]))] += 1;
             change[number(f64::from(strut.b[2]) + 2.0 * reach) + 1] -= 1;
         });

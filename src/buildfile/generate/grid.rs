@@ -1,21 +1,19 @@
-//! The struts of a lattice, by hash: node and strut are known from their place in the grid, so none is held in memory.
+//! The struts of a lattice. A hash of its grid position determines each node and each strut, so none has to be kept in memory.
 
 use super::Kind;
-use crate::buildfile::model::SUPPORT_FACTOR;
-use crate::buildfile::model::node_key;
-use crate::buildfile::model::{Caps, Strut};
+use crate::buildfile::model::{Caps, SUPPORT_FACTOR, Strut, node_key};
 
-/// How far a node of [`Kind::Random`] leaves its grid point along each axis, in grid steps: below a half, so that struts of
-/// one layer of nodes begin below those of the next.
+/// Largest distance of a node of [`Kind::Random`] from its grid point along each axis, in grid steps. Below a half, so that the struts
+/// of one layer of nodes begin below those of the next layer.
 const JITTER: f64 = 0.4;
 
-/// Radii of [`Kind::Random`] lie within this share of the mean above and below it: they vary by a factor of three.
+/// Largest deviation of the radii of [`Kind::Random`] from the mean, as a share of it: they vary by a factor of three.
 const SPREAD: f64 = 0.5;
 
-/// From a node to its upper neighbours, in grid steps of half a cell.
+/// Offsets from a node to its upper neighbours, in grid steps of half a cell.
 const BCC: &[[i64; 3]] = &[[1, 1, 1], [-1, 1, 1], [1, -1, 1], [-1, -1, 1]];
 const OCTET: &[[i64; 3]] = &[[1, 1, 0], [-1, 1, 0], [1, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]];
-/// The edges of the tetrahedra that have the nodes of a body-centred grid as corners.
+/// The edges of the tetrahedra whose corners are the nodes of a body-centred grid.
 const RANDOM: &[[i64; 3]] = &[[2, 0, 0], [0, 2, 0], [0, 0, 2], [1, 1, 1], [-1, 1, 1], [1, -1, 1], [-1, -1, 1]];
 
 impl Kind {
@@ -27,7 +25,7 @@ impl Kind {
         }
     }
 
-    /// Struts a cube of one grid step has inside a large lattice.
+    /// Struts per cube of one grid step in the inside of a large lattice.
     pub(super) fn density(self) -> f64 {
         match self {
             Self::Bcc => 1.0,
@@ -36,7 +34,7 @@ impl Kind {
         }
     }
 
-    /// A box holds a multiple of this many grid steps along each axis: whole cells look whole.
+    /// The number of grid steps along each axis is a multiple of this, so that the box has whole cells.
     pub(super) fn steps_multiple(self) -> i64 {
         match self {
             Self::Bcc | Self::Octet => 2,
@@ -68,18 +66,18 @@ impl Radii {
         self.of(1.0)
     }
 
-    /// Kernel support R.
+    /// Support R of the kernel.
     pub(super) fn support(&self) -> f64 {
         SUPPORT_FACTOR * f64::from(self.largest())
     }
 
-    /// The radius that `chance`, 0 to 1, decides.
+    /// The radius for a random number from 0 to 1.
     fn of(&self, chance: f64) -> u32 {
         (self.mean * (1.0 + self.spread * (2.0 * chance - 1.0))).round().max(1.0) as u32
     }
 }
 
-/// Where nodes stand: at 0 to `steps` along each axis, where the kind has one.
+/// The grid of the nodes: grid points 0 to `steps` along each axis, some of which are nodes.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Grid {
     pub(super) kind: Kind,
@@ -94,7 +92,7 @@ impl Grid {
         self.steps[2] + 1
     }
 
-    /// All struts between neighbours.
+    /// Number of struts between all neighbours.
     pub(super) fn strut_count(&self) -> u64 {
         let layers = |step: &[i64; 3]| Parity::of(0..=self.steps[2] - step[2]);
         let of_step =
@@ -102,7 +100,7 @@ impl Grid {
         self.kind.neighbours().iter().map(of_step).sum()
     }
 
-    /// Nodes of layer `k` whose neighbour at `step` lies within the grid along x and y.
+    /// Number of nodes of layer `k` whose neighbour at `step` lies within the grid along x and y.
     fn pairs(&self, k: i64, step: &[i64; 3]) -> u64 {
         let [x, y] = [0, 1].map(|axis| Parity::of((-step[axis]).max(0)..=self.steps[axis] - step[axis].max(0)));
         match (self.kind, k & 1) {
@@ -113,12 +111,12 @@ impl Grid {
         }
     }
 
-    /// A choice of `wanted` among all struts.
+    /// A random choice of `wanted` among all struts.
     pub(super) fn choice(&self, wanted: u64) -> Choice {
         Choice { left: self.strut_count(), wanted }
     }
 
-    /// Hands over the chosen struts whose lower grid node lies in layer `k`; struts of the next layer begin no lower.
+    /// Calls `emit` for the chosen struts whose lower grid node lies in layer `k`. Struts of the next layer begin no lower.
     pub(super) fn layer(&self, k: i64, radii: &Radii, choice: &mut Choice, emit: &mut impl FnMut(Strut)) {
         for j in 0..=self.steps[1] {
             for i in (0..=self.steps[0]).filter(|&i| self.kind.is_node([i, j, k])) {
@@ -142,7 +140,7 @@ impl Grid {
         }
     }
 
-    /// Nodes of [`Kind::Random`] leave their grid points, but for those at the box's faces, which stay in them.
+    /// A node. Nodes of [`Kind::Random`] are moved from their grid points; those on faces of the box stay on these faces.
     fn node(&self, place: [i64; 3]) -> Node {
         let hash = place.iter().fold(self.seed, |state, &value| mix(state ^ value as u64));
         let at = [0, 1, 2].map(|axis| {
@@ -161,7 +159,8 @@ struct Node {
     hash: u64,
 }
 
-/// A given number out of another, each subset as likely as any (selection sampling: Fan, Muller & Rezucha 1962).
+/// Chooses a given number of struts so that all subsets are equally likely (selection sampling: Fan, Muller & Rezucha 1962; Knuth, The
+/// Art of Computer Programming 2, §3.4.2, algorithm S).
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Choice {
     left: u64,
@@ -169,7 +168,7 @@ pub(super) struct Choice {
 }
 
 impl Choice {
-    /// Whether the next one is chosen; `chance` are 64 random bits.
+    /// Whether the next strut is chosen; `chance` is 64 random bits.
     fn takes(&mut self, chance: u64) -> bool {
         let taken = unit(chance) * (self.left as f64) < self.wanted as f64;
         self.left = self.left.saturating_sub(1);
@@ -178,14 +177,14 @@ impl Choice {
     }
 }
 
-/// How many even and odd numbers a range holds.
+/// Number of even and of odd integers in a range.
 struct Parity {
     even: u64,
     odd: u64,
 }
 
 impl Parity {
-    /// Of a range that begins at 0 or 1; it may be empty.
+    /// Counts a range that begins at 0 or 1. It may be empty.
     fn of(range: std::ops::RangeInclusive<i64>) -> Self {
         let below = |end: i64| ((end + 1).max(0) / 2, end.max(0) / 2);
         let (first, end) = (*range.start(), *range.end() + 1);
@@ -198,7 +197,7 @@ fn moved(place: [i64; 3], step: [i64; 3]) -> [i64; 3] {
     [0, 1, 2].map(|axis| place[axis] + step[axis])
 }
 
-/// From 0 to below 1 by the highest 32 bits.
+/// A number from 0 to below 1, made of the highest 32 bits.
 fn unit(bits: u64) -> f64 {
     (bits >> 32) as f64 / (1u64 << 32) as f64
 }

@@ -1,6 +1,18 @@
-//! Synthetic lattices for demos and benchmarks, written in ascending z layer by layer: hundreds of millions of struts fit.
+//! Synthetic lattices for demos and benchmarks. They are written in ascending z, layer by layer, so they may have hundreds of millions of
+//! struts.
 //!
-//! `grid` says where the struts of a lattice are, `fit` how large a grid must be.
+//! `grid` computes the struts of a lattice, `fit` the size of the grid.
+//!
+//! ```
+//! use layerd::buildfile::{GenerateOptions, Height, Kind, generate};
+//! # let directory = tempfile::tempdir()?;
+//! # let output = directory.path().join("bcc.layerd");
+//! let (kind, height) = (Kind::Bcc, Height::Mm(10.0));
+//! let options = GenerateOptions { kind, struts: 500, footprint_mm: [20.0; 2], height, radius_mm: None, seed: 0 };
+//! let header = generate(&output, &options, &mut |_, _| {})?;
+//! assert_eq!(header.lattices().map(|lattice| lattice.strut_count).sum::<u64>(), 500);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 mod fit;
 mod grid;
@@ -16,53 +28,54 @@ use super::sort::Sorter;
 use super::store::{BodySettings, Writer, WriterSettings};
 use crate::output;
 
-/// Memory for sorting one layer of nodes; a wider layer is sorted out of core.
+/// Memory for sorting the struts of one layer of nodes. A wider layer is sorted on the disk.
 const LAYER_MEMORY_BYTES: u64 = 64 << 20;
 
+/// Length of a quantum, micrometres.
 const QUANTUM_UM: f64 = 1.0;
 
-/// What is repeated.
+/// The structure of a lattice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// Body-centred cubic: eight half diagonals a cell.
+    /// Body-centred cubic: eight half diagonals per cell.
     Bcc,
-    /// Octet truss: nearest neighbours of a face-centred cubic grid, 24 struts a cell.
+    /// Octet truss: struts between nearest neighbours of a face-centred cubic grid, 24 per cell.
     Octet,
-    /// The edges of an irregular tetrahedral mesh: nodes of a body-centred cubic grid, each moved, with 14 struts at each
-    /// inner node and radii from half to one and a half of the mean.
+    /// The edges of an irregular tetrahedral mesh. Its nodes are those of a body-centred cubic grid, each moved at random. 14 struts meet
+    /// at each inner node. Radii are half to one and a half times the mean.
     Random,
 }
 
-/// What to generate.
+/// Options of [`generate`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GenerateOptions {
-    /// What is repeated.
+    /// The structure.
     pub kind: Kind,
-    /// Exactly this many struts, 1 to 10⁹: where whole cells have more, some are left out here and there.
+    /// Exact number of struts, 1 to 10⁹. If whole cells have more, some are left out at random.
     pub struts: u64,
-    /// Edges of the box the nodes fill along x and y, 0.1 to 10,000 mm.
+    /// Edges along x and y of the box that the nodes fill, 0.1 to 10,000 mm.
     pub footprint_mm: [f64; 2],
-    /// The box's third edge.
+    /// Edge of the box along z.
     pub height: Height,
-    /// Strut radius, the mean one of [`Kind::Random`]; where none is given, a tenth of a cell's least edge.
+    /// Strut radius, of [`Kind::Random`] the mean. `None` is a tenth of the shortest edge of a cell.
     pub radius_mm: Option<f64>,
-    /// Seed of all that is left to chance.
+    /// Seed of all random choices.
     pub seed: u64,
 }
 
-/// The edge of the box along z.
+/// Edge of the box along z.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Height {
-    /// 0.1 to 10,000 mm.
+    /// This length, 0.1 to 10,000 mm.
     Mm(f64),
-    /// As high as leaves this many struts within reach of the plane with most of them, within 5 %.
+    /// The height at which this number of struts, within 5 %, are within reach of the plane that reaches most of them.
     Active(u64),
 }
 
-/// Writes a lattice; the same options give the same file. `progress` takes layers of nodes done and in all.
+/// Writes a lattice. The same options give the same file. `progress` takes the layers of nodes done, and their total.
 ///
 /// # Errors
-/// [`PackError`] names the option that is out of range, or what the file system refused.
+/// [`PackError`] names the option that is out of range, or says why the file could not be written.
 pub fn generate(
     output: &Path,
     options: &GenerateOptions,

@@ -1,7 +1,9 @@
-//! Readers of sources. Each streams its file and hands beams and balls to the [`Collector`].
+//! Readers of sources. Each streams its file and hands beams and balls to the [`Collector`]; `pack` calls them.
 
 mod collect;
 mod edge_text;
+mod lane;
+mod rules;
 mod stretch;
 mod three_mf;
 
@@ -10,9 +12,10 @@ use std::path::Path;
 use super::error::PackError;
 use super::options::{BlendChoice, PackOptions};
 use super::progress::PackProgress;
-pub(super) use collect::{Collector, Rules, check_options};
+pub(super) use collect::Collector;
+pub(super) use rules::{Rules, check_options};
 
-/// A kind of source.
+/// The format of a source.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Source {
     EdgeText,
@@ -20,10 +23,10 @@ pub(super) enum Source {
 }
 
 impl Source {
-    /// The kind of a file, by its extension.
+    /// The format of a file, by its extension.
     ///
     /// # Errors
-    /// Where the extension is none that is known.
+    /// If the extension is unknown.
     pub(super) fn of(path: &Path) -> Result<Self, PackError> {
         let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
         match extension.as_deref() {
@@ -36,7 +39,7 @@ impl Source {
         }
     }
 
-    /// How this kind of source means its struts to be joined.
+    /// The blend that the format means.
     pub(super) fn blend(self) -> BlendChoice {
         match self {
             Self::EdgeText => BlendChoice::Convolution { support_mm: None },
@@ -44,7 +47,7 @@ impl Source {
         }
     }
 
-    /// Reads one source; `progress` counts its own bytes.
+    /// Reads one source. `progress` counts the bytes of this source.
     ///
     /// # Errors
     /// [`PackError`] names the file and the place in it.

@@ -1,56 +1,57 @@
-//! What a linear map makes of round struts: it scales radii, and makes them oval where it stretches directions differently.
+//! What a linear map does to round struts: it scales radii, and makes struts oval if it stretches directions differently. `rules` checks
+//! every radius with it.
 
 use glam::DMat3;
 
-/// Most that a strut's surface may lie off where a map puts it, micrometres. A build file knows round struts only, so an oval
-/// one gets its mean radius. `pack` knows no machine: 25 µm are about one pixel of the finest machines and half a pixel of the
-/// common ones of 50 µm, less than a pixel picture shows.
+/// Largest allowed distance of the surface of a strut from where a map would put it, micrometres. A build file holds only round struts, so
+/// an oval one gets its mean radius. `pack` does not know the machine: 25 µm is about one pixel of the finest machines, and half a pixel
+/// of common ones.
 pub(super) const ROUND_TOLERANCE_UM: f64 = 25.0;
 
-/// A map that flattens by more than this share has no use, and its inverse no accuracy.
-const LEAST_SHARE: f64 = 1e-6;
+/// Smallest ratio of the factors of a map. A map that flattens more has no use, and its inverse no accuracy.
+const MIN_SHARE: f64 = 1e-6;
 
-/// Rotations that make a symmetric 3 × 3 matrix diagonal to the last bit: Jacobi's method doubles the digits in each of its
-/// sweeps of three rotations, and four are enough for `f64`; two more are for rounding.
+/// Sweeps of three rotations that make a symmetric 3 × 3 matrix diagonal to the last bit. Jacobi's method converges quadratically: four
+/// sweeps are enough for `f64`, and two more allow for rounding errors.
 const SWEEPS: usize = 6;
 
-/// The factors by which a map lengthens what it maps: the least and the largest of all directions (its singular values).
+/// The smallest and the largest factor by which a map stretches any direction: the smallest and the largest of its singular values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Stretch {
-    least: f64,
-    most: f64,
+    smallest: f64,
+    largest: f64,
 }
 
 impl Stretch {
-    /// All directions alike.
+    /// The same factor in all directions.
     pub(super) fn uniform(factor: f64) -> Self {
-        Self { least: factor, most: factor }
+        Self { smallest: factor, largest: factor }
     }
 
-    /// Of a map; `None` where it flattens, or is no map of finite numbers.
+    /// The factors of a map; `None` if it flattens or is not finite.
     pub(super) fn of(map: DMat3) -> Option<Self> {
         let [x, y, z] = eigenvalues(map.transpose() * map);
-        let (least, most) = (x.min(y).min(z).max(0.0).sqrt(), x.max(y).max(z).sqrt());
-        (most.is_finite() && least > LEAST_SHARE * most).then_some(Self { least, most })
+        let (smallest, largest) = (x.min(y).min(z).max(0.0).sqrt(), x.max(y).max(z).sqrt());
+        (largest.is_finite() && smallest > MIN_SHARE * largest).then_some(Self { smallest, largest })
     }
 
-    /// Least and largest factor.
+    /// Smallest and largest factor.
     pub(super) fn range(self) -> [f64; 2] {
-        [self.least, self.most]
+        [self.smallest, self.largest]
     }
 
-    /// Factor on radii: the mean of least and largest, from which no direction differs by more than half of what they differ.
+    /// Factor on radii: the mean of the smallest and the largest, which minimises the largest error.
     pub(super) fn mean(self) -> f64 {
-        (self.least + self.most) / 2.0
+        (self.smallest + self.largest) / 2.0
     }
 
-    /// Most that a surface of this radius with the mean factor lies off where the map puts it, in the radius's unit.
+    /// Largest distance of a surface of this radius, scaled by the mean factor, from where the map would put it; in the unit of the radius.
     pub(super) fn off(self, radius: f64) -> f64 {
-        radius * (self.most - self.least) / 2.0
+        radius * (self.largest - self.smallest) / 2.0
     }
 }
 
-/// Eigenvalues of a symmetric matrix, by Jacobi's method.
+/// Eigenvalues of a symmetric matrix by Jacobi's method (Golub & Van Loan 2013, Matrix Computations, §8.5, algorithm 8.5.1).
 fn eigenvalues(symmetric: DMat3) -> [f64; 3] {
     let mut a = symmetric.to_cols_array_2d();
     for _ in 0..SWEEPS {
@@ -58,7 +59,7 @@ fn eigenvalues(symmetric: DMat3) -> [f64; 3] {
             if a[p][q] == 0.0 {
                 continue;
             }
-            // The rotation in the plane of p and q that makes a[p][q] zero, by the smaller of its two angles.
+            // The rotation in the plane of p and q that makes a[p][q] zero. Of its two angles, the smaller.
             let ratio = (a[q][q] - a[p][p]) / (2.0 * a[p][q]);
             let tangent = 1.0_f64.copysign(ratio) / (ratio.abs() + (ratio * ratio + 1.0).sqrt());
             let cosine = 1.0 / (tangent * tangent + 1.0).sqrt();
@@ -89,11 +90,14 @@ mod tests {
             let map = after * DMat3::from_diagonal(DVec3::from(factors)) * before;
             for map in [map, map * DMat3::from_diagonal(DVec3::new(1.0, 1.0, -1.0))] {
                 let stretch = Stretch::of(map).expect("a map");
-                let least = factors.into_iter().fold(f64::INFINITY, f64::min);
-                let most = factors.into_iter().fold(0.0, f64::max);
-                let [found_least, found_most] = stretch.range();
-                assert!((found_least - least).abs() < 1e-13 * most && (found_most - most).abs() < 1e-13 * most);
-                assert_eq!(stretch.off(2.0), found_most - found_least);
+                let smallest = factors.into_iter().fold(f64::INFINITY, f64::min);
+                let largest = factors.into_iter().fold(0.0, f64::max);
+                let [found_smallest, found_largest] = stretch.range();
+                assert!(
+                    (found_smallest - smallest).abs() < 1e-13 * largest
+                        && (found_largest - largest).abs() < 1e-13 * largest
+                );
+                assert_eq!(stretch.off(2.0), found_largest - found_smallest);
                 // No direction of a ball of radius 2 is farther from the mean.
                 let off = factors.map(|factor| 2.0 * (factor - stretch.mean()).abs());
                 assert!(off.into_iter().all(|off| off <= stretch.off(2.0) + 1e-12));
@@ -102,7 +106,7 @@ mod tests {
         // A shear has factors φ and 1/φ.
         let golden = (1.0 + 5.0_f64.sqrt()) / 2.0;
         let shear = Stretch::of(DMat3::from_cols(DVec3::X, DVec3::new(1.0, 1.0, 0.0), DVec3::Z)).expect("a map");
-        assert!((shear.most - golden).abs() < 1e-14 && (shear.least - 1.0 / golden).abs() < 1e-14);
+        assert!((shear.largest - golden).abs() < 1e-14 && (shear.smallest - 1.0 / golden).abs() < 1e-14);
     }
 
     #[test]

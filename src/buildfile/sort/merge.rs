@@ -1,4 +1,4 @@
-//! Several sorted runs as one, the least record first.
+//! Merges several sorted runs into one.
 
 use std::fs::File;
 use std::io;
@@ -6,38 +6,37 @@ use std::ops::Range;
 use std::os::unix::fs::FileExt;
 use std::sync::Arc;
 
-use super::key::SortKey;
-use crate::buildfile::model::Strut;
+use crate::buildfile::primitive::{Key, Primitive};
 
-/// One sorted run as it is read: records in memory, then what is left of it in a file.
-struct Run {
-    records: Vec<SortKey>,
-    /// The next of `records`.
+/// One sorted run while it is read: keys in memory, then the rest of it in a file.
+struct Run<K> {
+    keys: Vec<K>,
+    /// Index of the next key in `keys`.
     next: usize,
     /// Bytes of the file that are still to be read.
     left: Range<u64>,
 }
 
-/// Merges runs through a tree of losers (Knuth, The Art of Computer Programming 3, §5.4.1): one comparison a level a record.
-pub(in crate::buildfile) struct Merge {
+/// Merges runs with a tree of losers (Knuth, The Art of Computer Programming 3, §5.4.1): one comparison for each level and key.
+pub(in crate::buildfile) struct Merge<P: Primitive> {
     file: Option<Arc<File>>,
-    runs: Vec<Run>,
-    /// Each run's least record that was not taken yet; [`SortKey::END`] behind its last.
-    heads: Vec<SortKey>,
-    /// Node n has the children 2n and 2n + 1, and leaf k, at runs.len() + k, is run k. A node holds the run that lost there;
-    /// node 0 holds the winner.
+    runs: Vec<Run<P::Key>>,
+    /// The smallest remaining key of each run; [`Key::END`] after its last.
+    heads: Vec<P::Key>,
+    /// Node n has the children 2n and 2n + 1. Leaf k, at index runs.len() + k, is run k. A node holds the run that lost there; node 0
+    /// holds the winner.
     tree: Vec<u32>,
     bytes: Vec<u8>,
-    buffer_records: usize,
+    buffer_keys: usize,
 }
 
-impl Merge {
+impl<P: Primitive> Merge<P> {
     /// Merges sorted runs in memory.
-    pub(super) fn of_memory(runs: Vec<Vec<SortKey>>) -> Self {
-        let runs = runs.into_iter().map(|records| Run { records, next: 0, left: 0..0 }).collect();
+    pub(super) fn of_memory(runs: Vec<Vec<P::Key>>) -> Self {
+        let runs = runs.into_iter().map(|keys| Run { keys, next: 0, left: 0..0 }).collect();
         let mut merge =
-            Self { file: None, runs, heads: Vec::new(), tree: Vec::new(), bytes: Vec::new(), buffer_records: 0 };
-        merge.heads = merge.runs.iter().map(|run| run.records.first().copied().unwrap_or(SortKey::END)).collect();
+            Self { file: None, runs, heads: Vec::new(), tree: Vec::new(), bytes: Vec::new(), buffer_keys: 0 };
+        merge.heads = merge.runs.iter().map(|run| run.keys.first().copied().unwrap_or(P::Key::END)).collect();
         merge.build();
         merge
     }
@@ -45,17 +44,17 @@ impl Merge {
     /// Merges sorted runs of a file, with a buffer of so many bytes for each.
     ///
     /// # Errors
-    /// Where a run cannot be read.
+    /// If a run cannot be read.
     pub(super) fn of_file(file: Arc<File>, runs: &[Range<u64>], buffer_bytes: usize) -> io::Result<Self> {
-        let buffer_records = (buffer_bytes / SortKey::BYTES).max(1);
-        let runs = runs.iter().map(|range| Run { records: Vec::new(), next: 0, left: range.clone() });
+        let buffer_keys = (buffer_bytes / P::Key::BYTES).max(1);
+        let runs = runs.iter().map(|range| Run { keys: Vec::new(), next: 0, left: range.clone() });
         let mut merge = Self {
             file: Some(file),
             runs: runs.collect(),
             heads: Vec::new(),
             tree: Vec::new(),
             bytes: Vec::new(),
-            buffer_records,
+            buffer_keys,
         };
         for number in 0..merge.runs.len() {
             let head = merge.refill(number)?;
@@ -65,54 +64,53 @@ impl Merge {
         Ok(merge)
     }
 
-    /// Bytes of all records that were not taken yet, as a run holds them.
+    /// Bytes of all remaining keys in a run.
     pub(super) fn bytes_left(&self) -> u64 {
-        let left =
-            |run: &Run| (run.records.len() - run.next) as u64 * SortKey::BYTES as u64 + run.left.end - run.left.start;
-        self.runs.iter().map(left).sum()
+        let in_memory = |run: &Run<P::Key>| (run.keys.len() - run.next) as u64 * P::Key::BYTES as u64;
+        self.runs.iter().map(|run| in_memory(run) + run.left.end - run.left.start).sum()
     }
 
-    /// Takes the least record; [`SortKey::END`] where none is left.
+    /// Takes the smallest key; [`Key::END`] if none is left.
     ///
     /// # Errors
-    /// Where a run cannot be read.
-    pub(super) fn next_record(&mut self) -> io::Result<SortKey> {
-        let Some(&winner) = self.tree.first() else { return Ok(SortKey::END) };
+    /// If a run cannot be read.
+    pub(super) fn next_key(&mut self) -> io::Result<P::Key> {
+        let Some(&winner) = self.tree.first() else { return Ok(P::Key::END) };
         let winner = winner as usize;
         let least = self.heads[winner];
         let run = &mut self.runs[winner];
         run.next += 1;
-        self.heads[winner] = match run.records.get(run.next) {
-            Some(record) => *record,
+        self.heads[winner] = match run.keys.get(run.next) {
+            Some(key) => *key,
             None => self.refill(winner)?,
         };
         self.replay(winner);
         Ok(least)
     }
 
-    /// Reads on in a run whose records are used up, and returns its head.
-    fn refill(&mut self, number: usize) -> io::Result<SortKey> {
+    /// Reads on in a run whose keys are used up, and returns its head.
+    fn refill(&mut self, number: usize) -> io::Result<P::Key> {
         let run = &mut self.runs[number];
         run.next = 0;
-        run.records.clear();
+        run.keys.clear();
         let Some(file) = self.file.as_ref().filter(|_| !run.left.is_empty()) else {
-            // Memory runs are large: what was taken makes room.
-            run.records = Vec::new();
-            return Ok(SortKey::END);
+            // Runs in memory are large: free one as soon as it is used up.
+            run.keys = Vec::new();
+            return Ok(P::Key::END);
         };
-        let length = (run.left.end - run.left.start).min((self.buffer_records * SortKey::BYTES) as u64);
+        let length = (run.left.end - run.left.start).min((self.buffer_keys * P::Key::BYTES) as u64);
         self.bytes.resize(length as usize, 0);
         file.read_exact_at(&mut self.bytes, run.left.start)?;
         run.left.start += length;
-        run.records.reserve_exact(self.bytes.len() / SortKey::BYTES);
-        run.records.extend(self.bytes.as_chunks().0.iter().map(SortKey::from_bytes));
-        Ok(run.records.first().copied().unwrap_or(SortKey::END))
+        run.keys.reserve_exact(self.bytes.len() / P::Key::BYTES);
+        run.keys.extend(self.bytes.chunks_exact(P::Key::BYTES).map(P::Key::from_bytes));
+        Ok(run.keys.first().copied().unwrap_or(P::Key::END))
     }
 
     /// Plays the whole tournament.
     fn build(&mut self) {
         let count = self.runs.len();
-        // Winners of all nodes, leaves last; losers stay where they lost.
+        // The winner of each node, leaves last.
         let mut winners: Vec<u32> = (0..2 * count as u32).map(|place| place.wrapping_sub(count as u32)).collect();
         self.tree = vec![0; count];
         for node in (1..count).rev() {
@@ -125,7 +123,7 @@ impl Merge {
         }
     }
 
-    /// Lets the new head of the run that won play its way up.
+    /// Replays the matches on the path from the last winner's leaf to the root, after that run got a new head.
     fn replay(&mut self, run: usize) {
         let mut winner = run as u32;
         let mut head = self.heads[run];
@@ -143,12 +141,12 @@ impl Merge {
     }
 }
 
-impl Iterator for Merge {
-    type Item = io::Result<Strut>;
+impl<P: Primitive> Iterator for Merge<P> {
+    type Item = io::Result<P>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        match self.next_record() {
-            Ok(record) => (record != SortKey::END).then(|| Ok(record.strut())),
+        match self.next_key() {
+            Ok(key) => (key != P::Key::END).then(|| Ok(P::of_key(&key))),
             Err(error) => Some(Err(error)),
         }
     }

@@ -1,47 +1,41 @@
-//! Sorting more struts than memory holds: sorted runs in one nameless temporary file, then merged.
+//! External sort: sorts more primitives than memory holds, as sorted runs in one temporary file that are then merged.
 //!
-//! The temporary file has no name from the start, so nothing stays behind whatever ends the process. Several threads may sort
-//! at once, each with its own [`Sorter`] of a team that shares the file; which run holds which strut does not change the
-//! result, as the order is total.
+//! The temporary file never has a name, so nothing stays behind, however the process ends. Several threads may sort at once, each with
+//! its own [`Sorter`] of a team that shares the file. The order is total, so the result does not depend on which run holds which
+//! primitive. The tests below sort triangles; `pack` sorts struts.
 
-mod key;
 mod merge;
+mod spill;
 
-use std::fs::File;
 use std::io;
-use std::ops::Range;
-use std::os::unix::fs::FileExt;
-use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::path::Path;
+use std::sync::Arc;
 
-use self::key::SortKey;
 pub(super) use self::merge::Merge;
-use crate::buildfile::model::Strut;
-use crate::text::size_text;
+use self::spill::Spill;
+pub(super) use self::spill::check_free_space;
+use super::primitive::{Key, Primitive};
 
-/// Least buffer for each run of a merge: below it, seeking costs more than reading. Sets how many runs are merged at once.
-const RUN_BUFFER_BYTES: usize = 16 << 10;
+/// Smallest buffer for each run of a merge: with less, seeking takes longer than reading. It limits how many runs are merged at once.
+const MIN_RUN_BUFFER_BYTES: usize = 16 << 10;
 
-/// Largest buffer for each run: beyond it nothing is gained.
-const RUN_BUFFER_LIMIT_BYTES: usize = 1 << 20;
+/// Largest buffer for each run of a merge: more gains nothing.
+const MAX_RUN_BUFFER_BYTES: usize = 1 << 20;
 
-/// Records turned into bytes at once when a run is written.
-const WRITE_RECORDS: usize = 2048;
+/// Keys that a buffer has room for at first: 128 KiB of struts.
+const FIRST_KEYS: usize = 4096;
 
-/// Records a buffer begins with: 128 KiB.
-const FIRST_RECORDS: usize = 4096;
-
-/// Sorts struts into file order within a number of bytes.
-pub(super) struct Sorter {
+/// Sorts primitives into file order within a limit of memory.
+pub(super) struct Sorter<P: Primitive> {
     spill: Arc<Spill>,
-    /// Bytes of the whole team.
+    /// Memory of the whole team.
     memory_bytes: usize,
-    buffer: Vec<SortKey>,
+    buffer: Vec<P::Key>,
     capacity: usize,
 }
 
-impl Sorter {
-    /// A sorter whose buffers take at most `memory_bytes` (at least room for four runs); spills go to `directory`.
+impl<P: Primitive> Sorter<P> {
+    /// A sorter whose buffers take at most `memory_bytes` (at least room for four runs). Runs are written to `directory`.
     pub(super) fn new(directory: &Path, memory_bytes: u64) -> Self {
         Self::alone(Arc::new(Spill::new(directory)), memory_bytes, 1)
     }
@@ -54,40 +48,40 @@ impl Sorter {
 
     fn alone(spill: Arc<Spill>, memory_bytes: u64, count: usize) -> Self {
         let memory_bytes = memory_size(memory_bytes);
-        Self { spill, memory_bytes, buffer: Vec::new(), capacity: capacity(memory_bytes, count) }
+        Self { spill, memory_bytes, buffer: Vec::new(), capacity: capacity::<P::Key>(memory_bytes, count) }
     }
 
-    /// Bytes of temporary space that the team has taken.
+    /// Temporary space that the team has taken, bytes.
     pub(super) fn spilled_bytes(&self) -> u64 {
-        self.spill.lock().ranges.last().map_or(0, |range| range.end)
+        self.spill.bytes()
     }
 
-    /// Adds one strut, whose radii are at most [`crate::solid::LARGEST_RADIUS`].
+    /// Adds one primitive.
     ///
     /// # Errors
-    /// Where a run cannot be written.
-    pub(super) fn push(&mut self, strut: Strut) -> io::Result<()> {
+    /// If a run cannot be written.
+    pub(super) fn push(&mut self, primitive: P) -> io::Result<()> {
         if self.buffer.len() == self.capacity {
             self.spill_run()?;
         }
         if self.buffer.len() == self.buffer.capacity() {
-            // In steps, as most parts are small; a large block grows by moving its pages, not its bytes.
-            let wanted = (2 * self.buffer.len()).max(FIRST_RECORDS).min(self.capacity);
+            // In steps, because most parts are small; a large block grows by moving its pages, not its bytes.
+            let wanted = (2 * self.buffer.len()).max(FIRST_KEYS).min(self.capacity);
             self.buffer.reserve_exact(wanted - self.buffer.len());
         }
-        self.buffer.push(SortKey::of(&strut));
+        self.buffer.push(primitive.key());
         Ok(())
     }
 
-    /// All struts in file order.
+    /// All primitives in file order.
     ///
     /// # Errors
-    /// Where runs cannot be written or read.
-    pub(super) fn finish(self) -> io::Result<Merge> {
+    /// If runs cannot be written or read.
+    pub(super) fn finish(self) -> io::Result<Merge<P>> {
         finish(vec![self], &mut |_, _| {})
     }
 
-    /// Sorts what this sorter holds, and writes it where any of the team has written a run.
+    /// Sorts what this sorter holds, and writes it if any sorter of the team has written a run.
     fn settle(&mut self) -> io::Result<()> {
         if self.spill.is_used() {
             self.spill_run()?;
@@ -106,14 +100,17 @@ impl Sorter {
     }
 }
 
-/// All struts of a team in file order. Where there are more runs than can be merged at once, they are merged in several
-/// passes first: `progress` takes the bytes merged so far and in all passes.
+/// All primitives of a team in file order. If there are more runs than can be merged at once, they are first merged in several passes:
+/// `progress` takes the bytes merged so far, and the bytes of all passes.
 ///
 /// # Errors
-/// Where runs cannot be written or read.
-pub(super) fn finish(mut team: Vec<Sorter>, progress: &mut dyn FnMut(u64, u64)) -> io::Result<Merge> {
+/// If runs cannot be written or read.
+pub(super) fn finish<P: Primitive>(
+    mut team: Vec<Sorter<P>>,
+    progress: &mut dyn FnMut(u64, u64),
+) -> io::Result<Merge<P>> {
     if let [alone] = team.as_mut_slice() {
-        // Without a thread: whoever sorts many small parts would wait for its start each time.
+        // Without a thread: `generate` sorts many small layers, and starting a thread for each takes longer than sorting it.
         alone.settle()?;
     } else {
         settle_all(&mut team)?;
@@ -131,13 +128,13 @@ pub(super) fn finish(mut team: Vec<Sorter>, progress: &mut dyn FnMut(u64, u64)) 
         let bytes = runs.last().map_or(0, |run| run.end);
         let total = *total.get_or_insert(bytes * passes(runs.len(), fan_in));
         let buffer_bytes =
-            (memory_bytes / (runs.len().min(fan_in) + 1)).clamp(RUN_BUFFER_BYTES, RUN_BUFFER_LIMIT_BYTES);
+            (memory_bytes / (runs.len().min(fan_in) + 1)).clamp(MIN_RUN_BUFFER_BYTES, MAX_RUN_BUFFER_BYTES);
         if runs.len() <= fan_in {
             return Merge::of_file(file, &runs, buffer_bytes);
         }
-        let next = Spill::new(&spill.directory);
+        let next = spill.successor();
         for group in runs.chunks(fan_in) {
-            next.append(&mut Merge::of_file(Arc::clone(&file), group, buffer_bytes)?, &mut |done| {
+            next.append(&mut Merge::<P>::of_file(Arc::clone(&file), group, buffer_bytes)?, &mut |done| {
                 progress(before + done, total);
             })?;
         }
@@ -146,8 +143,8 @@ pub(super) fn finish(mut team: Vec<Sorter>, progress: &mut dyn FnMut(u64, u64)) 
     }
 }
 
-/// [`Sorter::settle`] of all, side by side.
-fn settle_all(team: &mut [Sorter]) -> io::Result<()> {
+/// [`Sorter::settle`] of all, each on its own thread.
+fn settle_all<P: Primitive>(team: &mut [Sorter<P>]) -> io::Result<()> {
     std::thread::scope(|scope| {
         let settling: Vec<_> = team.iter_mut().map(|sorter| scope.spawn(|| sorter.settle())).collect();
         settling
@@ -156,35 +153,35 @@ fn settle_all(team: &mut [Sorter]) -> io::Result<()> {
     })
 }
 
-/// Bytes of temporary space that sorting so many struts takes at most: 0 where they fit the memory of any one of the team.
-/// A pass over all runs needs room for them twice.
-pub(super) fn spill_bytes(struts: u64, memory_bytes: u64, team: usize) -> u64 {
-    let capacity = capacity(memory_size(memory_bytes), team) as u64;
-    let runs = usize::try_from(struts.div_ceil(capacity)).unwrap_or(usize::MAX);
-    // Each of the team may leave one run that is not full.
+/// Temporary space that sorting `count` primitives takes at most, bytes: 0 if they fit the memory of one sorter of the team. A merge
+/// pass over all runs needs room for two copies.
+pub(super) fn spill_bytes<P: Primitive>(count: u64, memory_bytes: u64, team: usize) -> u64 {
+    let capacity = capacity::<P::Key>(memory_size(memory_bytes), team) as u64;
+    let runs = usize::try_from(count.div_ceil(capacity)).unwrap_or(usize::MAX);
+    // Each sorter of the team may leave one run that is not full.
     match runs.saturating_add(team - 1) {
         _ if runs <= 1 => 0,
-        runs if runs <= fan_in(memory_size(memory_bytes)) => struts.saturating_mul(SortKey::BYTES as u64),
-        _ => struts.saturating_mul(2 * SortKey::BYTES as u64),
+        runs if runs <= fan_in(memory_size(memory_bytes)) => count.saturating_mul(P::Key::BYTES as u64),
+        _ => count.saturating_mul(2 * P::Key::BYTES as u64),
     }
 }
 
-/// The bytes a team may take.
+/// Memory that a team may take, bytes.
 fn memory_size(memory_bytes: u64) -> usize {
-    usize::try_from(memory_bytes).unwrap_or(usize::MAX).max(4 * RUN_BUFFER_BYTES)
+    usize::try_from(memory_bytes).unwrap_or(usize::MAX).max(4 * MIN_RUN_BUFFER_BYTES)
 }
 
-/// Records that each of a team may hold.
-fn capacity(memory_bytes: usize, team: usize) -> usize {
-    (memory_bytes / team / size_of::<SortKey>()).max(1)
+/// Keys that each sorter of a team may hold.
+fn capacity<K: Key>(memory_bytes: usize, team: usize) -> usize {
+    (memory_bytes / team / size_of::<K>()).max(1)
 }
 
-/// Runs that can be merged at once. One buffer more takes bytes from the file before they are records.
+/// Runs that can be merged at once. One more buffer holds bytes of the file until they are decoded.
 fn fan_in(memory_bytes: usize) -> usize {
-    memory_bytes / RUN_BUFFER_BYTES - 1
+    memory_bytes / MIN_RUN_BUFFER_BYTES - 1
 }
 
-/// Passes over so many runs before they can be merged at once.
+/// Merge passes over so many runs before the last one.
 fn passes(mut runs: usize, fan_in: usize) -> u64 {
     let mut passes = 0;
     while runs > fan_in {
@@ -194,101 +191,28 @@ fn passes(mut runs: usize, fan_in: usize) -> u64 {
     passes
 }
 
-/// Refuses before writing where `bytes` do not fit the file system of `directory`.
-///
-/// # Errors
-/// Says how much is needed and how much is free.
-pub(super) fn check_free_space(directory: &Path, bytes: u64) -> io::Result<()> {
-    let free = crate::disk::free_bytes(directory)?;
-    if free >= bytes {
-        return Ok(());
-    }
-    let [needed, free] = [bytes, free].map(size_text);
-    let text = format!("{needed} more are needed, but {free} are free; make room or write elsewhere");
-    Err(io::Error::new(io::ErrorKind::StorageFull, text))
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::buildfile::primitive::triangle::{Triangle, triangles};
 
-/// Sorted runs, one behind another, in a file that is made with the first of them.
-struct Spill {
-    directory: PathBuf,
-    runs: Mutex<Runs>,
-}
-
-#[derive(Default)]
-struct Runs {
-    file: Option<Arc<File>>,
-    /// Runs that are being written or were written whole.
-    ranges: Vec<Range<u64>>,
-}
-
-impl Spill {
-    fn new(directory: &Path) -> Self {
-        Self { directory: directory.into(), runs: Mutex::default() }
-    }
-
-    fn is_used(&self) -> bool {
-        self.lock().file.is_some()
-    }
-
-    /// File and runs; none is being written any more.
-    fn written(&self) -> io::Result<(Arc<File>, Vec<Range<u64>>)> {
-        let runs = self.lock();
-        let file = runs.file.clone().ok_or_else(|| io::Error::other("nothing was written"))?;
-        Ok((file, runs.ranges.clone()))
-    }
-
-    /// Writes sorted records as a run of their own. Threads write at the same time, each to its own place.
-    fn write_run(&self, records: &[SortKey]) -> io::Result<()> {
-        if records.is_empty() {
-            return Ok(());
-        }
-        let (file, mut offset) = self.reserve((records.len() * SortKey::BYTES) as u64)?;
-        let mut bytes = Vec::with_capacity(WRITE_RECORDS * SortKey::BYTES);
-        for part in records.chunks(WRITE_RECORDS) {
-            bytes.clear();
-            part.iter().for_each(|record| bytes.extend_from_slice(&record.to_bytes()));
-            file.write_all_at(&bytes, offset)?;
-            offset += bytes.len() as u64;
-        }
-        Ok(())
-    }
-
-    /// Writes all that is left of a merge as one run; `progress` takes the bytes this spill holds so far.
-    fn append(&self, merge: &mut Merge, progress: &mut dyn FnMut(u64)) -> io::Result<()> {
-        let (file, first) = self.reserve(merge.bytes_left())?;
-        let mut offset = first;
-        let mut bytes = Vec::with_capacity(WRITE_RECORDS * SortKey::BYTES);
-        loop {
-            let record = merge.next_record()?;
-            if record == SortKey::END || bytes.len() == bytes.capacity() {
-                file.write_all_at(&bytes, offset)?;
-                offset += bytes.len() as u64;
-                bytes.clear();
-                progress(offset);
+    /// In memory, merged once, and merged in several passes.
+    #[test]
+    fn a_second_kind_of_primitive_is_sorted_in_memory_and_out_of_core() {
+        let unsorted = triangles(30_000, 7);
+        let mut expected = unsorted.clone();
+        expected.sort_by_key(Primitive::key);
+        for (memory_bytes, spilled) in [(16 << 20, 0), (400 << 10, 36), (64 << 10, 72)] {
+            let directory = tempfile::tempdir().expect("temporary directory");
+            let mut team = Sorter::<Triangle>::team(directory.path(), memory_bytes, 3);
+            for (number, triangle) in unsorted.iter().enumerate() {
+                team[number % 3].push(*triangle).expect("there is room");
             }
-            if record == SortKey::END {
-                return Ok(());
-            }
-            bytes.extend_from_slice(&record.to_bytes());
+            let mut joined = 0;
+            let sorted = finish(team, &mut |done, total| joined = total - done).expect("there is room");
+            assert!(sorted.map(|triangle| triangle.expect("is there")).eq(expected.iter().copied()));
+            assert_eq!(joined, 0, "all passes were reported to their end");
+            assert_eq!(spill_bytes::<Triangle>(30_000, memory_bytes, 3), 30_000 * spilled);
         }
-    }
-
-    /// The file, and where a run of so many bytes may be written to it.
-    fn reserve(&self, bytes: u64) -> io::Result<(Arc<File>, u64)> {
-        check_free_space(&self.directory, bytes)?;
-        let mut runs = self.lock();
-        let file = match &runs.file {
-            Some(file) => Arc::clone(file),
-            None => Arc::new(tempfile::tempfile_in(&self.directory)?),
-        };
-        runs.file = Some(Arc::clone(&file));
-        let offset = runs.ranges.last().map_or(0, |range| range.end);
-        runs.ranges.push(offset..offset + bytes);
-        Ok((file, offset))
-    }
-
-    fn lock(&self) -> std::sync::MutexGuard<'_, Runs> {
-        // Whoever panicked here did so between two whole states.
-        self.runs.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -1,7 +1,7 @@
-//! The lowest solid point of a convolution surface: where the summed field first reaches the isovalue.
+//! The lowest solid point of a convolution surface: the lowest point at which the summed field is the isovalue.
 //!
-//! Planes are drawn from below until a point is solid. Then the step between the last dark plane and that one is halved. Only
-//! struts within reach of these planes are read.
+//! Planes are probed from below until one has a solid point. Then the interval between that plane and the last dark one is bisected.
+//! Only struts within reach of these planes are read. `writer` calls it once for each convolution.
 
 use std::ops::Range;
 
@@ -10,24 +10,24 @@ use super::reader::BuildFile;
 use crate::buildfile::model::{Lattice, Strut};
 use crate::solid::{Convolution, PlaneProbe, Record, Shape};
 
-/// Planes and points are at most this share of R apart: the field changes by less than one per cent over half of it.
-const LARGEST_STEP_SHARE: f64 = 1.0 / 16.0;
+/// Largest distance of planes and of points, as a share of R: over half of it the field changes by less than one per cent.
+const MAX_STEP_SHARE: f64 = 1.0 / 16.0;
 
-/// How far a bottom of the thinnest radius may lie below what the grid finds of it, micrometres, about: points that lie `g` apart
-/// miss `g²/4r` of a bottom of radius r.
+/// Largest distance from the true lowest point to the lowest one found, micrometres, about. Points at distances of g can miss a bottom of
+/// radius r by `g²/4r`: the sagitta of a circle for the half diagonal of a square of the grid, `(g/√2)²/2r`.
 const MISSED_UM: f64 = 1.0;
 
-/// Dark planes after which steps are doubled, again and again: struts that print nothing over 32 R are no part to measure by the
-/// micrometre, and a part of nothing else must not take hours.
+/// After every so many dark planes the step is doubled. Struts that print nothing over a height of 32 R need no precision of a
+/// micrometre, and a file of nothing else must not take hours.
 const PATIENT_PLANES: u32 = 512;
 
-/// Halvings of the last step: to less than a thousandth of it.
+/// Bisections of the last step: to less than a thousandth of it.
 const HALVINGS: u32 = 10;
 
-/// The lowest solid point of a body that is a convolution of support R, micrometres; `None` where nothing is solid.
+/// The lowest solid point of a body that is a convolution of support R, micrometres; `None` if nothing is solid.
 ///
 /// # Errors
-/// Where a chunk cannot be read.
+/// If a chunk cannot be read.
 pub(super) fn lowest_of_convolution(
     file: &BuildFile,
     body: usize,
@@ -35,18 +35,18 @@ pub(super) fn lowest_of_convolution(
     support_um: f64,
 ) -> Result<Option<f64>, BuildFileError> {
     let quantum_um = file.header().quantum_um;
-    let least_radius_um = f64::from(lattice.radius_range[0]) * quantum_um;
+    let smallest_radius_um = f64::from(lattice.radius_range[0]) * quantum_um;
     let top_um = f64::from(lattice.bounds.max[2]) * quantum_um + lattice.bulge_um(quantum_um);
-    // No strut that prints at its radius slips through between planes, nor its bottom between points.
-    let mut step_um = (support_um * LARGEST_STEP_SHARE).min(least_radius_um);
-    let pitch_um = (support_um * LARGEST_STEP_SHARE).min(2.0 * (least_radius_um * MISSED_UM).sqrt());
+    // So that no strut that prints at its radius can lie between two planes, nor its bottom between points.
+    let mut step_um = (support_um * MAX_STEP_SHARE).min(smallest_radius_um);
+    let pitch_um = (support_um * MAX_STEP_SHARE).min(2.0 * (smallest_radius_um * MISSED_UM).sqrt());
     let mut probe = PlaneProbe::new(quantum_um / support_um, pitch_um / support_um);
     let chunks = file.body_chunks(body);
     let mut near = Near { file, chunks, support_um, records: Vec::new(), struts: Vec::new() };
     let (mut dark_um, mut planes) = (f64::NEG_INFINITY, 0);
     let mut solid_um = loop {
         let Some(begin_um) = near.rise(dark_um, dark_um + step_um)? else { return Ok(None) };
-        // Where nothing is within reach there is nothing to draw.
+        // Skip heights without any strut within reach.
         dark_um = dark_um.max(begin_um);
         let z_um = dark_um + step_um;
         if z_um > top_um + step_um {
@@ -73,10 +73,10 @@ pub(super) fn lowest_of_convolution(
     Ok(Some(solid_um))
 }
 
-/// The struts within reach of some planes.
+/// The struts within reach of the planes that are probed.
 struct Near<'a> {
     file: &'a BuildFile,
-    /// Those of the body that are still to be read.
+    /// Chunks of the body that are still to be read.
     chunks: Range<usize>,
     support_um: f64,
     records: Vec<Record>,
@@ -84,12 +84,12 @@ struct Near<'a> {
 }
 
 impl Near<'_> {
-    /// Lets struts go that end out of reach below `low_um`, and reads those within reach of planes up to `high_um`, and at
-    /// least so many that one is left. Tells the lowest plane that any reaches; `None` where none is left.
+    /// Drops the struts that end out of reach below `low_um`, and reads those within reach of planes up to `high_um`. Reads on until
+    /// there is at least one strut. Returns the lowest plane that any of them reaches; `None` if there are no more struts.
     fn rise(&mut self, low_um: f64, high_um: f64) -> Result<Option<f64>, BuildFileError> {
         let header = self.file.header();
         let quantum = header.quantum_um / self.support_um;
-        // Saturates.
+        // The cast saturates.
         let lowest_top = ((low_um - self.support_um) / header.quantum_um).floor() as i32;
         let highest_bottom = (high_um + self.support_um) / header.quantum_um;
         self.records.retain(|record| record.b[2] >= lowest_top);

@@ -1,78 +1,79 @@
-//! Threads that lay out and compress chunks; chunks come back in the order in which they were sent.
+//! Threads that lay out and compress chunks. Chunks come back in the order in which they were sent.
 
 use std::io;
 use std::num::NonZero;
 
 use crossbeam::channel::{Receiver, Sender, bounded};
 
-use super::chunk::{self, Unpacked};
+use super::chunk::MAX_UNPACKED_BYTES;
 use super::index::ChunkEntry;
 use super::packer::Packer;
-use crate::buildfile::model::Strut;
+use crate::buildfile::primitive::{Primitive, Unpacked};
 
-/// Chunks on their way through each thread: one under way, one waiting, so that no thread waits for the writer.
-const CHUNKS_PER_THREAD: usize = 2;
+/// Chunks sent to a thread and not yet received back: one being compressed and one queued, so that the thread does not wait for the
+/// writer.
+const MAX_CHUNKS_PER_THREAD: usize = 2;
 
-/// Most threads: the one that merges and hands out chunks takes about as long for a chunk as compressing it does.
-const MOST_THREADS: usize = 4;
+/// Most threads: merging and handing out a chunk takes about as long as compressing one, so more threads would idle.
+const MAX_THREADS: usize = 4;
 
 /// A compressed chunk.
-pub(super) struct Encoded {
-    /// What the index says of it; the offset is still 0.
+pub(super) struct Encoded<P> {
+    /// Its index entry; offset and body are still 0.
     pub(super) entry: ChunkEntry,
     pub(super) packed: Vec<u8>,
-    /// The struts it was made of, to be cleared and filled again.
-    pub(super) struts: Vec<Strut>,
+    /// The primitives, returned so that their buffer can be used again.
+    pub(super) primitives: Vec<P>,
 }
 
 /// The threads. They end when this is dropped.
-pub(super) struct Encoders {
-    threads: Vec<Ends>,
+pub(super) struct Encoders<P> {
+    threads: Vec<Ends<P>>,
     sent: usize,
     received: usize,
 }
 
 /// The ends of one thread's queues.
-struct Ends {
-    struts: Sender<Vec<Strut>>,
-    encoded: Receiver<io::Result<Encoded>>,
+struct Ends<P> {
+    jobs: Sender<Vec<P>>,
+    encoded: Receiver<io::Result<Encoded<P>>>,
 }
 
-impl Encoders {
-    /// Starts `count` threads, or as many as have a use.
+impl<P: Primitive> Encoders<P> {
+    /// Starts `count` threads, at most [`MAX_THREADS`].
     ///
     /// # Errors
-    /// Where a thread cannot be started.
+    /// If a thread cannot be started.
     pub(super) fn new(count: NonZero<usize>) -> io::Result<Self> {
-        let threads = (0..count.get().min(MOST_THREADS)).map(|_| start()).collect::<io::Result<_>>()?;
+        let threads = (0..count.get().min(MAX_THREADS)).map(|_| start()).collect::<io::Result<_>>()?;
         Ok(Self { threads, sent: 0, received: 0 })
     }
 
     /// Whether a chunk must be received before another may be sent.
     pub(super) fn is_full(&self) -> bool {
-        self.sent - self.received == CHUNKS_PER_THREAD * self.threads.len()
+        self.sent - self.received == MAX_CHUNKS_PER_THREAD * self.threads.len()
     }
 
-    /// Sends the struts of one chunk, where this is not full.
+    /// Sends the primitives of one chunk. Call it only if [`Encoders::is_full`] is false.
     ///
     /// # Errors
-    /// Where the thread has ended.
-    pub(super) fn send(&mut self, struts: Vec<Strut>) -> io::Result<()> {
+    /// If the thread has ended.
+    pub(super) fn send(&mut self, primitives: Vec<P>) -> io::Result<()> {
         let thread = &self.threads[self.sent % self.threads.len()];
-        thread.struts.send(struts).map_err(|_| ended())?;
+        thread.jobs.send(primitives).map_err(|_| ended())?;
         self.sent += 1;
         Ok(())
     }
 
-    /// Waits for the oldest chunk; `None` where all were received.
+    /// Waits for the oldest chunk; `None` if all were received.
     ///
     /// # Errors
-    /// Where it could not be compressed.
-    pub(super) fn receive(&mut self) -> io::Result<Option<Encoded>> {
+    /// If it could not be compressed.
+    pub(super) fn receive(&mut self) -> io::Result<Option<Encoded<P>>> {
         if self.received == self.sent {
             return Ok(None);
         }
-        // Chunks are dealt out in turn, so the oldest is the next of the thread whose turn it is.
+        // Chunks are sent to the threads in turn, so the oldest comes from the thread whose turn it is.
         let thread = &self.threads[self.received % self.threads.len()];
         self.received += 1;
         thread.encoded.recv().unwrap_or_else(|_| Err(ended())).map(Some)
@@ -83,15 +84,15 @@ fn ended() -> io::Error {
     io::Error::other("a compressing thread has ended early; this is a fault of layerd")
 }
 
-fn start() -> io::Result<Ends> {
-    let (struts, jobs) = bounded::<Vec<Strut>>(CHUNKS_PER_THREAD);
-    let (results, encoded) = bounded(CHUNKS_PER_THREAD);
+fn start<P: Primitive>() -> io::Result<Ends<P>> {
+    let (sender, jobs) = bounded::<Vec<P>>(MAX_CHUNKS_PER_THREAD);
+    let (results, encoded) = bounded(MAX_CHUNKS_PER_THREAD);
     std::thread::Builder::new().name("pack chunks".into()).spawn(move || {
         let mut packer = Packer::new();
         let mut unpacked = Unpacked::default();
-        for struts in jobs {
+        for primitives in jobs {
             let encoded = match &mut packer {
-                Ok(packer) => encode(struts, packer, &mut unpacked),
+                Ok(packer) => encode(primitives, packer, &mut unpacked),
                 Err(error) => Err(io::Error::other(error.to_string())),
             };
             if results.send(encoded).is_err() {
@@ -99,21 +100,19 @@ fn start() -> io::Result<Ends> {
             }
         }
     })?;
-    Ok(Ends { struts, encoded })
+    Ok(Ends { jobs: sender, encoded })
 }
 
-fn encode(struts: Vec<Strut>, packer: &mut Packer, unpacked: &mut Unpacked) -> io::Result<Encoded> {
-    chunk::encode(&struts, unpacked);
-    debug_assert!(
-        unpacked.bytes.len() <= chunk::UNPACKED_LIMIT_BYTES as usize,
-        "8192 struts need at most 25 bytes each and a node of 12"
-    );
+fn encode<P: Primitive>(primitives: Vec<P>, packer: &mut Packer, unpacked: &mut Unpacked) -> io::Result<Encoded<P>> {
+    unpacked.clear();
+    P::encode(&primitives, unpacked);
+    debug_assert!(unpacked.bytes.len() <= MAX_UNPACKED_BYTES as usize, "8192 struts need at most 37 bytes each");
     let packed = packer.pack(unpacked)?;
     let entry = ChunkEntry {
         packed_bytes: packed.len() as u32,
         unpacked_bytes: unpacked.bytes.len() as u32,
         crc: crc32fast::hash(&packed),
-        ..ChunkEntry::describe(&struts, 0)
+        ..ChunkEntry::describe(&primitives, 0)
     };
-    Ok(Encoded { entry, packed, struts })
+    Ok(Encoded { entry, packed, primitives })
 }

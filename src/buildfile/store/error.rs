@@ -1,8 +1,8 @@
-//! Why a build file cannot be used.
+//! Why a build file cannot be used: every function of [`BuildFile`](super::BuildFile) that reads returns it.
 
 use std::path::PathBuf;
 
-/// A build file that cannot be used; every text names the file.
+/// A build file cannot be used. Every message names the file.
 #[derive(Debug, thiserror::Error)]
 pub enum BuildFileError {
     /// The file could not be read.
@@ -13,7 +13,7 @@ pub enum BuildFileError {
         /// Why.
         source: std::io::Error,
     },
-    /// Not a build file, or one of another version.
+    /// It is not a build file, or has another version.
     #[error("{}: {problem}", path.display())]
     Foreign {
         /// The file.
@@ -26,12 +26,12 @@ pub enum BuildFileError {
     Frame {
         /// The file.
         path: PathBuf,
-        /// Which part.
+        /// Which of them: `header`, `index`, `profile` or `footer`.
         part: &'static str,
         /// What is wrong.
         problem: String,
     },
-    /// One chunk is damaged or contradicts index or header.
+    /// A chunk is damaged or contradicts index or header.
     #[error("{}: chunk {chunk} of {chunk_count}: {problem}; pack the part again or copy the file again", path.display())]
     Chunk {
         /// The file.
@@ -46,7 +46,7 @@ pub enum BuildFileError {
 }
 
 impl BuildFileError {
-    /// What is damaged and how, without the file's name and without a remedy; `None` where the file is not damaged.
+    /// What is damaged and how, without the file name and without advice; `None` if the file is not damaged.
     pub fn damage(&self) -> Option<String> {
         match self {
             Self::Read { .. } | Self::Foreign { .. } => None,

@@ -1,32 +1,31 @@
-//! The frame round the chunks: prelude with the header at the front, index, profile and footer at the end.
-//!
-//! `docs/build-file.md` draws every byte.
+//! The frame around the chunks: prelude and header at the front; index, profile and footer at the end. `docs/build-file.md` describes
+//! every byte. `reader` and `writer` use it.
 
 use crate::buildfile::model::{Blend, Bounds, Header, Lattice, Placement, QUANTA_UM};
 use crate::codec;
-use crate::solid::{LARGEST_RADIUS, LARGEST_RADIUS_SHARE};
+use crate::solid::{MAX_RADIUS, MAX_RADIUS_SHARE};
 
-/// First bytes of every build file. The high bit and both line ends show a transfer that took it for text.
+/// First bytes of every build file. A transfer in text mode would change the byte with the high bit or one of the line ends.
 pub(super) const MAGIC: [u8; 8] = *b"\x89LYD\r\n\x1a\n";
 
-/// Last bytes of every whole build file.
+/// Last bytes of every complete build file.
 pub(super) const END_MAGIC: [u8; 8] = *b"LYD-END\n";
 
-/// The version this code writes and reads. Those before were never released.
+/// The version that this code writes and reads. Earlier ones were never released.
 pub(super) const VERSION: u32 = 3;
 
-/// Magic, version, header length, header CRC.
+/// Length of the prelude: magic, version, length and CRC of the header.
 pub(super) const PRELUDE_BYTES: usize = 20;
 
-/// Bytes that [`check_beginning`] looks at: magic and version.
-pub const BEGINNING_BYTES: usize = 12;
+/// Bytes that [`check_beginning`] examines: magic and version.
+pub(crate) const BEGINNING_BYTES: usize = 12;
 
-/// Checks that a file which begins with these bytes may be a build file this code reads. Of fewer than [`BEGINNING_BYTES`] as many
-/// are checked as there are.
+/// Checks that a file that begins with these bytes can be a build file of the current version. If there are fewer than
+/// [`BEGINNING_BYTES`], only those are checked.
 ///
 /// # Errors
-/// A text that says what it is instead.
-pub fn check_beginning(bytes: &[u8]) -> Result<(), String> {
+/// A text that says what is wrong and what to do.
+pub(crate) fn check_beginning(bytes: &[u8]) -> Result<(), String> {
     let magic = &bytes[..bytes.len().min(MAGIC.len())];
     if !MAGIC.starts_with(magic) {
         return Err("it is not a build file (.layerd); make one with `layerctl pack`".into());
@@ -42,16 +41,16 @@ pub fn check_beginning(bytes: &[u8]) -> Result<(), String> {
     Ok(())
 }
 
-/// Largest header: three times what one with the longest source name and the most bodies takes.
-pub(super) const HEADER_LIMIT_BYTES: u32 = 4096;
+/// Longest header: three times the length of one with the longest source name and the most bodies.
+pub(super) const MAX_HEADER_BYTES: u32 = 4096;
 
-/// Most bytes of a source name: what file systems allow.
-pub(super) const SOURCE_NAME_LIMIT_BYTES: usize = 255;
+/// Longest source name: the longest file name of usual file systems.
+pub(super) const MAX_SOURCE_NAME_BYTES: usize = 255;
 
 /// Prelude and header.
 ///
 /// # Errors
-/// A text where the header is too large.
+/// A text if the header cannot be encoded.
 pub(super) fn front(header: &Header) -> Result<Vec<u8>, String> {
     let body = codec::encode(header).map_err(|error| error.to_string())?;
     let mut bytes = Vec::with_capacity(PRELUDE_BYTES + body.len());
@@ -63,23 +62,23 @@ pub(super) fn front(header: &Header) -> Result<Vec<u8>, String> {
     Ok(bytes)
 }
 
-/// The last bytes of a file: where index and profile lie.
+/// The last bytes of a file: they locate index and profile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Footer {
-    /// Offset of the index, which ends where the profile begins.
+    /// Offset of the index. The index ends where the profile begins.
     pub(super) index_offset: u64,
-    /// Entries of the index.
+    /// Number of entries in the index.
     pub(super) chunk_count: u32,
     /// CRC-32 of the index.
     pub(super) index_crc: u32,
-    /// Compressed length of the profile, which ends where the footer begins.
+    /// Compressed length of the profile. The profile ends where the footer begins.
     pub(super) profile_bytes: u32,
     /// CRC-32 of the compressed profile.
     pub(super) profile_crc: u32,
 }
 
 impl Footer {
-    /// Bytes of a footer, its CRC and end magic included.
+    /// Length of a footer, including its CRC and the end magic.
     pub(super) const BYTES: usize = 36;
 
     pub(super) fn to_bytes(self) -> [u8; Self::BYTES] {
@@ -117,7 +116,7 @@ impl Footer {
     }
 }
 
-/// Checks what a header says by itself.
+/// Checks everything in a header that can be checked without the rest of the file.
 ///
 /// # Errors
 /// A text that names the field, what was found and what is allowed.
@@ -149,24 +148,24 @@ pub(super) fn check_header(header: &Header) -> Result<(), String> {
     {
         return Err(format!("placement at {x_mm}, {y_mm} mm is no place"));
     }
-    if source_name.len() > SOURCE_NAME_LIMIT_BYTES {
-        return Err(format!("a source name of {} bytes: allowed are {SOURCE_NAME_LIMIT_BYTES}", source_name.len()));
+    if source_name.len() > MAX_SOURCE_NAME_BYTES {
+        return Err(format!("a source name of {} bytes: allowed are {MAX_SOURCE_NAME_BYTES}", source_name.len()));
     }
     Ok(())
 }
 
 fn check_lattice(lattice: &Lattice, quantum_um: f64) -> Result<(), String> {
     let Lattice { blend, bounds, radius_range: [least, most], strut_count, ball_count, node_count } = lattice;
-    if *least == 0 || least > most || *most > LARGEST_RADIUS {
+    if *least == 0 || least > most || *most > MAX_RADIUS {
         return Err(format!(
-            "radius_range = {least} to {most} quanta: allowed is 1 to {LARGEST_RADIUS}, in ascending order"
+            "radius_range = {least} to {most} quanta: allowed is 1 to {MAX_RADIUS}, in ascending order"
         ));
     }
     if let Blend::Convolution { support_um } = blend {
         let largest_um = f64::from(*most) * quantum_um;
-        if !(support_um.is_finite() && largest_um < LARGEST_RADIUS_SHARE * support_um) {
+        if !(support_um.is_finite() && largest_um < MAX_RADIUS_SHARE * support_um) {
             return Err(format!(
-                "support R = {support_um} µm, but the largest radius, {largest_um} µm, must be below {LARGEST_RADIUS_SHARE} R"
+                "support R = {support_um} µm, but the largest radius, {largest_um} µm, must be below {MAX_RADIUS_SHARE} R"
             ));
         }
         // Activity is counted in 64-bit quanta; a support beyond any coordinate has no use.

@@ -1,26 +1,28 @@
-//! The file itself: chunks of struts with an index, written once and read forward or from any layer on.
+//! The file itself: chunks with an index, written once, and read forward from any layer on.
 //!
-//! Used by `pack` and `generate`, which write, and by `slice` and the daemon, which read. `docs/build-file.md` draws every byte.
+//! `pack` and `generate` write; `slice` and the daemon read. `docs/build-file.md` describes every byte.
 
 mod bottom;
 mod chunk;
-mod columns;
+mod chunker;
 mod encoders;
 mod error;
 mod format;
 mod index;
+mod lattice;
 mod lowest;
 mod nodes;
 mod opening;
 mod packer;
 mod profile;
 mod reader;
+mod settings;
 mod writer;
 
-pub use chunk::CHUNK_STRUTS;
+pub(crate) use chunk::MAX_CHUNK_PRIMITIVES;
 pub use error::BuildFileError;
-pub use format::{BEGINNING_BYTES, check_beginning};
+pub(crate) use format::{BEGINNING_BYTES, check_beginning};
 pub use index::ChunkEntry;
 pub use reader::BuildFile;
-pub(super) use writer::EXPECTED_STRUT_BYTES;
-pub use writer::{BodySettings, WriteError, Writer, WriterSettings};
+pub use settings::{BodySettings, WriteError, WriterSettings};
+pub use writer::Writer;

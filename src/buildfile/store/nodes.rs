@@ -1,19 +1,18 @@
-//! Counts distinct nodes while struts go by in file order.
+//! Counts distinct nodes while struts are written in file order.
 
 use std::collections::HashSet;
 use std::hash::{BuildHasher, Hasher, RandomState};
 
-use crate::buildfile::model::Strut;
-use crate::buildfile::model::node_key;
+use crate::buildfile::model::{Strut, node_key};
 
-/// Most upper nodes remembered, about 8 MB. Then those below the sweep are forgotten; where more than half as many stay, the
-/// count is left unknown, as the rest would be filled and searched again too soon.
-const WAITING_LIMIT: usize = 1 << 18;
+/// Most upper nodes remembered, about 8 MB. When they are reached, the nodes below the current strut are forgotten. If more than half
+/// of them stay, the count is given up, because the set would be full again too soon.
+const MAX_WAITING: usize = 1 << 18;
 
-/// A node is counted when first seen, as an upper end or as a lower one.
+/// The counter. A node is counted when it is first seen, as an upper or a lower end.
 #[derive(Debug, Default)]
 pub(super) struct NodeCounter {
-    /// Upper ends that no strut has begun at yet.
+    /// Upper ends at which no strut has begun yet.
     waiting: HashSet<[i32; 3], Folding>,
     low: Option<[i32; 3]>,
     count: u64,
@@ -33,24 +32,24 @@ impl NodeCounter {
         if strut.b != strut.a && self.waiting.insert(strut.b) {
             self.count += 1;
         }
-        if self.waiting.len() > WAITING_LIMIT {
-            // Nothing below the sweep can come again.
+        if self.waiting.len() > MAX_WAITING {
+            // Nodes below the current strut cannot come again.
             self.waiting.retain(|node| node_key(*node) > node_key(strut.a));
-            self.unknown = self.waiting.len() > WAITING_LIMIT / 2;
+            self.unknown = self.waiting.len() > MAX_WAITING / 2;
             if self.unknown {
                 self.waiting = HashSet::default();
             }
         }
     }
 
-    /// Distinct nodes; 0 where they could not be counted.
+    /// Number of distinct nodes; 0 if they could not be counted.
     pub(super) fn total(&self) -> u64 {
         if self.unknown { 0 } else { self.count }
     }
 }
 
-/// Hashes by multiplying and folding (as wyhash does), many times faster than the standard hash. The start is random, so that
-/// no file can be made to fill one bucket.
+/// A hash by multiplying and folding, as in wyhash (Wang Yi 2019); it is many times faster than the standard hash. It starts from a
+/// random number, so that no file can be made whose nodes all fall into one bucket.
 #[derive(Clone, Debug)]
 struct Folding {
     start: u64,

@@ -1,31 +1,32 @@
-//! Opening a build file: header, index and profile are read and compared with one another and with the file's length.
+//! Opens a build file: reads header, index and profile, and compares them with one another and with the length of the file.
+//! `reader` uses it.
 
 use std::fs::File;
 use std::ops::Range;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 
-use super::chunk::{CHUNK_STRUTS, UNPACKED_LIMIT_BYTES};
+use super::chunk::{MAX_CHUNK_PRIMITIVES, MAX_PACKED_BYTES, MAX_UNPACKED_BYTES};
 use super::error::BuildFileError;
-use super::format::{self, Footer, HEADER_LIMIT_BYTES, PRELUDE_BYTES, check_beginning};
+use super::format::{self, Footer, MAX_HEADER_BYTES, PRELUDE_BYTES, check_beginning};
 use super::index::ChunkEntry;
 use super::profile;
 use crate::buildfile::model::{Header, Lattice};
 use crate::codec;
 
-/// What index and profile say of one body.
+/// What index and profile say about one body.
 #[derive(Debug)]
 pub(super) struct Stored {
     pub(super) chunks: Range<usize>,
     pub(super) peak_active: u64,
 }
 
-/// A file whose frame is being read.
+/// A build file whose frame is being read.
 pub(super) struct Opening<'a> {
     path: &'a Path,
     file: &'a File,
     file_bytes: u64,
-    /// Where the header ends and the first chunk begins.
+    /// Offset of the first chunk.
     header_end: u64,
 }
 
@@ -34,8 +35,10 @@ impl<'a> Opening<'a> {
         Self { path, file, file_bytes, header_end: 0 }
     }
 
+    /// The header.
+    ///
     /// # Errors
-    /// Where prelude or header are not those of a build file.
+    /// If prelude or header are not those of a build file.
     pub(super) fn header(&mut self) -> Result<Header, BuildFileError> {
         let foreign = |problem: String| BuildFileError::Foreign { path: self.path.into(), problem };
         if self.file_bytes < PRELUDE_BYTES as u64 {
@@ -47,7 +50,7 @@ impl<'a> Opening<'a> {
         let (length, crc) = (word(12), word(16));
         self.header_end = PRELUDE_BYTES as u64 + u64::from(length);
         let wrong = |problem| self.frame("header", problem);
-        if length > HEADER_LIMIT_BYTES || u64::from(length) > self.file_bytes - PRELUDE_BYTES as u64 {
+        if length > MAX_HEADER_BYTES || u64::from(length) > self.file_bytes - PRELUDE_BYTES as u64 {
             return Err(wrong(format!("a length of {length} bytes in a file of {}", self.file_bytes)));
         }
         let body = self.read(PRELUDE_BYTES as u64, length as usize)?;
@@ -55,15 +58,15 @@ impl<'a> Opening<'a> {
             return Err(wrong("it is corrupt (CRC)".into()));
         }
         let header: Header =
-            codec::decode::<_, { HEADER_LIMIT_BYTES as usize }>(&body).map_err(|error| wrong(error.to_string()))?;
+            codec::decode::<_, { MAX_HEADER_BYTES as usize }>(&body).map_err(|error| wrong(error.to_string()))?;
         format::check_header(&header).map_err(wrong)?;
         Ok(header)
     }
 
-    /// Index and profile, after [`Opening::header`].
+    /// Index and profile. Call [`Opening::header`] first.
     ///
     /// # Errors
-    /// Where they contradict themselves, the header or the file's length.
+    /// If they contradict themselves, the header or the length of the file.
     pub(super) fn index(&mut self, header: &Header) -> Result<(Vec<ChunkEntry>, Vec<Stored>), BuildFileError> {
         let mut tail = [0; Footer::BYTES];
         let footer_offset = self.file_bytes.checked_sub(Footer::BYTES as u64);
@@ -83,7 +86,7 @@ impl<'a> Opening<'a> {
         };
         let chunks = self.chunks(&footer, header)?;
         let peaks = self.peaks(&footer, profile_offset, header)?;
-        // The check of the index has found each body's chunks together, in the order of the bodies.
+        // The check of the index made sure that the chunks of each body are together, in the order of the bodies.
         let begins = |body: usize| chunks.partition_point(|entry| usize::from(entry.body) < body);
         let stored = |(body, peak_active)| Stored { chunks: begins(body)..begins(body + 1), peak_active };
         let bodies = peaks.into_iter().enumerate().map(stored).collect();
@@ -110,8 +113,8 @@ impl<'a> Opening<'a> {
 
     fn peaks(&self, footer: &Footer, offset: u64, header: &Header) -> Result<Vec<u64>, BuildFileError> {
         let wrong = |problem| self.frame("profile", problem);
-        let limit_bytes = header.bodies.len() * profile::LIMIT_BYTES;
-        // Counts never grow when packed but for a few bytes of frame.
+        let limit_bytes = header.bodies.len() * profile::MAX_BYTES;
+        // Compression adds at most a few bytes.
         if footer.profile_bytes as usize > 2 * limit_bytes {
             return Err(wrong(format!("{} bytes are too many", footer.profile_bytes)));
         }
@@ -124,7 +127,7 @@ impl<'a> Opening<'a> {
         profile::peaks(&bytes, header.lattices().map(Lattice::total)).map_err(wrong)
     }
 
-    /// Reads `length` bytes, which the caller has checked to lie within the file.
+    /// Reads `length` bytes. The caller has checked that they lie within the file.
     fn read(&self, offset: u64, length: usize) -> Result<Vec<u8>, BuildFileError> {
         let mut bytes = vec![0; length];
         let read = self.file.read_exact_at(&mut bytes, offset);
@@ -137,12 +140,13 @@ impl<'a> Opening<'a> {
     }
 }
 
-/// Running check of the index: chunks lie one behind another, body by body and in order, and count what the header says.
+/// Checks the index entry by entry: chunks follow one another without gaps, body by body and in ascending z, and their counts add up to
+/// those of the header.
 struct IndexCheck<'a> {
     lattices: Vec<&'a Lattice>,
-    /// Where the chunk before ends.
+    /// End of the previous chunk.
     end: u64,
-    /// The body under way; what follows is counted in it.
+    /// The current body; `z_low`, `struts` and `balls` belong to it.
     body: usize,
     z_low: i32,
     struts: u64,
@@ -166,13 +170,13 @@ impl<'a> IndexCheck<'a> {
             let bodies = self.lattices.len();
             return Err(format!("it belongs to body {} of {bodies}, but follows body {}", entry.body, self.body));
         }
-        let (struts, balls) = (entry.strut_count, u32::from(entry.ball_count));
-        if struts == 0 || struts as usize > CHUNK_STRUTS || balls > struts {
-            return Err(format!("{struts} struts, {balls} of them balls; allowed are 1 to {CHUNK_STRUTS}"));
+        let (struts, balls) = (entry.count, u32::from(entry.ball_count));
+        if struts == 0 || struts as usize > MAX_CHUNK_PRIMITIVES || balls > struts {
+            return Err(format!("{struts} struts, {balls} of them balls; allowed are 1 to {MAX_CHUNK_PRIMITIVES}"));
         }
-        if entry.packed_bytes > 2 * UNPACKED_LIMIT_BYTES || entry.unpacked_bytes > UNPACKED_LIMIT_BYTES {
+        if entry.packed_bytes > MAX_PACKED_BYTES || entry.unpacked_bytes > MAX_UNPACKED_BYTES {
             return Err(format!(
-                "{} bytes, {} unpacked: a chunk has at most {UNPACKED_LIMIT_BYTES} unpacked, and twice as many packed",
+                "{} bytes, {} unpacked: a chunk has at most {MAX_UNPACKED_BYTES} unpacked, and twice as many packed",
                 entry.packed_bytes, entry.unpacked_bytes
             ));
         }

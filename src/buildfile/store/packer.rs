@@ -1,29 +1,29 @@
-//! Compression of a chunk: one zstd frame, with a block of its own for every byte plane.
+//! Compresses a chunk as one zstd frame, with one block for each byte plane.
 //!
-//! A block has its own table of symbols. Left to itself zstd would put all planes of a chunk, noise and constants alike, into
-//! one block under one table.
+//! Every block has its own table of symbols. By default zstd would put all planes of a chunk, noise and constants, into one block with
+//! one table. `encoders` uses it.
 
 use std::io;
 
 use zstd::stream::raw::{CParameter, Encoder, InBuffer, Operation, OutBuffer};
 
-use super::chunk::Unpacked;
+use crate::buildfile::primitive::Unpacked;
 
-/// Compression level: level 9 would make files of irregular lattices 3 % smaller and take twice the time of all the rest of a
-/// chunk. Decoding is as fast at any level.
+/// Compression level. Level 9 would make files of irregular lattices 3 % smaller, but take twice as long as everything else that is done
+/// for a chunk. Decoding takes the same time at all levels.
 const LEVEL: i32 = 3;
 
-/// Compresses chunks, one after another.
+/// Compresses chunks one after another.
 pub(super) struct Packer {
     encoder: Encoder<'static>,
 }
 
 impl Packer {
     /// # Errors
-    /// Where zstd cannot have its memory.
+    /// If zstd cannot allocate its memory.
     pub(super) fn new() -> io::Result<Self> {
         let mut encoder = Encoder::new(LEVEL)?;
-        // The index has a CRC of each chunk.
+        // Not needed: the index has a CRC of each chunk.
         encoder.set_parameter(CParameter::ChecksumFlag(false))?;
         Ok(Self { encoder })
     }
@@ -31,7 +31,7 @@ impl Packer {
     /// Compresses one chunk.
     ///
     /// # Errors
-    /// Where zstd cannot have its memory.
+    /// If zstd cannot allocate its memory.
     pub(super) fn pack(&mut self, chunk: &Unpacked) -> io::Result<Vec<u8>> {
         let bytes = &chunk.bytes;
         let mut out = Vec::with_capacity(
@@ -55,10 +55,10 @@ impl Packer {
     }
 }
 
-/// A block's head; what does not compress is stored behind it as it is.
+/// Length of the header of a block. Data that does not compress is stored after it unchanged.
 const BLOCK_COST_BYTES: usize = 3;
 
-/// Room was made for the longest result: nothing can be left over.
+/// There was room for the longest result, so nothing can be left over.
 fn whole(bytes_left: usize) -> io::Result<()> {
     if bytes_left == 0 { Ok(()) } else { Err(io::Error::other(format!("zstd leaves {bytes_left} bytes over"))) }
 }

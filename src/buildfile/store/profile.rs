@@ -1,13 +1,14 @@
-//! The z profile: how many struts are active in each slab of the part's height.
+//! The profile: how many struts are active in each slab of the height of a body.
 //!
-//! A strut is active from `z_low − reach` to `z_high + reach` (Liu et al. 2021, §4). The profile counts, for each slab, the
-//! intervals that begin and that end in it; so the number active anywhere inside a slab is at most all that began up to its
-//! end less all that ended before its start. Slabs grow as the part does, pairwise, which keeps that bound exact per slab.
+//! A strut is active from `z_low − reach` to `z_high + reach` (Liu et al. 2021, Eq. 8). For each slab the profile counts the intervals
+//! that begin in it and those that end in it. The number of active struts anywhere in a slab is at most the number of intervals that
+//! began up to its end minus the number that ended before its start. When the body outgrows the slabs, they are joined in pairs; the
+//! bound then stays exact for each slab. `writer` makes profiles, `opening` reads them.
 
-/// Most slabs: 64 KiB before compression, and still one slab for every one or two layers of a usual print.
-pub(super) const SLAB_LIMIT: usize = 4096;
+/// Most slabs of a body. They take 64 KiB before compression, and are as fine as one or two layers of a usual print.
+pub(super) const MAX_SLABS: usize = 4096;
 
-/// Builds a profile from struts in ascending z.
+/// Builds a profile from primitives in ascending z.
 #[derive(Debug, Default)]
 pub(super) struct ProfileBuilder {
     start: i64,
@@ -16,12 +17,12 @@ pub(super) struct ProfileBuilder {
 }
 
 impl ProfileBuilder {
-    /// Counts one interval of activity, quanta, both ends inside; none may begin below the first one.
+    /// Adds an interval of activity, quanta, including both ends. It must not begin below the first one.
     pub(super) fn add(&mut self, low: i64, high: i64) {
         if self.height == 0 {
             (self.start, self.height) = (low, 1);
         }
-        while (high - self.start) / self.height >= SLAB_LIMIT as i64 {
+        while (high - self.start) / self.height >= MAX_SLABS as i64 {
             self.slabs =
                 self.slabs.chunks(2).map(|pair| [0, 1].map(|k| pair.iter().map(|slab| slab[k]).sum())).collect();
             self.height *= 2;
@@ -34,18 +35,13 @@ impl ProfileBuilder {
         self.slabs[last][1] += 1;
     }
 
-    /// Most struts active at any one z.
+    /// Most primitives active at any z.
     pub(super) fn peak_active(&self) -> u64 {
-        let (mut begun, mut ended, mut peak) = (0, 0, 0);
-        for [begins, ends] in &self.slabs {
-            begun += begins;
-            peak = peak.max(begun - ended);
-            ended += ends;
-        }
-        peak
+        // Each interval begins no later than it ends, so these counts are always consistent.
+        sum(self.slabs.iter().copied()).map_or(0, |sums| sums.peak)
     }
 
-    /// Appends the finished profile: u64 slabs, i64 start, i64 slab height, then all begins and all ends as u64.
+    /// Appends the finished profile: u64 number of slabs, i64 start, i64 slab height, then all begins and all ends as u64.
     pub(super) fn append_to(&self, bytes: &mut Vec<u8>) {
         bytes.extend_from_slice(&(self.slabs.len() as u64).to_le_bytes());
         bytes.extend_from_slice(&self.start.to_le_bytes());
@@ -56,10 +52,10 @@ impl ProfileBuilder {
     }
 }
 
-/// Largest profile of one body in bytes.
-pub(super) const LIMIT_BYTES: usize = 24 + 16 * SLAB_LIMIT;
+/// Longest profile of one body, bytes.
+pub(super) const MAX_BYTES: usize = 24 + 16 * MAX_SLABS;
 
-/// Most struts active at any one z of each body, from the profiles of bodies of `totals` struts, one behind another.
+/// The peak of active struts of each body. `bytes` are the profiles, one after another; `totals` are the numbers of struts and balls.
 ///
 /// # Errors
 /// A text that says how the bytes contradict themselves or `totals`.
@@ -70,8 +66,8 @@ pub(super) fn peaks(bytes: &[u8], totals: impl Iterator<Item = u64>) -> Result<V
     let mut peaks = Vec::new();
     for total in totals {
         let [slabs, start, height, counts @ ..] = rest else { return Err(CUT.into()) };
-        if *slabs > SLAB_LIMIT as u64 {
-            return Err(format!("{slabs} slabs: allowed are {SLAB_LIMIT}"));
+        if *slabs > MAX_SLABS as u64 {
+            return Err(format!("{slabs} slabs: allowed are {MAX_SLABS}"));
         }
         let (start, height) = (*start as i64, *height as i64);
         if !(1..=1 << 32).contains(&height) || height.count_ones() != 1 || !(-(1 << 33)..=1 << 33).contains(&start) {
@@ -89,15 +85,26 @@ pub(super) fn peaks(bytes: &[u8], totals: impl Iterator<Item = u64>) -> Result<V
 }
 
 fn peak(begins: &[u64], ends: &[u64], total: u64) -> Result<u64, String> {
-    let lying = || format!("its slabs do not count {total} struts");
-    let (mut begun, mut ended, mut peak) = (0u64, 0u64, 0);
-    for (begin, end) in begins.iter().zip(ends) {
-        begun = begun.checked_add(*begin).ok_or_else(lying)?;
-        peak = peak.max(begun - ended);
-        ended = ended.checked_add(*end).filter(|ended| *ended <= begun).ok_or_else(lying)?;
+    let sums = sum(begins.iter().zip(ends).map(|(begun, ended)| [*begun, *ended]));
+    let sums = sums.filter(|sums| (sums.begun, sums.ended) == (total, total));
+    sums.map(|sums| sums.peak).ok_or_else(|| format!("its slabs do not count {total} struts"))
+}
+
+/// What the slabs of a profile add up to.
+struct Sums {
+    begun: u64,
+    ended: u64,
+    /// Most intervals in any one slab.
+    peak: u64,
+}
+
+/// Adds up the begins and ends of successive slabs; `None` if more intervals end than began, or a count overflows.
+fn sum(slabs: impl Iterator<Item = [u64; 2]>) -> Option<Sums> {
+    let mut sums = Sums { begun: 0, ended: 0, peak: 0 };
+    for [begins, ends] in slabs {
+        sums.begun = sums.begun.checked_add(begins)?;
+        sums.peak = sums.peak.max(sums.begun - sums.ended);
+        sums.ended = sums.ended.checked_add(ends).filter(|ended| *ended <= sums.begun)?;
     }
-    if begun != total || ended != total {
-        return Err(lying());
-    }
-    Ok(peak)
+    Some(sums)
 }

@@ -1,21 +1,22 @@
-//! Reading: [`BuildFile::open`] checks the frame, [`BuildFile::read_chunk`] each chunk. Nothing is taken on the file's word.
+//! Reading: [`BuildFile::open`] checks the frame, [`BuildFile::read_chunk`] each chunk. No statement of the file is trusted before it is
+//! checked. [`buildfile`](crate::buildfile) has an example.
 
 use std::cell::RefCell;
 use std::fs::{File, OpenOptions};
 use std::ops::Range;
-use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
-use super::chunk;
+use super::chunk::{ChunkError, ChunkReader};
 use super::error::BuildFileError;
 use super::index::ChunkEntry;
 use super::lowest::LowestOfUnion;
 use super::opening::{Opening, Stored};
 use super::profile::ProfileBuilder;
 use crate::buildfile::model::{Blend, BodyHeader, Bounds, Header, Lattice, Strut};
+use crate::buildfile::primitive::Primitive;
 use crate::disk;
 
-/// An open build file. Reading is thread-safe: every read states its place.
+/// An open build file. Several threads may read at once: every read states its offset.
 #[derive(Debug)]
 pub struct BuildFile {
     path: PathBuf,
@@ -26,27 +27,18 @@ pub struct BuildFile {
     bodies: Vec<Stored>,
 }
 
-/// Buffers one thread needs to read chunks.
-#[derive(Default)]
-struct ReadScratch {
-    packed: Vec<u8>,
-    unpacked: Vec<u8>,
-    columns: chunk::Scratch,
-    decompressor: Option<zstd::bulk::Decompressor<'static>>,
-}
-
 thread_local! {
-    static SCRATCH: RefCell<ReadScratch> = RefCell::default();
+    static READER: RefCell<ChunkReader> = RefCell::default();
 }
 
 impl BuildFile {
-    /// Opens a build file and checks its header, index and profile; chunks are checked as they are read.
+    /// Opens a build file and checks its header, index and profile. Chunks are checked when they are read.
     ///
     /// # Errors
-    /// [`BuildFileError`] says what is wrong and where.
+    /// [`BuildFileError`] says what is wrong, and where.
     pub fn open(path: &Path) -> Result<Self, BuildFileError> {
         let read_error = |source| BuildFileError::Read { path: path.into(), source };
-        // Also before it is opened: here another kind of file is no failure to read.
+        // Before opening, so that a directory or a pipe gets a better message than a failure to read.
         let metadata = std::fs::metadata(path).map_err(read_error)?;
         if !metadata.is_file() {
             return Err(BuildFileError::Foreign { path: path.into(), problem: "it is not a regular file".into() });
@@ -54,7 +46,7 @@ impl BuildFile {
         Self::of(path, disk::open_regular(path, OpenOptions::new().read(true)).map_err(read_error)?)
     }
 
-    /// The same of an open file, which `path` names in errors.
+    /// As [`BuildFile::open`], of an open file. `path` names it in errors.
     pub(super) fn of(path: &Path, file: File) -> Result<Self, BuildFileError> {
         let metadata = file.metadata().map_err(|source| BuildFileError::Read { path: path.into(), source })?;
         let mut opening = Opening::new(path, &file, metadata.len());
@@ -63,68 +55,58 @@ impl BuildFile {
         Ok(Self { path: path.into(), file, file_bytes: metadata.len(), header, chunks, bodies })
     }
 
-    /// The file's name as it was opened.
+    /// The path that was opened.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Length of the file.
+    /// Length of the file, bytes.
     pub fn file_bytes(&self) -> u64 {
         self.file_bytes
     }
 
-    /// What the file holds.
+    /// The header.
     pub fn header(&self) -> &Header {
         &self.header
     }
 
-    /// The chunks, body by body, those of a body in ascending order of their lowest node z.
+    /// The chunks, body by body. Those of one body are in ascending order of their lowest z.
     pub fn chunks(&self) -> &[ChunkEntry] {
         &self.chunks
     }
 
-    /// Which chunks belong to a body.
+    /// The chunks of a body, as indices of [`BuildFile::chunks`].
     ///
     /// # Panics
-    /// Where `body` is not below the number of the header's bodies.
+    /// If `body` is not below the number of bodies.
     pub fn body_chunks(&self, body: usize) -> Range<usize> {
         self.bodies[body].chunks.clone()
     }
 
-    /// Reads chunk `index`, appending its struts to `out` in ascending order of their lower node.
+    /// Reads chunk `index` and appends its struts to `out`, in ascending order of their lower nodes.
     ///
     /// # Errors
-    /// [`BuildFileError`] where the chunk is damaged; `out` is as before then.
+    /// [`BuildFileError`] if the chunk cannot be read or is damaged. Then `out` is as before.
     ///
     /// # Panics
-    /// Where `index` is not below `chunks().len()`.
+    /// If `index` is not below `chunks().len()`.
     pub fn read_chunk(&self, index: usize, out: &mut Vec<Strut>) -> Result<(), BuildFileError> {
         let entry = &self.chunks[index];
         let BodyHeader::Lattice(lattice) = &self.header.bodies[usize::from(entry.body)];
-        SCRATCH.with_borrow_mut(|scratch| {
-            let ReadScratch { packed, unpacked, columns, decompressor } = scratch;
-            packed.clear();
-            packed.reserve_exact(entry.packed_bytes as usize);
-            packed.resize(entry.packed_bytes as usize, 0);
-            self.file
-                .read_exact_at(packed, entry.offset)
-                .map_err(|source| BuildFileError::Read { path: self.path.clone(), source })?;
-            unpack(packed, entry, decompressor, unpacked)
-                .and_then(|()| chunk::decode(unpacked, lattice, entry, columns, out))
-                .map_err(|problem| BuildFileError::Chunk {
-                    path: self.path.clone(),
-                    chunk: index,
-                    chunk_count: self.chunks.len(),
-                    problem,
-                })
+        let read = READER.with_borrow_mut(|reader| reader.read(&self.file, entry, lattice, out));
+        read.map_err(|error| match error {
+            ChunkError::Read(source) => BuildFileError::Read { path: self.path.clone(), source },
+            ChunkError::Damaged(problem) => {
+                BuildFileError::Chunk { path: self.path.clone(), chunk: index, chunk_count: self.chunks.len(), problem }
+            }
         })
     }
 
-    /// Reads every chunk once and compares header and profile with the struts, so that damage in the middle of a file is found before
-    /// the first layer. Takes about as long as reading the file.
+    /// Reads every chunk once and compares header and profile with the struts, so that damage in the middle of a file is found before the
+    /// first layer. Takes about as long as reading the file.
     ///
     /// # Errors
-    /// [`BuildFileError`] names the first damaged chunk, or what the struts contradict.
+    /// [`BuildFileError`] names the first damaged chunk, or the statement that the struts contradict.
     pub fn verify(&self) -> Result<(), BuildFileError> {
         let mut lowest = LowestOfUnion::default();
         for (lattice, stored) in self.header.lattices().zip(&self.bodies) {
@@ -168,12 +150,10 @@ impl BuildFile {
                 format!("it says {bounds:?} and radii {radius_range:?}, but the struts have {found:?} and {radii:?}"),
             ));
         }
-        let (promised, peak) = (stored.peak_active, profile.peak_active());
-        if peak > promised {
-            return Err(self.contradiction(
-                "profile",
-                format!("it promises {promised} active struts at most, but there are {peak}"),
-            ));
+        let (stated, peak) = (stored.peak_active, profile.peak_active());
+        if peak > stated {
+            return Err(self
+                .contradiction("profile", format!("it states at most {stated} active struts, but there are {peak}")));
         }
         Ok(())
     }
@@ -182,21 +162,21 @@ impl BuildFile {
         BuildFileError::Frame { path: self.path.clone(), part, problem }
     }
 
-    /// Most struts of a body active at any one z: those with `z_low − reach ≤ z ≤ z_high + reach`. An upper bound, exact but
-    /// for struts that begin and end in the same of at most 4096 slabs of the body's height.
+    /// Upper bound of the number of struts of a body that are active at any z: those with `z_low − reach ≤ z ≤ z_high + reach`. It is
+    /// exact for each of the up to 4096 slabs of the body, in which all struts that are active anywhere in the slab count.
     ///
     /// # Panics
-    /// Where `body` is not below the number of the header's bodies.
+    /// If `body` is not below the number of bodies.
     pub fn body_peak_active(&self, body: usize) -> u64 {
         self.bodies[body].peak_active
     }
 
-    /// Most struts of all bodies active at any one z: at most the sum of their peaks.
+    /// Upper bound of the number of struts of all bodies that are active at any z: the sum of their peaks.
     pub fn peak_active(&self) -> u64 {
         self.bodies.iter().map(|stored| stored.peak_active).sum()
     }
 
-    /// Bytes this value holds for as long as it is open.
+    /// Memory of this value while the file is open, bytes.
     pub fn memory_bytes(&self) -> usize {
         size_of::<Self>()
             + self.path.capacity()
@@ -206,37 +186,9 @@ impl BuildFile {
             + self.chunks.capacity() * size_of::<ChunkEntry>()
     }
 
-    /// Bytes each thread that reads chunks holds besides, at most: packed and unpacked bytes, node table and columns, and
-    /// the decompressor's state (about 160 KiB).
+    /// Memory of each thread that reads chunks, bytes, at most: a packed and an unpacked chunk, node table and columns, and the state of
+    /// the decompressor.
     pub fn scratch_bytes(&self) -> usize {
-        let largest = |length: fn(&ChunkEntry) -> u32| self.chunks.iter().map(length).max().unwrap_or(0) as usize;
-        let struts = largest(|entry| entry.strut_count);
-        largest(|entry| entry.packed_bytes)
-            + largest(|entry| entry.unpacked_bytes)
-            + chunk::Scratch::bytes(struts)
-            + (160 << 10)
+        ChunkReader::memory_bytes(&self.chunks, Strut::SCRATCH_BYTES)
     }
-}
-
-fn unpack(
-    packed: &[u8],
-    entry: &ChunkEntry,
-    decompressor: &mut Option<zstd::bulk::Decompressor<'static>>,
-    out: &mut Vec<u8>,
-) -> Result<(), String> {
-    if crc32fast::hash(packed) != entry.crc {
-        return Err("it is corrupt (CRC)".into());
-    }
-    let length = entry.unpacked_bytes as usize;
-    out.clear();
-    out.reserve_exact(length);
-    let decompressor = match decompressor {
-        Some(decompressor) => decompressor,
-        none => none.insert(zstd::bulk::Decompressor::new().map_err(|error| error.to_string())?),
-    };
-    decompressor.decompress_to_buffer(packed, out).map_err(|error| format!("it does not decompress: {error}"))?;
-    if out.len() != length {
-        return Err(format!("it unpacks to {} bytes instead of {length}", out.len()));
-    }
-    Ok(())
 }

@@ -1,4 +1,6 @@
-//! What a layer is drawn from: bodies, each cut by the plane that rises through it.
+//! Bodies, from which layers are drawn. Each is cut by a plane that rises through it.
+//!
+//! A second kind of body is a variant of [`BodySource`] and an implementer of [`Body`]. `slicer` shows how they are used.
 
 pub(super) mod lattice;
 
@@ -12,9 +14,9 @@ use crate::solid::{Effort, InstructionSet};
 use crate::stream::MemoryBudget;
 use lattice::{StoredLattice, StrutSource};
 
-/// Where the primitives of one body come from.
+/// Source of the primitives of one body.
 pub enum BodySource {
-    /// Struts.
+    /// Struts and balls.
     Lattice(Box<dyn StrutSource>),
 }
 
@@ -26,7 +28,7 @@ impl BodySource {
 
     /// The bodies of a build file, each lattice drawn as the exact union of its struts.
     pub(super) fn unions_of(file: &Arc<BuildFile>) -> Vec<Self> {
-        // A union reaches less far than a convolution, so the file's bounds on active struts hold for it too.
+        // A union reaches less far than a convolution, so the peak of active struts in the file is an upper bound for it, too.
         Self::drawn_as(file, |lattice| Lattice { blend: Blend::Union, ..lattice.clone() })
     }
 
@@ -37,16 +39,23 @@ impl BodySource {
         file.header().bodies.iter().enumerate().map(source).collect()
     }
 
-    /// Bytes that [`BodySource::body`] charges: known before anything is read.
+    /// The open build file that the body is read from, if any.
+    pub(super) fn file(&self) -> Option<&Arc<BuildFile>> {
+        let Self::Lattice(source) = self;
+        source.file()
+    }
+
+    /// Memory that [`BodySource::body`] charges, bytes. It is known before anything is read, and does not include
+    /// [`BodySource::file`].
     pub(super) fn memory_bytes(&self, plan: &SlicePlan, threads: usize) -> u64 {
         let Self::Lattice(source) = self;
         lattice::memory_bytes(&**source, plan, threads)
     }
 
-    /// A body to draw, with `instructions` on `threads` threads; what it needs is charged to `budget`.
+    /// The body, to be drawn with `instructions` on `threads` threads. Its memory is charged to `budget`.
     ///
     /// # Errors
-    /// [`SliceError`] where the memory is not free or the body cannot be drawn.
+    /// [`SliceError`] if the memory is not free or the body cannot be drawn.
     pub(super) fn body(
         self,
         instructions: InstructionSet,
@@ -59,37 +68,37 @@ impl BodySource {
     }
 }
 
-/// A plane through a part, and where its pixels lie.
+/// A plane through a part, and the position of its pixels.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Cut {
-    /// Its height, micrometres.
+    /// Height, micrometres.
     pub(super) z_um: f64,
-    /// How far its pixels lie from the plan's, pixels along x and y.
+    /// Offset of its pixels from those of the plan along x and y, pixels.
     pub(super) shift_px: [f64; 2],
 }
 
-/// One body of a part. It is asked once a layer and once a band, never for single pixels.
+/// One body of a part. It is called once per layer and once per band, never for single pixels.
 pub(super) trait Body: Send {
-    /// Most rows that [`Brush::cover`] takes at once.
+    /// Most rows in a band that [`Brush::cover`] takes.
     fn rows_per_band(&self) -> usize;
 
-    /// Moves the plane up; planes ascend.
+    /// Moves the plane up to `z_um`, micrometres. It never moves down.
     ///
     /// # Errors
-    /// Where what the body is made of cannot be read, or contradicts what its file promised.
+    /// If the primitives cannot be read, or contradict the header or the index.
     fn advance(&mut self, z_um: f64, workers: &Workers) -> Result<(), SliceError>;
 
-    /// What each thread draws the plane last given to [`Body::advance`] with: as many as the body was made for.
+    /// Brushes for the plane last given to [`Body::advance`], one for each thread.
     fn brushes(&mut self, cut: &Cut) -> Vec<Box<dyn Brush + '_>>;
 
-    /// Primitives within reach of that plane.
+    /// Number of primitives within reach of that plane.
     fn active_count(&self) -> usize;
 
-    /// What drawing has taken since the body was made.
+    /// Work since the body was made.
     fn effort(&self) -> Effort;
 }
 
-/// Draws one body for one thread.
+/// Draws one body on one thread.
 pub(super) trait Brush: Send {
     /// Merges the body into a band.
     fn cover(&mut self, band: &mut Band<'_>);

@@ -1,4 +1,4 @@
-//! Eight struts cut by one plane: the field of each as a quadratic about a base cell.
+//! Cuts eight struts with one plane: the result is a quadratic about a base cell for each.
 
 use super::reach::{Reach, Window};
 use crate::solid::vector::{greater, lesser};
@@ -7,17 +7,18 @@ use crate::solid::{Block, Plane};
 /// Struts cut at once.
 pub(super) const LANES: usize = 8;
 
-/// The part of each of eight struts' fields that a plane shows, about a base cell of the strip: at i columns and j rows from
-/// it `q = q_base − i (slope_x + curve_xy·j + curve_x·i) − j (slope_y + curve_y·j)`, and the strut's ends lie
-/// `lo_base − axial_x·i − axial_y·j` and `hi_base − …` from the foot. Lengths in R, rows and columns the strip's.
+/// Eight struts as seen in a plane, each relative to a base cell. At i columns and j rows from it,
+/// `q = q_base − i (slope_x + curve_xy·j + curve_x·i) − j (slope_y + curve_y·j)`, and the ends of the strut are at
+/// `lo_base − axial_x·i − axial_y·j` and `hi_base − axial_x·i − axial_y·j` from the foot. This is `q = 1 − |v × u|²` of
+/// [`reference`](crate::solid::reference), expanded in i and j. Lengths are in R; rows and columns are those of the strip.
 pub(super) struct Footprints {
-    /// First row within reach, and how many.
+    /// First row within reach, and number of rows.
     pub(super) first_row: [i32; LANES],
     pub(super) row_count: [i32; LANES],
-    /// First column within reach, and the last; cut off at the strip's edges.
+    /// First and last column within reach, limited to the strip.
     pub(super) first_column: [i32; LANES],
     pub(super) last_column: [i32; LANES],
-    /// Of the first column and the first row, from the base cell.
+    /// First column and first row, relative to the base cell.
     pub(super) first_i: [f32; LANES],
     pub(super) first_j: [f32; LANES],
     pub(super) q_base: [f32; LANES],
@@ -30,16 +31,16 @@ pub(super) struct Footprints {
     pub(super) hi_base: [f32; LANES],
     pub(super) axial_x: [f32; LANES],
     pub(super) axial_y: [f32; LANES],
-    /// 0 where the plane is R or more above the lower end, and below the upper one, so that no cell can see it; else 1.
+    /// 0 if the plane is R or more above the lower end (below the upper end), so that no cell can reach that end; else 1.
     pub(super) sees_lower: [f32; LANES],
     pub(super) sees_upper: [f32; LANES],
-    /// At the strut's lower end, and its change a unit of length.
+    /// Weight at the lower end, and its change per unit of length.
     pub(super) weight: [f32; LANES],
     pub(super) weight_slope: [f32; LANES],
 }
 
 impl Footprints {
-    /// Cuts the chosen records of a block. Without branches, so that it compiles to vectors.
+    /// Cuts the chosen records of a block. Without branches, so that it compiles to vector instructions.
     #[inline(always)]
     pub(super) fn new(block: &Block, chosen: &[u8; LANES], reach: &Reach, plane: &Plane, window: &Window) -> Self {
         let mut cut = Self::empty();
@@ -62,7 +63,7 @@ impl Footprints {
             let length = (e_x * e_x + e_y * e_y + e_z * e_z).sqrt();
             let inverse_length = 1.0 / length;
             let (u_x, u_y, u_z) = (e_x * inverse_length, e_y * inverse_length, e_z * inverse_length);
-            // From a to the base cell; h² = |v × u|² loses nothing on long struts.
+            // From a to the base cell. h² = |v × u|² is precise for long struts, too.
             let v_x = f64::from(base_column) * dx - (a_x * quantum - grid.x0);
             let v_y = f64::from(base_row) * dy - (a_y * quantum - grid.y0);
             let v_z = plane.z - a_z * quantum;
@@ -128,7 +129,7 @@ impl Footprints {
     }
 }
 
-/// Not `array::map`, which is not inlined and so not compiled for the instruction set.
+/// `array::map` would not be inlined, and so would not be compiled for the instruction set.
 #[inline(always)]
 fn gather<T: Copy + Default>(column: &[T; Block::LEN], at: &[u8; LANES]) -> [T; LANES] {
     let mut values = [T::default(); LANES];
@@ -138,30 +139,30 @@ fn gather<T: Copy + Default>(column: &[T; Block::LEN], at: &[u8; LANES]) -> [T; 
     values
 }
 
-/// From here on an `f32` holds integers only; in the middle of the next octave, so that sums of both signs stay there.
+/// 1.5 · 2²³: here an `f32` holds integers only. It is the middle of an octave, so that sums with both signs stay within it.
 const INTEGERS: f32 = 12_582_912.0;
 
-/// The nearest whole number, for less than 2²² to both sides; a cast would not compile to vectors.
+/// The nearest whole number, for numbers within ±2²². A cast would not compile to vector instructions.
 #[inline(always)]
 pub(super) fn nearest(x: f32) -> f32 {
     (x + INTEGERS) - INTEGERS
 }
 
-/// Rounded down, within the same range.
+/// Rounds down, within the same range.
 #[inline(always)]
 pub(super) fn down(x: f32) -> f32 {
     let rounded = nearest(x);
     rounded - if rounded > x { 1.0 } else { 0.0 }
 }
 
-/// Rounded up, within the same range.
+/// Rounds up, within the same range.
 #[inline(always)]
 pub(super) fn up(x: f32) -> f32 {
     let rounded = nearest(x);
     rounded + if rounded < x { 1.0 } else { 0.0 }
 }
 
-/// A whole number within the same range as an integer; any other gives a number without meaning.
+/// Converts a whole number within the same range. The result for any other number is arbitrary.
 #[inline(always)]
 pub(super) fn integer(x: f32) -> i32 {
     ((x + INTEGERS).to_bits() as i32).wrapping_sub(INTEGERS.to_bits() as i32)

@@ -1,14 +1,14 @@
-//! A strut's footprint in a plane, drawn from one base cell in `f32`.
+//! Draws the footprint of a strut in a plane, from one base cell and in `f32`.
 
 use super::cut::{Footprints, down, integer, up};
 use super::{ENDLESS, MARGIN, patch};
 use crate::solid::Strip;
 use crate::solid::vector::{self, BothEnds, LANE, LANES, NoEnd, OneEnd, Stretch, greater, lesser, multiply_add};
 
-/// Rows found at once, numbered as lanes are.
+/// Rows whose cells are found at once, one for each lane.
 const ROWS: usize = LANES;
 
-/// Adds the field of one lane's strut to a strip.
+/// Adds the field of the strut in one lane to a strip.
 #[inline(always)]
 pub(super) fn draw<const FUSED: bool>(cut: &Footprints, lane: usize, strip: &mut Strip<f32>) {
     let width = cut.last_column[lane] - cut.first_column[lane] + 1;
@@ -16,7 +16,7 @@ pub(super) fn draw<const FUSED: bool>(cut: &Footprints, lane: usize, strip: &mut
         return;
     }
     let tapered = cut.weight_slope[lane] != 0.0;
-    // Wider footprints are worth finding each row's own cells; a narrower picture has no room for a patch of three.
+    // In a wider footprint it is worth finding the cells of each row. A narrower picture has no room for a patch of three vectors.
     let vectors = if strip.columns() < 2 * LANES { 0 } else { (width as usize).div_ceil(LANES) };
     match (vectors, tapered) {
         (1, _) => draw_patch::<1, FUSED>(cut, lane, strip),
@@ -74,25 +74,25 @@ fn draw_rows<const FUSED: bool, const TAPERED: bool>(cut: &Footprints, lane: usi
     strip.touch(cut.first_column[lane] as usize..cut.last_column[lane] as usize + LANES);
 }
 
-/// Some successive rows.
+/// Eight successive rows.
 struct Rows {
-    /// First cell of the row in the strip.
+    /// First cell within reach, as a column of the strip.
     first: [i32; ROWS],
-    /// The same from the base column.
+    /// The same, relative to the base column.
     first_i: [f32; ROWS],
-    /// Vectors of cells from there on; 0 where nothing is within reach.
+    /// Number of vectors from that cell on; 0 if no cell is within reach.
     vectors: [i32; ROWS],
     q: [f32; ROWS],
     slope: [f32; ROWS],
     lo: [f32; ROWS],
     hi: [f32; ROWS],
-    /// Positive where the lower end, and the upper one, may be within reach of a cell.
+    /// Positive if the lower end (the upper end) may be within reach of a cell.
     sees_lower: [f32; ROWS],
     sees_upper: [f32; ROWS],
 }
 
-/// The cells within reach on eight rows, `skipped` rows after the footprint's first. Without branches, so that it compiles
-/// to vectors.
+/// Finds the cells within reach on eight rows, beginning `skipped` rows after the first row of the footprint. Without branches, so
+/// that it compiles to vector instructions.
 #[inline(always)]
 fn rows<const FUSED: bool>(cut: &Footprints, lane: usize, skipped: usize) -> Rows {
     let none = [0.0; ROWS];
@@ -127,7 +127,7 @@ fn rows<const FUSED: bool>(cut: &Footprints, lane: usize, skipped: usize) -> Row
         let covered = greater(most_q + margin, 0.0).sqrt();
         let half = covered * inverse_root;
         let (one, two) = ((lo - 1.0 - margin) * inverse_axial_x, (hi + 1.0 + margin) * inverse_axial_x);
-        // Within the footprint, so that rounding is safe.
+        // Limited to the footprint, so that rounding cannot lead outside of it.
         let left = lesser(greater(greater(middle - half, lesser(one, two)), first_i), last_i);
         let right = greater(lesser(lesser(middle + half, greater(one, two)), last_i), first_i - 1.0);
         let (first, last) = (up(left), down(right));

@@ -1,23 +1,23 @@
-//! Any strut or ball, row by row: what a row shares is found in `f64`, eight rows at a time.
+//! Draws any strut or ball row by row. The values that a row shares are computed in `f64`, for eight rows at a time.
 
 use super::{ENDLESS, MARGIN, greater, lesser, reciprocal, whole};
 use crate::solid::block::Record;
 use crate::solid::vector::{self, BothEnds, LANES, NoEnd, Stretch};
 use crate::solid::{Plane, Strip};
 
-/// A strut or ball with all that does not depend on the plane. Unit of length: R.
+/// A strut or ball, with everything that does not depend on the plane. Unit of length: R.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ConvolutionStrut {
     a: [f64; 3],
-    /// Unit vector; zero for a ball.
+    /// Unit vector of the axis; zero for a ball.
     u: [f64; 3],
     /// 0 for a ball.
     length: f64,
-    /// At `a`, and its change a unit of length.
+    /// Weight at `a`, and its change per unit of length.
     weight: [f32; 2],
 }
 
-/// Longest stretch evaluated from one base pixel: bounds |d|, and with it the rounding of `lo` and `hi`.
+/// Longest stretch that is evaluated from one base pixel. It limits |d|, and with it the rounding errors of `lo` and `hi`.
 const STRETCH_PX: f64 = 64.0;
 
 impl ConvolutionStrut {
@@ -29,7 +29,7 @@ impl ConvolutionStrut {
         Self { a, u, length, weight: [weight_a, change] }
     }
 
-    /// Adds its field to a strip.
+    /// Adds the field to a strip.
     #[inline(always)]
     pub(super) fn draw<const FUSED: bool>(&self, plane: &Plane, strip: &mut Strip<f32>) {
         if let Some(range) = self.row_range(plane) {
@@ -38,9 +38,9 @@ impl ConvolutionStrut {
         }
     }
 
-    /// First and last row of the grid it may reach.
+    /// First and last row of the grid that it may reach.
     fn row_range(&self, Plane { grid, z, .. }: &Plane) -> Option<[i32; 2]> {
-        // The part of the axis within R of the plane, then R to both sides.
+        // The part of the axis within R of the plane, extended by R to both sides.
         let dz = z - self.a[2];
         let inverse = reciprocal(self.u[2]);
         let (one, two) = ((dz - 1.0) * inverse, (dz + 1.0) * inverse);
@@ -51,28 +51,28 @@ impl ConvolutionStrut {
         let (y1, y2) = (self.a[1] + self.u[1] * from, self.a[1] + self.u[1] * to);
         let (low, high) = (y1.min(y2) - 1.0 - MARGIN, y1.max(y2) + 1.0 + MARGIN);
         let (one, two) = ((low - grid.y0) / grid.dy, (high - grid.y0) / grid.dy);
-        // A float beyond i32 saturates: such rows lie outside every picture.
+        // Numbers beyond i32 saturate: such rows lie outside every picture.
         Some([one.min(two).floor() as i32, one.max(two).ceil() as i32])
     }
 }
 
-/// A strut seen from one plane and grid: what does not change from row to row.
+/// A strut in a plane and grid: everything that does not change from row to row.
 struct Line<'a> {
     shape: &'a ConvolutionStrut,
     is_ball: bool,
     y0: f64,
     dy: f64,
-    /// Of the strip's first cell, from the strut's `a`.
+    /// x of the first cell of the strip, measured from `a`.
     x0: f64,
     dx: f64,
     inverse_dx: f64,
     dz: f64,
-    /// Along a row h² is `least_h2 + n2·(x − middle)²`; n2 = u_y² + u_z², for a ball 1.
+    /// Along a row, h² = `least_h2 + n2·(x − middle)²` with n2 = u_y² + u_z², which is 1 for a ball.
     n2: f64,
     inverse_n2: f64,
     inverse_n: f64,
     inverse_ux: f64,
-    /// Second-order change of h² and change of t a pixel.
+    /// Second-order change of h² per pixel, and change of t per pixel.
     curve: f32,
     axial: f32,
 }
@@ -80,19 +80,19 @@ struct Line<'a> {
 /// Rows whose intervals are computed at once.
 const ROWS: usize = 8;
 
-/// What some successive rows see of a strut: the stretch of cells to add to, and its [`Stretch`].
+/// A strut on eight successive rows: for each row the stretch of cells within reach, and the values of its [`Stretch`].
 struct Rows {
-    /// First cell and the one after the last; not in this order where there is none.
+    /// First cell, and the one after the last. If there is no cell, `end` is not greater than `first`.
     first: [f64; ROWS],
     end: [f64; ROWS],
-    /// The cell after the row's last within reach: the end, or beyond it.
+    /// The cell after the last one within reach on the row: `end`, or beyond it if the stretch is too long for one base pixel.
     row_end: [f64; ROWS],
     q_base: [f32; ROWS],
     slope: [f32; ROWS],
     lo_base: [f32; ROWS],
     hi_base: [f32; ROWS],
     first_d: [f32; ROWS],
-    /// Not negative where every cell is so far from both ends that the strut may be taken for endless.
+    /// Not negative if every cell is so far from both ends that the strut may be treated as endless.
     beyond_kernel: [f64; ROWS],
 }
 
@@ -139,17 +139,18 @@ impl<'a> Line<'a> {
         }
     }
 
-    /// The stretches that begin `skipped` cells after the first within reach. Without branches, so that it compiles to
-    /// vectors.
+    /// Finds the stretches that begin `skipped` cells after the first cell within reach. Without branches, so that it compiles to
+    /// vector instructions.
     ///
-    /// With v = (x, y, z) from `a`: t = u_x·x + g, and h² = |v × u|² has its least value k²/n² at x = u_x·g/n².
+    /// With v = (x, y, z) measured from `a`, t = u_x·x + g with g = u_y·y + u_z·z. h² = |v × u|² has its minimum k²/n² at x = u_x·g/n²,
+    /// with k = y·u_z − z·u_y and n² = u_y² + u_z².
     #[inline(always)]
     fn rows(&self, strip: &Strip<f32>, row: usize, skipped: f64) -> Rows {
         let [ux, uy, uz] = self.shape.u;
         let length = self.shape.length;
         let first_y = self.y0 + strip.grid_row(row) * self.dy;
         let last_column = strip.columns() as f64 - 1.0;
-        // Seen from a row along the strut, and from around a ball, the axis is a point.
+        // For a row parallel to the strut, and for a ball, the axis is a point.
         let is_point = self.is_ball || self.n2 == 0.0;
         let (slab_low, slab_high) =
             if self.is_ball { (-ENDLESS, ENDLESS) } else { (-1.0 - MARGIN, length + 1.0 + MARGIN) };
@@ -169,7 +170,7 @@ impl<'a> Line<'a> {
             let (k, g) = (y * uz - self.dz * uy, y * uy + self.dz * uz);
             let least_h2 = if is_point { y * y + self.dz * self.dz } else { k * k * self.inverse_n2 };
             let reach = 1.0 + MARGIN - least_h2;
-            // Half the length of the axis that the kernel covers, where the row comes nearest.
+            // Half the length of axis that the kernel covers, at the point of the row nearest to the axis.
             let covered = greater(reach, 0.0).sqrt();
             let (half, middle) = (covered * self.inverse_n, ux * g * self.inverse_n2);
             let (one, two) = ((slab_low - g) * self.inverse_ux, (slab_high - g) * self.inverse_ux);
@@ -177,7 +178,7 @@ impl<'a> Line<'a> {
             let right = lesser(middle + half, greater(one, two));
             let (one, two) = ((left - self.x0) * self.inverse_dx, (right - self.x0) * self.inverse_dx);
             let (low, high) = if self.dx > 0.0 { (one, two) } else { (two, one) };
-            // The first whole cell after the one end; one exactly on it is in the margin and contributes nothing.
+            // The first whole cell after the lower limit. A cell exactly on the limit is in the margin and contributes 0.
             let first = whole(lesser(greater(low, -1.0), last_column) + 1.0) + skipped;
             let row_end = whole(lesser(greater(high, -1.0), last_column) + 1.0);
             let row_end = if reach > 0.0 { row_end } else { 0.0 };
@@ -186,7 +187,7 @@ impl<'a> Line<'a> {
             seen.end[lane] = end;
             seen.row_end[lane] = row_end;
 
-            // The base is a cell next to the point nearest to the axis: away from it q falls.
+            // The base is a cell next to the point nearest to the axis; q decreases away from it.
             let nearest = lesser((middle - self.x0) * self.inverse_dx, end - 1.0);
             let base = whole(greater(nearest, first));
             let x = self.x0 + base * self.dx;

@@ -1,9 +1,11 @@
-//! The convolution surface (closed form after Liu et al. 2021, §3). Unit of length: the support R, so that every quantity of
-//! the kernel is about 1 and `f32` suffices.
+//! The convolution surface (Liu et al. 2021, Eq. 6; closed form in [`reference`](super::reference)). Unit of length: the support R, so
+//! that all quantities of the kernel are about 1 and `f32` is precise enough.
 //!
-//! Eight struts of a block are cut with the plane at once ([`cut`]); most leave a footprint a few R wide, whose rows are found
-//! eight at a time and drawn from one base pixel ([`footprint`]), or, where it is small, all alike ([`patch`]). Balls, very long
-//! struts and those along the rows go row by row in `f64` ([`line`]).
+//! [`reach`] selects the struts of a block that may reach the band. [`cut`] cuts eight of them with the plane at once. The footprint of
+//! most struts is a few R wide: [`footprint`] finds its rows eight at a time and draws them from one base pixel, or, if it is small,
+//! [`patch`] draws all rows alike. [`line`] draws balls, very long struts and struts along the rows, row by row in `f64`.
+//!
+//! `slice/body/lattice` draws with it; `tests/exact.rs` compares every pixel with the formulas.
 
 mod cut;
 mod footprint;
@@ -18,15 +20,15 @@ use cut::Footprints;
 use line::ConvolutionStrut;
 use reach::{Reach, Window};
 
-/// Solid where the summed field of all struts reaches the isovalue.
+/// A point is solid if the summed field of all struts is at least the isovalue.
 #[derive(Clone, Copy, Debug)]
-pub struct Convolution;
+pub(crate) struct Convolution;
 
-/// Rows and columns are reached this much (in q, and in t) beyond the support. The `f32` field there is exactly 0, so which
-/// of these pixels a vector happens to cover makes no difference.
+/// Margin added to the support, in q and in t, when rows and columns are selected. The `f32` field is exactly 0 within it, so it does
+/// not matter which of these pixels a vector covers.
 const MARGIN: f64 = 1e-4;
 
-/// Stands for 1/0: large beyond every picture, far from overflow.
+/// Replaces 1/0: larger than every picture, and far from overflow.
 const ENDLESS: f64 = 1e30;
 
 impl Shape for Convolution {
@@ -34,7 +36,7 @@ impl Shape for Convolution {
 
     const HALO: usize = 1;
 
-    /// The weights at both ends, as bits of `f32`; a ball has its own weight twice.
+    /// The weights at both ends, as bits of `f32`. A ball has one weight, stored twice.
     fn ends(radii: [u32; 2], _caps: [Cap; 2], is_ball: bool, quantum: f64) -> [u32; 2] {
         let weight = if is_ball { weight::ball } else { weight::strut };
         radii.map(|radius| (weight(f64::from(radius) * quantum) as f32).to_bits())
@@ -95,10 +97,10 @@ impl<'a, Blocks: Iterator<Item = &'a Block>> Work for Draw<'_, Blocks> {
     }
 }
 
-/// From here on an `f64` holds integers only.
+/// 2⁵²: from here on an `f64` holds integers only.
 const INTEGERS: f64 = 4_503_599_627_370_496.0;
 
-/// A number of cells rounded down, for less than half of [`INTEGERS`] to both sides; a cast would not compile to vectors.
+/// Rounds a number of cells down, within ± half of [`INTEGERS`]. A cast would not compile to vector instructions.
 #[inline(always)]
 fn whole(x: f64) -> f64 {
     let rounded = (x + 1.5 * INTEGERS) - 1.5 * INTEGERS;
@@ -109,13 +111,13 @@ fn reciprocal(x: f64) -> f64 {
     if x == 0.0 { ENDLESS } else { 1.0 / x }
 }
 
-/// `max` as one instruction; no operand is ever NaN.
+/// `max` as one instruction. No operand is ever NaN.
 #[inline(always)]
 fn greater(a: f64, b: f64) -> f64 {
     if a > b { a } else { b }
 }
 
-/// `min` as one instruction; no operand is ever NaN.
+/// `min` as one instruction. No operand is ever NaN.
 #[inline(always)]
 fn lesser(a: f64, b: f64) -> f64 {
     if a < b { a } else { b }

@@ -1,11 +1,11 @@
-//! A small footprint as a patch of one to three vectors a row: all rows begin at the same column, so that nothing has to be
-//! found for a row.
+//! Draws a small footprint as a patch of one to three vectors in each row. All rows begin at the same column, so nothing has to be
+//! found for single rows.
 
 use super::cut::Footprints;
 use crate::solid::Strip;
 use crate::solid::vector::{Ends, LANE, LANES, Point, multiply_add};
 
-/// Adds the field of one lane's strut on `VECTORS` vectors of every row.
+/// Adds the field of the strut in one lane to `VECTORS` vectors of every row.
 #[inline(always)]
 pub(super) fn draw<const VECTORS: usize, const FUSED: bool, E: Ends>(
     cut: &Footprints,
@@ -13,7 +13,7 @@ pub(super) fn draw<const VECTORS: usize, const FUSED: bool, E: Ends>(
     strip: &mut Strip<f32>,
 ) {
     let (first_row, row_count) = (cut.first_row[lane] as usize, cut.row_count[lane] as usize);
-    // A patch that would stick out on the right begins earlier.
+    // A patch that would extend beyond the right edge begins further left.
     let wanted = cut.first_column[lane] as usize;
     let first = wanted.min(strip.columns() + LANES - VECTORS * LANES);
     let first_i = cut.first_i[lane] - (wanted - first) as i32 as f32;

@@ -1,49 +1,52 @@
-//! Which struts of a block reach a band of rows in a plane, and which cells at most: quickly, in `f32`, a little too wide.
+//! Selects the struts of a block that may reach a band of rows in a plane, and bounds their cells. It is fast, in `f32`, and never too
+//! narrow.
 
 use crate::solid::vector::{greater, lesser};
 use crate::solid::{Block, Plane, Strip};
 
-/// Struts looked at at once.
+/// Struts examined at once.
 const LANES: usize = 8;
 
-/// Added to the support on all sides: rounding in q and in t.
+/// Added to the support on all sides, for rounding errors in q and in t.
 const MARGIN: f32 = super::MARGIN as f32;
 
-/// Added on all sides: rounding of columns and rows, which are below 2¹⁶.
+/// Added on all sides, for rounding errors of columns and rows, which are below 2¹⁶.
 const MARGIN_PX: f32 = 0.02;
 
-/// Beyond this length, in R, `f32` is too coarse to tell where the plane meets a strut.
-const LONGEST: f32 = 64.0;
+/// Length in R beyond which `f32` is too coarse for where the plane meets a strut.
+const MAX_LENGTH: f32 = 64.0;
 
-/// Of a strut that rises less than its length divided by this, and of a ball, the ellipse that a plane cuts from it bounds nothing.
+/// A strut is nearly horizontal if its rise is less than its length divided by this. For such struts and for balls the ellipse that the
+/// plane cuts from the endless strut is too long to be a useful bound.
 const FLAT: f32 = 32.0;
 
-/// Footprints up to this wide and high, in R, are drawn from one base cell in `f32`: no term of the quadratic exceeds 16
-/// there, so that q is right to some 10⁻⁶. Of a lattice of struts some 5 R long nearly all are that small.
+/// Footprints up to this width and height, in R, are drawn from one base cell in `f32`: no term of the quadratic exceeds 16, so q is
+/// correct to some 10⁻⁶. In a lattice of struts some 5 R long nearly all footprints are this small.
 const COMPACT: f32 = 8.0;
 
-/// A strut runs along the rows where the square of the sine of its angle with them is below this: a row's cells within reach
-/// are found by dividing by it, which must not magnify `f32`'s rounding beyond the margin.
+/// A strut counts as parallel to the rows if the square of the sine of its angle with them is below this. Finding the cells of a row
+/// divides by it, which must not magnify the rounding errors of `f32` beyond the margin.
 const ALONG_ROWS: f32 = 0.05;
 
-/// Stands for 1/0.
+/// Replaces 1/0.
 const ENDLESS: f32 = super::ENDLESS as f32;
 
-/// Places of a block's records, and room for the lanes after the last; a power of two, so that no index needs a check.
+/// Room for the indices of all records of a block, and for the lanes after the last one. A power of two, so that no index needs a
+/// check.
 pub(super) const CHOSEN: usize = 2 * Block::LEN;
 
-/// What a band of rows may see of a block's struts. Columns and rows are the grid's, not rounded.
+/// The cells that the struts of a block may reach. Columns and rows are those of the grid, not rounded.
 pub(super) struct Reach {
     pub(super) left: [f32; Block::LEN],
     pub(super) right: [f32; Block::LEN],
     pub(super) low: [f32; Block::LEN],
     pub(super) high: [f32; Block::LEN],
-    /// 1 where the strut can be drawn from one base cell, 0 where `low` and `high` mean little and it must be asked again.
+    /// 1 if the strut can be drawn from one base cell. If 0, the bounds are not reliable and [`super::line`] finds its own.
     pub(super) compact: [f32; Block::LEN],
     seen: [f32; Block::LEN],
 }
 
-/// The grid's cells that a strip holds.
+/// The cells of the grid that a strip holds.
 #[derive(Clone, Copy)]
 pub(super) struct Window {
     pub(super) first_row: f32,
@@ -70,7 +73,8 @@ impl Reach {
         Self { left: none, right: none, low: none, high: none, compact: none, seen: none }
     }
 
-    /// Looks at all records of a block and returns how many places of `chosen` it filled: struts that may be seen, in order.
+    /// Examines all records of a block. Writes the indices of those that may reach the window to `chosen`, in order, and returns their
+    /// number.
     #[inline(always)]
     pub(super) fn look(&mut self, block: &Block, plane: &Plane, window: &Window, chosen: &mut [u8; CHOSEN]) -> usize {
         let count = block.len();
@@ -85,7 +89,7 @@ impl Reach {
         found
     }
 
-    /// Without branches, so that it compiles to vectors.
+    /// Without branches, so that it compiles to vector instructions.
     #[inline(always)]
     fn look_at_lanes(&mut self, block: &Block, first: usize, plane: &Plane, window: &Window) {
         let grid = &plane.grid;
@@ -112,9 +116,9 @@ impl Reach {
             let e_z = (b_z - a_z) as f32 * quantum;
             let (x2, y2, z2) = (e_x * e_x, e_y * e_y, e_z * e_z);
             let length2 = x2 + y2 + z2;
-            let is_long = length2 > LONGEST * LONGEST;
+            let is_long = length2 > MAX_LENGTH * MAX_LENGTH;
 
-            // The part of the axis within R of the plane, R to all sides of it; of a long strut, all of it ...
+            // The part of the axis within R of the plane (all of it if the strut is long), extended by R to all sides ...
             let rise = 1.0 / greater(e_z, 1.0 / ENDLESS);
             let from = lesser(greater((dz - 1.0 - MARGIN) * rise, 0.0), 1.0);
             let to = greater(lesser((dz + 1.0 + MARGIN) * rise, 1.0), 0.0);
@@ -122,20 +126,19 @@ impl Reach {
             let (run_x, run_y) = (e_x * per_column, e_y * per_row);
             let (x_from, x_to) = (x + run_x * from, x + run_x * to);
             let (y_from, y_to) = (y + run_y * from, y + run_y * to);
-            // ... and no more than the ellipse that the plane cuts from the endless strut.
-            let bounds_nothing = is_long | (z2 * (FLAT * FLAT) <= length2);
+            // ... but no more than the ellipse that the plane cuts from the endless strut.
+            let no_bound = is_long | (z2 * (FLAT * FLAT) <= length2);
             let middle = dz * rise;
             let (half_x, half_y) = ((x2 + z2).sqrt() * rise * reach_x, (y2 + z2).sqrt() * rise * reach_y);
-            let (half_x, half_y) =
-                (if bounds_nothing { ENDLESS } else { half_x }, if bounds_nothing { ENDLESS } else { half_y });
-            let middle = if bounds_nothing { 0.0 } else { middle };
+            let (half_x, half_y) = (if no_bound { ENDLESS } else { half_x }, if no_bound { ENDLESS } else { half_y });
+            let middle = if no_bound { 0.0 } else { middle };
             let (centre_x, centre_y) = (x + run_x * middle, y + run_y * middle);
             let left = greater(lesser(x_from, x_to) - reach_x, centre_x - half_x);
             let right = lesser(greater(x_from, x_to) + reach_x, centre_x + half_x);
             let low = greater(lesser(y_from, y_to) - reach_y, centre_y - half_y);
             let high = lesser(greater(y_from, y_to) + reach_y, centre_y + half_y);
 
-            // A long strut's ends are rounded by so much.
+            // Rounding error of the ends of a long strut.
             let rounded = (length2 * 1e-12).sqrt();
             let slack = if is_long { rounded } else { 0.0 };
             let slack_px = slack * per_cell;

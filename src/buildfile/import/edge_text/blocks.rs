@@ -1,16 +1,16 @@
-//! A text file in blocks of whole lines, read once from front to end.
+//! A text file in blocks of whole lines, read once from front to end. `edge_text` parses the blocks.
 
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-use super::line::{LINE_LIMIT_BYTES, LineError};
+use super::line::{LineError, MAX_LINE_BYTES};
 use crate::buildfile::error::PackError;
 
-/// Length of a block: enough that handing it to a thread costs nothing, little beside the memory of the sort.
+/// Length of a block: long enough that sending it to a thread takes no time in comparison, and small compared with the memory of the sort.
 const BLOCK_BYTES: usize = 256 << 10;
 
-/// Whole lines; only the file's last one may lack its end.
+/// Whole lines. Only the last line of the file may lack a line end.
 pub(super) struct Block {
     /// Number of the first line in the file, from 1.
     pub(super) first_line: u64,
@@ -21,27 +21,29 @@ pub(super) struct Block {
 pub(super) struct Blocks<'a> {
     path: &'a Path,
     file: File,
-    /// The beginning of a line that the block before ended in.
+    /// The beginning of a line at the end of the previous block.
     rest: Vec<u8>,
     next_line: u64,
-    /// The file's beginning was looked at.
+    /// Whether the beginning of the file was checked.
     begun: bool,
     /// Bytes read so far.
     pub(super) done: u64,
 }
 
 impl<'a> Blocks<'a> {
+    /// Opens a file.
+    ///
     /// # Errors
-    /// Where the file cannot be opened.
+    /// If the file cannot be opened.
     pub(super) fn open(path: &'a Path) -> Result<Self, PackError> {
         let file = File::open(path).map_err(|source| PackError::Read { path: path.into(), source })?;
         Ok(Self { path, file, rest: Vec::new(), next_line: 1, begun: false, done: 0 })
     }
 
-    /// The next block; `None` at the end of the file. `digest` takes the bytes that were read for it.
+    /// The next block; `None` at the end of the file. `digest` takes the bytes that were read.
     ///
     /// # Errors
-    /// Where the file cannot be read, is UTF-16, goes on behind its end mark, or a line is longer than a block.
+    /// If the file cannot be read, is UTF-16, continues after its end mark, or a line is longer than a block.
     pub(super) fn next(&mut self, digest: &mut dyn FnMut(&[u8])) -> Result<Option<Block>, LineError> {
         let mut bytes = std::mem::take(&mut self.rest);
         let kept = bytes.len();
@@ -55,7 +57,7 @@ impl<'a> Blocks<'a> {
         if !std::mem::replace(&mut self.begun, true) {
             self.check_encoding(&mut bytes)?;
         }
-        // Old editors end a text with Ctrl-Z, and some devices fill it up with NUL.
+        // Old editors end a text with Ctrl-Z, and some devices pad it with NUL.
         let text = bytes.iter().rposition(|&byte| !is_padding(byte)).map_or(0, |last| last + 1);
         if let Some(mark) = bytes[text..].iter().position(|byte| !byte.is_ascii_whitespace()) {
             bytes.truncate(text + mark);
@@ -66,10 +68,10 @@ impl<'a> Blocks<'a> {
             return Ok(None);
         }
         if !at_end {
-            // Whether a CR at the very end ends a line or begins CR LF is not known yet.
+            // A CR at the very end may end a line or begin CR LF.
             let known = bytes.len() - usize::from(bytes.ends_with(b"\r"));
             let Some(end) = bytes[..known].iter().rposition(|byte| matches!(byte, b'\n' | b'\r')) else {
-                let problem = format!("the line is longer than {LINE_LIMIT_BYTES} bytes; is this edge text?");
+                let problem = format!("the line is longer than {MAX_LINE_BYTES} bytes; is this edge text?");
                 return Err(LineError::at(self.path, self.next_line, &bytes, &problem));
             };
             self.rest = bytes.split_off(end + 1);
@@ -79,7 +81,7 @@ impl<'a> Blocks<'a> {
         Ok(Some(Block { first_line, bytes }))
     }
 
-    /// Removes a byte-order mark of UTF-8, and refuses UTF-16.
+    /// Removes a UTF-8 byte-order mark, and refuses UTF-16.
     fn check_encoding(&self, bytes: &mut Vec<u8>) -> Result<(), LineError> {
         if bytes.starts_with(b"\xFF\xFE") || bytes.starts_with(b"\xFE\xFF") {
             let problem = "the file is UTF-16 text; save it as UTF-8 or plain ASCII";
@@ -91,7 +93,7 @@ impl<'a> Blocks<'a> {
         Ok(())
     }
 
-    /// Reads the rest of a file that has come to an end mark in `line`.
+    /// Reads the rest of a file after an end mark in `line`. Only padding may follow.
     fn read_padding(&mut self, line: u64, digest: &mut dyn FnMut(&[u8])) -> Result<(), LineError> {
         let mut bytes = vec![0; BLOCK_BYTES];
         loop {
@@ -106,20 +108,20 @@ impl<'a> Blocks<'a> {
             digest(&bytes[..count]);
             self.done += count as u64;
             if let Some(at) = bytes[..count].iter().position(|&byte| !is_padding(byte)) {
-                let problem = "text follows behind a NUL or Ctrl-Z, which ends a text";
+                let problem = "text follows after a NUL or Ctrl-Z, which end a text";
                 return Err(LineError::at(self.path, line, &bytes[at..count], problem));
             }
         }
     }
 }
 
-/// What may follow the last line.
+/// Whether the byte may follow the last line.
 fn is_padding(byte: u8) -> bool {
     const CTRL_Z: u8 = 0x1A;
     matches!(byte, 0 | CTRL_Z) || byte.is_ascii_whitespace()
 }
 
-/// Counts line ends (LF, CR LF, or CR) in sums of one byte, of which a vector holds many.
+/// Counts line ends (LF, CR LF or CR). Sums of one byte let the compiler use vector instructions.
 fn line_ends(bytes: &[u8]) -> u64 {
     let Some((last, before)) = bytes.split_last() else { return 0 };
     let is_end = |(&byte, &next): (&u8, &u8)| u8::from(byte == b'\n') | u8::from(byte == b'\r' && next != b'\n');

@@ -1,23 +1,23 @@
-//! One line of edge text: its numbers, and errors that repeat it.
+//! One line of edge text: its numbers, and errors that repeat the line.
 
 use std::path::Path;
 
 use glam::DVec3;
 
 use crate::buildfile::error::PackError;
-use crate::buildfile::import::collect::Beam;
+use crate::buildfile::import::lane::Beam;
 use crate::buildfile::model::Caps;
 
-/// Longest line: seven numbers of 17 digits take 175 bytes.
-pub(super) const LINE_LIMIT_BYTES: usize = 1024;
+/// Longest line, bytes. Seven numbers of 17 digits take 175.
+pub(super) const MAX_LINE_BYTES: usize = 1024;
 
-/// Most of a line that an error repeats.
-const QUOTE_LIMIT_CHARS: usize = 40;
+/// Longest text that an error repeats, characters: enough to find the line, and still one line of a terminal.
+const MAX_QUOTE_CHARS: usize = 40;
 
-/// Numbers of a strut: two points and a radius.
+/// Numbers in the line of a strut: two points and a radius.
 const FIELDS: usize = 7;
 
-/// An error and the line it belongs to: of several, the first in the file is told.
+/// An error with its line. Of several errors, the first in the file is reported.
 pub(super) struct LineError {
     pub(super) line: u64,
     pub(super) error: PackError,
@@ -26,13 +26,13 @@ pub(super) struct LineError {
 impl LineError {
     /// An error that names file and line and repeats the line.
     pub(super) fn at(path: &Path, line: u64, text: &[u8], problem: &str) -> Self {
-        let text = String::from_utf8_lossy(&text[..text.len().min(LINE_LIMIT_BYTES)]);
+        let text = String::from_utf8_lossy(&text[..text.len().min(MAX_LINE_BYTES)]);
         let problem = format!("{problem}; the line reads `{}`", quote(text.trim_ascii()));
         Self { line, error: PackError::input(place(path, line), problem) }
     }
 }
 
-/// The lines of a block, each with its end: LF, CR LF, or CR alone.
+/// The lines of a block, each with its end: LF, CR LF or CR.
 pub(super) fn lines(mut bytes: &[u8]) -> impl Iterator<Item = &[u8]> {
     std::iter::from_fn(move || {
         let (line, rest) = bytes.split_at(line_length(bytes));
@@ -41,12 +41,12 @@ pub(super) fn lines(mut bytes: &[u8]) -> impl Iterator<Item = &[u8]> {
     })
 }
 
-/// The length of the line that `bytes` begin with, with its end.
+/// The length of the first line of `bytes`, including its end.
 pub(super) fn line_length(bytes: &[u8]) -> usize {
     memchr::memchr2(b'\n', b'\r', bytes).map_or(bytes.len(), |end| behind_end(bytes, end))
 }
 
-/// Where the next line begins if this one ends at `end`.
+/// Offset of the next line, if this line's text ends at `end`.
 fn behind_end(bytes: &[u8], end: usize) -> usize {
     end + if bytes[end..].starts_with(b"\r\n") { 2 } else { 1 }
 }
@@ -70,6 +70,8 @@ pub(super) struct Header {
 }
 
 impl Header {
+    /// Parses the first line.
+    ///
     /// # Errors
     /// A text that says what was found and what is expected.
     pub(super) fn parse(line: &[u8]) -> Result<Self, String> {
@@ -87,7 +89,7 @@ impl Header {
     }
 }
 
-/// The numbers of a strut as they stand in a line.
+/// The numbers in the line of a strut.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Numbers {
     values: [f64; FIELDS],
@@ -95,8 +97,8 @@ pub(super) struct Numbers {
 }
 
 impl Numbers {
-    /// Reads the line that `bytes` begin with if it holds nothing but plain decimals, as nearly every line does, and returns
-    /// its length, too. `None` where it needs [`Numbers::parse`], be it for an error or for an exponent.
+    /// Parses the first line of `bytes` if it contains only plain decimals, as nearly every line does. Returns the numbers and the length
+    /// of the line. `None` if it needs [`Numbers::parse`], for an error or an exponent.
     pub(super) fn plain(bytes: &[u8]) -> Option<(Self, usize)> {
         let mut numbers = Self::default();
         let mut at = 0;
@@ -136,10 +138,10 @@ impl Numbers {
         self.count == 0
     }
 
-    /// The strut they describe.
+    /// The strut.
     ///
     /// # Errors
-    /// A text that says why there is none.
+    /// A text that says what is wrong with the numbers.
     pub(super) fn strut(&self, default_radius: f64) -> Result<Beam, String> {
         let [x1, y1, z1, x2, y2, z2, stated_radius] = self.values;
         let radius = match self.count {
@@ -156,11 +158,11 @@ impl Numbers {
     }
 }
 
-/// Powers of ten that are whole in an `f64`, as many as a mantissa below 2⁵³ has digits.
+/// Powers of ten that an `f64` represents exactly, as many as a number below 2⁵³ has digits.
 const POWERS: [f64; 17] = [1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16];
 
-/// Reads `[-]digits[.digits]` and returns where it ends. One division of whole numbers rounds as the exact decimal does
-/// (Clinger 1990); `None` where there are too many digits for that or another way to write a number.
+/// Parses `[-]digits[.digits]`. Returns the number and the offset of its end. The quotient of two exact numbers is correctly rounded
+/// (Clinger 1990, "How to read floating point numbers accurately"). `None` if there are too many digits for that, or another notation.
 fn plain_decimal(bytes: &[u8], mut at: usize) -> Option<(f64, usize)> {
     let negative = bytes.get(at) == Some(&b'-');
     at += usize::from(negative);
@@ -168,7 +170,7 @@ fn plain_decimal(bytes: &[u8], mut at: usize) -> Option<(f64, usize)> {
     let mut mantissa = 0u64;
     let mut digits = |at: &mut usize| {
         while let Some(digit) = bytes.get(*at).map(|byte| byte.wrapping_sub(b'0')).filter(|digit| *digit < 10) {
-            // May wrap where there are too many digits, which is found below.
+            // May wrap if there are too many digits, which is checked below.
             mantissa = mantissa.wrapping_mul(10).wrapping_add(digit.into());
             *at += 1;
         }
@@ -200,8 +202,8 @@ fn text(line: &[u8]) -> Result<&str, String> {
 }
 
 fn quote(text: &str) -> String {
-    let mut quoted: String = text.chars().take(QUOTE_LIMIT_CHARS).flat_map(char::escape_default).collect();
-    if text.chars().nth(QUOTE_LIMIT_CHARS).is_some() {
+    let mut quoted: String = text.chars().take(MAX_QUOTE_CHARS).flat_map(char::escape_default).collect();
+    if text.chars().nth(MAX_QUOTE_CHARS).is_some() {
         quoted.push('…');
     }
     quoted

@@ -1,8 +1,9 @@
-//! Edge text: a line `count radius convolution_radius kernel_size`, then one strut a line, `x1 y1 z1 x2 y2 z2 [radius]`,
-//! millimetres, in any order. As written by GPULatticeSlicer. Blank lines and comments, from `#` or `//` to the end of a line
-//! that holds nothing else, may stand anywhere; lines end with LF, CR LF or CR.
+//! Edge text, as GPULatticeSlicer writes it: a first line `count radius convolution_radius kernel_size`, then one strut per line,
+//! `x1 y1 z1 x2 y2 z2 [radius]`, in millimetres and in any order. Blank lines, and comment lines that begin with `#` or `//`, may be
+//! anywhere. Lines end with LF, CR LF or CR.
 //!
-//! This thread reads blocks and takes their digest; each lane of the collector has a thread that parses and sorts.
+//! The calling thread reads blocks and computes the digest. Each lane of the collector has a thread that parses and sorts.
+//! `tests/pack_text.rs` has examples.
 
 mod blocks;
 mod line;
@@ -14,21 +15,22 @@ use crossbeam::channel::{Receiver, Sender, bounded};
 use sha2::Digest;
 
 use self::blocks::{Block, Blocks};
-use self::line::{Header, LINE_LIMIT_BYTES, LineError, Numbers, is_blank, line_length, lines, place};
+use self::line::{Header, LineError, MAX_LINE_BYTES, Numbers, is_blank, line_length, lines, place};
 use crate::buildfile::error::PackError;
-use crate::buildfile::import::collect::{Collector, Lane};
+use crate::buildfile::import::collect::Collector;
+use crate::buildfile::import::lane::Lane;
 use crate::buildfile::progress::PackProgress;
 
-/// Blocks that wait for each thread: one, so that none idles while another is read.
-const WAITING_BLOCKS: usize = 1;
+/// Most blocks that wait for each thread: one, so that no thread idles while the next block is read.
+const MAX_WAITING_BLOCKS: usize = 1;
 
-/// Shortest line of a strut: `0 0 0 0 0 1` and its end.
-const SHORTEST_LINE_BYTES: u64 = 12;
+/// Shortest line of a strut: `0 0 0 0 0 1` and a line end.
+const MIN_LINE_BYTES: u64 = 12;
 
 /// Reads one file.
 ///
 /// # Errors
-/// [`PackError`] names file and line, and repeats what stands there.
+/// [`PackError`] names file and line, and repeats the line.
 pub(super) fn import(
     path: &Path,
     collector: &mut Collector<'_>,
@@ -39,10 +41,10 @@ pub(super) fn import(
     if let Some(support_mm) = header.convolution_radius.filter(|radius| *radius > 0.0) {
         collector.stated_support(path.display().to_string(), support_mm);
     }
-    // The first line may lie: a file holds no more struts than fit its length. What is no regular file has none.
+    // Do not trust the first line: a file cannot hold more struts than its length allows. A pipe has no length.
     let metadata = std::fs::metadata(path).map_err(|source| PackError::Read { path: path.into(), source })?;
     let total = metadata.len();
-    let most = if metadata.is_file() { total / SHORTEST_LINE_BYTES } else { u64::MAX };
+    let most = if metadata.is_file() { total / MIN_LINE_BYTES } else { u64::MAX };
     collector.expect(header.count.min(most), progress)?;
 
     let job = Job { path, header, failed: AtomicBool::new(false), seen: AtomicU64::new(0) };
@@ -50,7 +52,7 @@ pub(super) fn import(
     let failure = job.run(block, &mut blocks, collector, &mut report).err();
     let seen = job.seen.load(Ordering::Relaxed);
     let count = job.header.count;
-    // A surplus strut is an error of its line, too, and may be the first.
+    // A surplus strut is an error, too, and may come before the one that was found.
     let last = match &failure {
         Some(LineError { line, error: PackError::Input { .. } }) => Some(*line),
         Some(_) => None,
@@ -66,7 +68,7 @@ pub(super) fn import(
     Ok(())
 }
 
-/// Reads the first line that is neither blank nor a comment, and what stands behind it in its block.
+/// Reads the first line that is neither blank nor a comment. Returns it, and the rest of its block.
 fn read_header(
     path: &Path,
     blocks: &mut Blocks<'_>,
@@ -92,11 +94,11 @@ fn read_header(
     Err(LineError { line: 1, error: PackError::input(path.display().to_string(), problem) })
 }
 
-/// One file on its way through the threads.
+/// One file that is being parsed by several threads.
 struct Job<'a> {
     path: &'a Path,
     header: Header,
-    /// A thread has found an error: no further block is worth reading.
+    /// A thread has found an error, so no further block needs to be read.
     failed: AtomicBool,
     /// Struts found so far.
     seen: AtomicU64,
@@ -112,7 +114,7 @@ impl Job<'_> {
         report: &mut dyn FnMut(u64),
     ) -> Result<(), LineError> {
         let (lanes, digest) = collector.parts();
-        let (sender, receiver) = bounded(lanes.len() * WAITING_BLOCKS);
+        let (sender, receiver) = bounded(lanes.len() * MAX_WAITING_BLOCKS);
         std::thread::scope(|scope| {
             let threads: Vec<_> = lanes
                 .iter_mut()
@@ -132,7 +134,7 @@ impl Job<'_> {
         })
     }
 
-    /// Reads blocks and hands them out in order, until the file ends or no more are wanted.
+    /// Reads blocks and sends them in order, until the file ends or parsing has failed.
     fn feed(
         &self,
         first: Block,
@@ -143,7 +145,7 @@ impl Job<'_> {
     ) -> Result<(), LineError> {
         let mut next = Some(first);
         while let Some(block) = next {
-            // Nobody receives where all threads have failed.
+            // Sending fails if all threads have failed.
             if sender.send(block).is_err() || self.failed.load(Ordering::Relaxed) {
                 break;
             }
@@ -156,7 +158,7 @@ impl Job<'_> {
         Ok(())
     }
 
-    /// Parses blocks into a lane. Blocks are handed out in order, so whatever follows an error lies behind it.
+    /// Parses blocks into a lane. Blocks come in order, so blocks that this thread does not parse after an error come later in the file.
     fn work(&self, blocks: &Receiver<Block>, lane: &mut Lane<'_>) -> Result<(), LineError> {
         for block in blocks {
             let parsed = self.parse(&block, lane);
@@ -166,7 +168,7 @@ impl Job<'_> {
         Ok(())
     }
 
-    /// Parses one block and returns how many struts it holds.
+    /// Parses one block and returns its number of struts.
     fn parse(&self, block: &Block, lane: &mut Lane<'_>) -> Result<u64, LineError> {
         let (mut rest, mut line, mut count) = (block.bytes.as_slice(), block.first_line, 0);
         while !rest.is_empty() {
@@ -176,7 +178,7 @@ impl Job<'_> {
             };
             let problem = |problem: String| LineError::at(self.path, line, &rest[..length], &problem);
             if !numbers.is_empty() {
-                if length > LINE_LIMIT_BYTES {
+                if length > MAX_LINE_BYTES {
                     return Err(problem(too_long()));
                 }
                 let beam = numbers.strut(self.header.radius).map_err(problem)?;
@@ -189,19 +191,19 @@ impl Job<'_> {
         Ok(count)
     }
 
-    /// Reads the line that `rest` begins with, however its numbers are written.
+    /// Parses the first line of `rest`, with numbers in any notation. Returns the numbers and the length of the line.
     fn parse_slowly(&self, rest: &[u8], line: u64) -> Result<(Numbers, usize), LineError> {
         let length = line_length(rest);
         let text = &rest[..length];
-        let is_long = length > LINE_LIMIT_BYTES && !is_blank(text);
+        let is_long = length > MAX_LINE_BYTES && !is_blank(text);
         let numbers = if is_long { Err(too_long()) } else { Numbers::parse(text) };
         Ok((numbers.map_err(|problem| LineError::at(self.path, line, text, &problem))?, length))
     }
 
-    /// The first strut beyond those announced, where there is one no later than line `last`. Threads count blocks in no order:
-    /// this reads the file again, so that an error does not depend on them.
+    /// The error of the first strut beyond the announced number, if there is one up to line `last`. The threads count struts in an
+    /// arbitrary order, so this reads the file again: the error must not depend on the threads.
     fn surplus(&self, last: u64) -> Option<LineError> {
-        // What is no regular file cannot be read twice.
+        // A pipe cannot be read twice.
         std::fs::metadata(self.path).ok().filter(std::fs::Metadata::is_file)?;
         let mut blocks = Blocks::open(self.path).ok()?;
         let mut lines_left = self.header.count.saturating_add(2);
@@ -222,5 +224,5 @@ impl Job<'_> {
 }
 
 fn too_long() -> String {
-    format!("the line is longer than {LINE_LIMIT_BYTES} bytes; is this edge text?")
+    format!("the line is longer than {MAX_LINE_BYTES} bytes; is this edge text?")
 }

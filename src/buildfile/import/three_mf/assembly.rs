@@ -1,7 +1,7 @@
-//! Which object stands where: build items place objects, and components place objects in objects.
+//! Which objects are placed where: build items place objects, and components place objects in other objects.
 //!
-//! A few lines of components can place an object millions of times. So places are never listed: each object knows by what it
-//! is used, and its places are found by walking from it up to the build items. How often it is placed is a sum over its users.
+//! A few lines of components can place an object millions of times, so places are never listed. Each object knows what uses it; its places
+//! are found by walking from it up to the build items. The number of its places is a sum over its users. `structure` asks for both.
 
 use std::ops::Range;
 
@@ -9,24 +9,24 @@ use glam::DAffine3;
 
 use super::resources::{BUILD, LeftOut, Resources};
 
-/// Deepest nesting of components: assemblies of assemblies, deeper than anybody draws them.
-const DEPTH_LIMIT: usize = 32;
+/// Deepest nesting of components: deeper than designers nest assemblies, and shallow enough to walk for every block of beams.
+const MAX_DEPTH: usize = 32;
 
-/// What places what.
+/// The graph of objects and their uses.
 #[derive(Debug, Default)]
 pub(super) struct Assembly {
-    /// Object and the link that places it, by object.
+    /// Pairs of an object and a link that places it, sorted by object.
     uses: Vec<(u32, u32)>,
-    /// For each object where its uses begin, and where the last one's end.
+    /// For each object the index of its first use; one more entry at the end.
     first_use: Vec<usize>,
-    /// For each object how often it stands in the build.
+    /// For each object how often the build contains it.
     counts: Vec<u64>,
-    /// Objects of type `other` that something in the build names.
+    /// Objects of type `other` that the build refers to.
     pub(super) others: LeftOut,
 }
 
 impl Assembly {
-    /// Follows the build's items, which are the links `items`, and their components.
+    /// Follows the build items, which are the links `items`, and their components.
     ///
     /// # Errors
     /// A text that names an object that does not exist, contains itself, or lies too deep.
@@ -46,7 +46,7 @@ impl Assembly {
         let first_use: Vec<usize> =
             (0..=count).map(|object| uses.partition_point(|&(child, _)| (child as usize) < object)).collect();
         let mut counts = vec![0u64; count];
-        // Objects were finished after all that they contain, so the other way round users come first.
+        // Each object was finished after everything it contains; in reverse order, users come first.
         for &object in finished.iter().rev() {
             let object = object as usize;
             let users = uses[first_use[object]..first_use[object + 1]].iter();
@@ -57,13 +57,13 @@ impl Assembly {
         Ok(Self { uses, first_use, counts, others })
     }
 
-    /// How often an object stands in the build.
+    /// How often the build contains an object.
     pub(super) fn count(&self, object: u32) -> u64 {
         self.counts[object as usize]
     }
 
-    /// The places of an object, as maps from its millimetres to those of the build; `resources` are those the assembly was
-    /// made of.
+    /// The places of an object, as maps from its coordinates to those of the build, both in millimetres. `resources` must be the same as
+    /// in [`Assembly::new`].
     pub(super) fn places<'a>(
         &'a self,
         object: u32,
@@ -89,41 +89,41 @@ impl Assembly {
     }
 }
 
-/// The walk from the build down to all that it contains.
+/// The walk from the build down to everything it contains.
 struct Walk<'a> {
     resources: &'a Resources,
     uses: Vec<(u32, u32)>,
     seen: Vec<Seen>,
-    /// Objects in the order in which all that they contain had been seen.
+    /// Objects in the order in which they were finished: each after everything it contains.
     finished: Vec<u32>,
     others: LeftOut,
-    /// The build, and the objects in one another where the walk is.
+    /// The path from the build to the current object.
     open: Vec<Step>,
 }
 
 struct Step {
     object: u32,
-    /// The links of it that are still to be followed.
+    /// Its links that are still to be followed.
     links: Range<usize>,
 }
 
 #[derive(Clone, Copy)]
 enum Seen {
     Not,
-    /// It is not to be printed.
+    /// Its type is `other`: it is not printed.
     Other,
-    /// The walk is in it.
+    /// It is on the current path.
     Open {
         height: usize,
     },
-    /// It holds as many objects in one another, itself among them.
+    /// It was left. `height` is the depth of nesting in it, including itself.
     Finished {
         height: usize,
     },
 }
 
 impl Walk<'_> {
-    /// Follows one link, or leaves an object; `false` at the end.
+    /// Follows one link, or leaves an object. Returns `false` at the end.
     fn step(&mut self) -> Result<bool, String> {
         let depth = self.open.len() - 1;
         let Some(Step { object, links }) = self.open.last_mut() else { return Ok(false) };
@@ -153,8 +153,8 @@ impl Walk<'_> {
             }
         };
         self.uses.push((child, link as u32));
-        if depth + below > DEPTH_LIMIT {
-            return Err(format!("components nested more than {DEPTH_LIMIT} deep at {}", self.name(child)));
+        if depth + below > MAX_DEPTH {
+            return Err(format!("components nested more than {MAX_DEPTH} deep at {}", self.name(child)));
         }
         Ok(true)
     }
@@ -172,7 +172,7 @@ impl Walk<'_> {
         self.resources.name(self.resources.objects[object as usize].id)
     }
 
-    /// Ends an object; `false` where it is the build.
+    /// Leaves an object. Returns `false` if it is the build.
     fn leave(&mut self, object: u32) -> bool {
         if object == BUILD {
             return false;
@@ -187,15 +187,16 @@ impl Walk<'_> {
         true
     }
 
-    fn raise(&mut self, object: u32, least: usize) {
+    /// Raises the height of an object to at least `height_below`.
+    fn raise(&mut self, object: u32, height_below: usize) {
         if object != BUILD
             && let Seen::Open { height } = &mut self.seen[object as usize]
         {
-            *height = least.max(*height);
+            *height = height_below.max(*height);
         }
     }
 
-    /// An object that the walk is in was met again.
+    /// The error for an object that contains itself.
     fn cycle(&self, object: u32) -> String {
         let inner = self.open.iter().map(|step| step.object).skip_while(|&open| open != object);
         let names: Vec<_> = inner.chain([object]).map(|object| self.name(object)).collect();

@@ -1,10 +1,10 @@
-//! Values of attributes: numbers and transforms, and errors that name element, attribute and what was found.
+//! Values of attributes: numbers and transforms. Errors name element, attribute and value. `structure` and `lattice` read with them.
 
 use glam::DAffine3;
 
 use super::xml::{Element, quote};
 
-/// A number that must be there.
+/// A required number.
 ///
 /// # Errors
 /// A text that names element and attribute.
@@ -12,15 +12,15 @@ pub(super) fn required<T: std::str::FromStr>(element: &Element, name: &str) -> R
     optional(element, name)?.ok_or_else(|| format!("`{}` without {name}", element.name()))
 }
 
-/// A number that may be there.
+/// An optional number.
 ///
 /// # Errors
-/// A text that names element, attribute and what was found.
+/// A text that names element, attribute and value.
 pub(super) fn optional<T: std::str::FromStr>(element: &Element, name: &str) -> Result<Option<T>, String> {
     element.get(name).map(|text| number(element, name, text)).transpose()
 }
 
-/// A finite number that may be there.
+/// An optional finite number.
 ///
 /// # Errors
 /// As [`optional`].
@@ -28,7 +28,7 @@ pub(super) fn measure(element: &Element, name: &str) -> Result<Option<f64>, Stri
     element.get(name).map(|text| finite(element, name, text)).transpose()
 }
 
-/// The finite number that `text` is.
+/// Parses `text`, the value of an attribute, as a finite number.
 ///
 /// # Errors
 /// As [`optional`].
@@ -44,10 +44,10 @@ fn number<T: std::str::FromStr>(element: &Element, name: &str, text: &str) -> Re
     text.trim().parse().map_err(|_| format!("{name} = `{}` in `{}` is not a number", quote(text), element.name()))
 }
 
-/// Where a component or build item puts its object, millimetres; `unit_mm` is the length of the model's unit.
+/// The transform of a component or build item, in millimetres. `unit_mm` is the length of the unit of the model.
 ///
 /// # Errors
-/// A text that repeats what was found.
+/// A text that repeats the value.
 pub(super) fn transform(element: &Element, unit_mm: f64) -> Result<DAffine3, String> {
     let Some(text) = element.get("transform") else { return Ok(DAffine3::IDENTITY) };
     let problem = || format!("transform `{}` is not 12 finite numbers", quote(text));
@@ -60,7 +60,7 @@ pub(super) fn transform(element: &Element, unit_mm: f64) -> Result<DAffine3, Str
     if fields.next().is_some() {
         return Err(problem());
     }
-    // 3MF multiplies row vectors: its rows are the images of the axes, which are this type's columns.
+    // 3MF multiplies row vectors, so its rows are the images of the axes: the columns of this type.
     let mut transform = DAffine3::from_cols_array(&values);
     transform.translation *= unit_mm;
     Ok(transform)

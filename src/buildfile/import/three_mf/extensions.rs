@@ -1,21 +1,21 @@
-//! Extensions that a package requires: which of them can be passed over without changing the shape.
+//! Extensions that a package requires: which of them can be ignored without changing the shape. `structure` collects and checks them.
 
 use super::space::Space;
 use super::xml::{Foreign, check_uri, quote};
 
-/// Most extensions of all parts together that are required, and most unknown namespaces that are used: there are some twenty.
-const COUNT_LIMIT: usize = 256;
+/// Most extensions that all parts of a package require, and most unknown namespaces that they use. Some twenty extensions exist.
+const MAX_COUNT: usize = 256;
 
-/// What the parts of a package require, and what of it they use.
+/// The extensions that the parts of a package require, and the unknown namespaces that they use.
 #[derive(Debug, Default)]
 pub(super) struct Extensions {
-    /// Prefix and namespace.
+    /// Prefix and namespace of each.
     required: Vec<(String, String)>,
     used: Vec<Foreign>,
 }
 
 impl Extensions {
-    /// Adds an extension that a part requires by this prefix, which must be bound to a namespace.
+    /// Adds an extension that a part of the package requires by this prefix. `uri` is the namespace that the prefix is bound to.
     ///
     /// # Errors
     /// A text that says what is wrong with it.
@@ -29,7 +29,7 @@ impl Extensions {
         check_count(self.required.len())
     }
 
-    /// Adds the namespaces that a part uses and layerd does not know.
+    /// Adds the unknown namespaces that a part of the package uses.
     ///
     /// # Errors
     /// A text that says that there are too many.
@@ -42,16 +42,16 @@ impl Extensions {
         check_count(self.used.len())
     }
 
-    /// Returns a note for each required extension that is passed over.
+    /// Returns a note for each required extension that is ignored.
     ///
     /// # Errors
-    /// A text that names an extension that is required, used, and could change the shape.
+    /// A text that names a required extension that is used and could change the shape.
     pub(super) fn check(&self, has_keystore: bool) -> Result<Vec<String>, String> {
         let mut notes = Vec::new();
         for (prefix, uri) in &self.required {
             match Space::of(uri) {
                 Space::Shapeless => notes.push(format!(
-                    "it requires the extension `{prefix}` ({uri}), which cannot change the shape: it was passed over"
+                    "it requires the extension `{prefix}` ({uri}), which cannot change the shape: it was ignored"
                 )),
                 Space::Other => notes.push(self.check_unknown(prefix, uri, has_keystore)?),
                 _ => {}
@@ -61,7 +61,7 @@ impl Extensions {
     }
 
     fn check_unknown(&self, prefix: &str, uri: &str, has_keystore: bool) -> Result<String, String> {
-        // It is used by parts that cannot be read, so it would not be found in those that can.
+        // Encrypted parts use it, and they cannot be read, so its use would not be found.
         if has_keystore && uri.contains("/3dmanufacturing/securecontent/") {
             return Err(format!(
                 "it requires the extension `{prefix}` ({uri}), and the package holds a keystore: its parts may be encrypted; \
@@ -70,15 +70,15 @@ impl Extensions {
         }
         if let Some(used) = self.used.iter().find(|used| used.uri == uri) {
             return Err(format!(
-                "it requires the extension `{prefix}` ({uri}), which layerd does not know, and uses it (`{}`): the shape could \
-                 be another than what would be printed; save the model without it",
+                "it requires the extension `{prefix}` ({uri}), which layerd does not know, and uses it (`{}`), which could \
+                 change the shape; save the model without it",
                 used.name
             ));
         }
-        Ok(format!("it requires the extension `{prefix}` ({uri}), which layerd does not know, but uses nothing of it"))
+        Ok(format!("it requires the extension `{prefix}` ({uri}), which layerd does not know, but does not use it"))
     }
 }
 
 fn check_count(count: usize) -> Result<(), String> {
-    if count > COUNT_LIMIT { Err(format!("more than {COUNT_LIMIT} namespaces in all parts")) } else { Ok(()) }
+    if count > MAX_COUNT { Err(format!("more than {MAX_COUNT} namespaces in all parts")) } else { Ok(()) }
 }

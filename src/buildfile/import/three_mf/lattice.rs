@@ -1,4 +1,4 @@
-//! Second pass: vertices, beams and balls of every placed lattice go to the collector.
+//! The second pass: hands the beams and balls of every placed lattice to the collector.
 
 use std::io::Read;
 
@@ -10,49 +10,52 @@ use super::space::Space;
 use super::structure::{Structure, ball_attribute};
 use super::xml::{Element, Xml, quote};
 use crate::buildfile::error::PackError;
-use crate::buildfile::import::collect::{Beam, Collector};
+use crate::buildfile::import::collect::Collector;
+use crate::buildfile::import::lane::Beam;
 use crate::buildfile::model::{Cap, Caps};
 
-/// Beams and balls that share one walk over the places of their object, in some 400 KiB.
-const BLOCK_PIECES: usize = 4096;
+/// Most beams and balls that share one walk over the places of their object: some 400 KiB.
+const MAX_BLOCK_PIECES: usize = 4096;
 
 /// Reads the lattices of a package whose structure is known.
 pub(super) struct LatticeReader<'a, 'b, 'c> {
     pub(super) structure: &'a Structure,
     pub(super) collector: &'b mut Collector<'c>,
-    /// The part being read, for errors.
+    /// The current part of the package, for errors.
     pub(super) place: String,
-    /// The number of that part.
+    /// Its number.
     pub(super) part: u32,
-    /// Most vertices of one object that may be held.
+    /// Most vertices of one object.
     pub(super) vertex_limit: usize,
-    /// Beams below their lattice's least length.
+    /// Beams shorter than the minimum length of their lattice.
     pub(super) short_count: u64,
-    /// Beams whose ends are one vertex.
+    /// Beams from a vertex to itself.
     pub(super) pointless_count: u64,
 }
 
-/// The object being read.
+/// The current object.
 struct Open<'a> {
     number: u32,
     object: &'a Object,
     unit_mm: f64,
     vertices: Vec<DVec3>,
-    /// Vertices that end a beam and bear no ball yet; kept for ball mode `all`.
+    /// For ball mode `all`: vertices at the end of a beam that have no ball yet.
     bare: Vec<bool>,
     beam_count: u64,
     defaults: Defaults,
-    /// What was read and is not yet placed.
+    /// Beams and balls that were read and are not placed yet.
     block: Vec<Piece>,
 }
 
 /// A beam or ball in millimetres, before it is placed.
 enum Piece {
-    /// With its number in the lattice, from 1.
+    /// A beam with its number in the lattice, counted from 1.
     Beam(Beam, u64),
+    /// Centre and radius.
     Ball(DVec3, f64),
 }
 
+/// Attributes of the lattice that hold for all its beams and balls.
 #[derive(Default)]
 struct Defaults {
     radius: f64,
@@ -64,7 +67,7 @@ struct Defaults {
 }
 
 impl<'a> LatticeReader<'a, '_, '_> {
-    /// Streams a part; `progress` takes the unpacked bytes of it read so far.
+    /// Reads one part of the package. `progress` takes the unpacked bytes read so far.
     ///
     /// # Errors
     /// [`PackError`] names object and beam.
@@ -88,7 +91,7 @@ impl<'a> LatticeReader<'a, '_, '_> {
         self.close(open)
     }
 
-    /// Begins an object, if it holds a lattice and stands in the build.
+    /// Begins an object. `None` if it has no lattice or is not in the build.
     fn open(&self, id: u32) -> Option<Open<'a>> {
         let number = self.structure.resources.number((self.part, id))?;
         let object = &self.structure.resources.objects[number as usize];
@@ -126,7 +129,7 @@ impl<'a> LatticeReader<'a, '_, '_> {
             }
             _ => {}
         }
-        if open.block.len() >= BLOCK_PIECES { self.place_block(open) } else { Ok(()) }
+        if open.block.len() >= MAX_BLOCK_PIECES { self.place_block(open) } else { Ok(()) }
     }
 
     fn vertex(&self, open: &Open<'_>, element: &Element) -> Result<DVec3, String> {
@@ -137,7 +140,7 @@ impl<'a> LatticeReader<'a, '_, '_> {
         Ok(DVec3::new(axis("x")?, axis("y")?, axis("z")?))
     }
 
-    /// A beam in millimetres, if it has a length that is to be printed.
+    /// A beam in millimetres. `None` if it is left out because of its length.
     fn beam(&mut self, open: &mut Open<'_>, element: &Element) -> Result<Option<Beam>, String> {
         let defaults = &open.defaults;
         let ends: [usize; 2] = [required(element, "v1")?, required(element, "v2")?];
@@ -174,14 +177,14 @@ impl<'a> LatticeReader<'a, '_, '_> {
         }))
     }
 
-    /// Hands what was read to the collector, at every place of the object.
+    /// Hands the block to the collector, once for each place of the object.
     fn place_block(&mut self, open: &mut Open<'_>) -> Result<(), PackError> {
         let block = std::mem::take(&mut open.block);
         if block.is_empty() {
             return Ok(());
         }
         for placed in self.structure.places(open.number) {
-            let Some(stretch) = self.collector.stretch(placed.matrix3) else {
+            let Some(stretch) = self.collector.stretch_after(placed.matrix3) else {
                 return Err(self.wrong(open, None, "its transform flattens it".into()));
             };
             for piece in &block {
@@ -202,7 +205,7 @@ impl<'a> LatticeReader<'a, '_, '_> {
         Ok(())
     }
 
-    /// Ends an object: in ball mode `all`, beam ends without a ball of their own get the common one.
+    /// Ends an object. In ball mode `all`, ends of beams without a listed ball get the default ball.
     fn close(&mut self, open: Option<Open<'_>>) -> Result<(), PackError> {
         let Some(mut open) = open else { return Ok(()) };
         if let Some(radius) = open.defaults.ball_radius.filter(|_| open.defaults.balls_everywhere) {
@@ -210,7 +213,7 @@ impl<'a> LatticeReader<'a, '_, '_> {
                 if open.bare[vertex] {
                     open.block.push(Piece::Ball(open.vertices[vertex] * open.unit_mm, radius * open.unit_mm));
                 }
-                if open.block.len() >= BLOCK_PIECES {
+                if open.block.len() >= MAX_BLOCK_PIECES {
                     self.place_block(&mut open)?;
                 }
             }
@@ -223,7 +226,7 @@ impl<'a> LatticeReader<'a, '_, '_> {
     }
 }
 
-/// Names the object, and a beam of it by its number from 1.
+/// Names the object, and the beam by its number counted from 1.
 fn place(structure: &Structure, part: &str, open: &Open<'_>, beam: Option<u64>) -> String {
     let object = structure.resources.name(open.object.id);
     beam.map_or(format!("{part}: {object}"), |number| format!("{part}: {object}: beam {number}"))

@@ -1,8 +1,9 @@
-//! 3MF: core model, production extension and beam lattice extension 1.2, in two passes over the compressed parts, which are
+//! 3MF: core model, production extension and beam lattice extension 1.2. The compressed parts of the package are read in two passes and
 //! never extracted.
 //!
-//! Beams come before the build items that place them. So the first pass learns where every object stands, and the second
-//! hands over each beam once for each place; in memory are one object's vertices and the list of objects and components.
+//! In a file, beams come before the build items that place them. So the first pass (`structure`, `assembly`) finds out where every object
+//! is placed, and the second (`lattice`) hands over each beam once for each place. Only the vertices of one object and the list of objects
+//! and components are in memory. `tests/pack_3mf.rs` and `tests/pack_assembly.rs` have examples.
 
 mod assembly;
 mod attributes;
@@ -49,7 +50,7 @@ pub(super) fn import(
     structure.notes.iter().for_each(|note| collector.note(format!("{root}: {note}")));
     check_left_out(&structure, options, &package, collector)?;
     collector.expect(structure.strut_count(), progress)?;
-    // One byte a vertex marks where balls of mode `all` belong.
+    // One more byte per vertex marks where balls of mode `all` belong.
     let vertex_limit = usize::try_from(options.memory_bytes).unwrap_or(usize::MAX) / (size_of::<DVec3>() + 1);
     let mut reader = LatticeReader {
         structure: &structure,
@@ -78,7 +79,7 @@ pub(super) fn import(
     let LatticeReader { short_count, pointless_count, .. } = reader;
     if short_count > 0 {
         collector.note(format!(
-            "{root}: left out {} shorter than the lattice's minlength, as 3MF asks",
+            "{root}: left out {} shorter than the lattice's minlength, as 3MF requires",
             count_text(short_count, "beam")
         ));
     }
@@ -89,7 +90,7 @@ pub(super) fn import(
     Ok(())
 }
 
-/// Takes the packed bytes into the sources' digest.
+/// Adds the bytes of the file to the digest of the sources.
 fn digest(path: &Path, collector: &mut Collector<'_>) -> Result<(), PackError> {
     let error = |source| PackError::Read { path: path.into(), source };
     let mut file = File::open(path).map_err(error)?;
@@ -103,7 +104,7 @@ fn digest(path: &Path, collector: &mut Collector<'_>) -> Result<(), PackError> {
     }
 }
 
-/// Refuses, or notes, what stands in the build and is no lattice.
+/// Refuses everything in the build that is not a lattice, or adds notes on it.
 fn check_left_out(
     structure: &Structure,
     options: &PackOptions,

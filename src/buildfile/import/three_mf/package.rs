@@ -1,4 +1,4 @@
-//! The zip round a 3MF model: finds its parts and streams them, unpacked never further than a real lattice could be.
+//! The zip archive around a 3MF model: finds its parts and streams them, with a limit on their unpacked length.
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
@@ -15,44 +15,44 @@ use super::space::Space;
 use super::xml::{Xml, quote};
 use crate::buildfile::error::PackError;
 
-/// Unpacked bytes of all parts for each byte of the file: ten times what the most regular lattices reach; deflate itself ends
-/// at 1032.
-const RATIO_LIMIT: u64 = 200;
+/// Largest ratio of the unpacked length of all parts to the length of the file: ten times that of the most regular lattices. Deflate
+/// itself reaches 1032.
+const MAX_RATIO: u64 = 200;
 
-/// Unpacked bytes that are always allowed, however well they were compressed: a part of half a million beams.
+/// Unpacked length that is allowed at any ratio, bytes: a part of half a million beams.
 const FREE_BYTES: u64 = 64 << 20;
 
-/// Most entries of the zip: as many as one without 64-bit extensions can list.
-const ENTRY_LIMIT: usize = u16::MAX as usize;
+/// Most entries of the zip archive: as many as an archive without 64-bit extensions can have.
+const MAX_ENTRIES: usize = u16::MAX as usize;
 
 /// An open package.
 pub(super) struct Package<'a> {
     path: &'a Path,
     archive: ZipArchive<BufReader<File>>,
     names: Rc<Names>,
-    /// The part that holds the build.
+    /// Name of the part with the build.
     root: String,
-    /// A keystore is there, so parts may be encrypted.
+    /// Whether there is a keystore, so that parts may be encrypted.
     pub(super) has_keystore: bool,
     limit_bytes: u64,
-    /// Bytes that the parts may still unpack to in this pass.
+    /// Bytes that may still be unpacked in this pass.
     left_bytes: u64,
 }
 
-/// The parts of a package by their names.
+/// The parts of a package, by name.
 pub(super) struct Names {
-    /// Entries of the zip by part name in lower case; `None` where several have that name.
+    /// Entries of the archive, by part name in lower case; `None` if several entries have that name.
     entries: HashMap<String, Option<usize>>,
 }
 
 impl Names {
     fn read(archive: &ZipArchive<BufReader<File>>) -> Result<Self, String> {
-        if archive.len() > ENTRY_LIMIT {
-            return Err(format!("it holds {} entries; at most {ENTRY_LIMIT} are read", archive.len()));
+        if archive.len() > MAX_ENTRIES {
+            return Err(format!("it holds {} entries; at most {MAX_ENTRIES} are read", archive.len()));
         }
         let mut entries = HashMap::with_capacity(archive.len());
         for (entry, name) in archive.file_names().enumerate() {
-            // An entry whose name is no text can be named by no reference.
+            // No reference can name an entry whose name is not valid text.
             let Ok(name) = name else { continue };
             match entries.entry(part_name::key(&part_name::resolve(&name))) {
                 Entry::Vacant(free) => {
@@ -66,10 +66,10 @@ impl Names {
         Ok(Self { entries })
     }
 
-    /// The zip's entry for a part name that [`part_name::resolve`] returned.
+    /// The entry of a part, whose name is a result of [`part_name::resolve`].
     ///
     /// # Errors
-    /// A text that says that there is none, or more than one.
+    /// A text that says that there is no such part, or more than one.
     pub(super) fn entry(&self, name: &str) -> Result<usize, String> {
         let quoted = quote(name);
         match self.entries.get(&part_name::key(name)) {
@@ -83,10 +83,10 @@ impl Names {
 }
 
 impl<'a> Package<'a> {
-    /// Opens a package and finds its model part by the relationships at its root.
+    /// Opens a package and finds its model through the relationships of the package.
     ///
     /// # Errors
-    /// Where it is no zip or names no model.
+    /// If it is not a zip archive or has no model.
     pub(super) fn open(path: &'a Path) -> Result<Self, PackError> {
         let read_error = |source| PackError::Read { path: path.into(), source };
         let wrong = |problem: String| PackError::input(path.display().to_string(), problem);
@@ -95,13 +95,13 @@ impl<'a> Package<'a> {
         let archive = ZipArchive::new(BufReader::new(file)).map_err(|error| {
             wrong(match error {
                 ZipError::InvalidArchive(_) => {
-                    "it is no 3MF file: a 3MF file is a zip archive, and this is none, or one that was cut short".into()
+                    "it is not a 3MF file: a 3MF file is a zip archive, and this is not one, or it is truncated".into()
                 }
                 error => format!("it is not a 3MF package: {error}"),
             })
         })?;
         let names = Rc::new(Names::read(&archive).map_err(wrong)?);
-        let limit_bytes = FREE_BYTES.max(RATIO_LIMIT.saturating_mul(file_bytes));
+        let limit_bytes = FREE_BYTES.max(MAX_RATIO.saturating_mul(file_bytes));
         let mut package = Self {
             path,
             archive,
@@ -115,36 +115,36 @@ impl<'a> Package<'a> {
         Ok(package)
     }
 
-    /// A part of the file, for errors.
+    /// File and part, for errors.
     pub(super) fn place(&self, part: &str) -> String {
         format!("{}: {part}", self.path.display())
     }
 
-    /// The name of the part that holds the build.
+    /// Name of the part with the build.
     pub(super) fn root(&self) -> &str {
         &self.root
     }
 
-    /// What parts there are.
+    /// All parts.
     pub(super) fn names(&self) -> Rc<Names> {
         Rc::clone(&self.names)
     }
 
-    /// Unpacked length of a part as the archive states it: good for a progress bar only.
+    /// Unpacked length of a part as the archive states it. Not checked, so only for progress.
     pub(super) fn stated_bytes(&mut self, part: &str) -> u64 {
         let entry = self.names.entry(part).ok();
         entry.and_then(|entry| self.archive.by_index(entry).ok()).map_or(0, |part| part.size())
     }
 
-    /// Begins another pass over the parts: what they may unpack to counts anew.
+    /// Begins another pass over the parts, with a new limit on the unpacked length.
     pub(super) fn rewind(&mut self) {
         self.left_bytes = self.limit_bytes;
     }
 
-    /// A part as elements.
+    /// The XML elements of a part.
     ///
     /// # Errors
-    /// Where the archive does not hold it.
+    /// If the archive does not have the part.
     pub(super) fn part(&mut self, name: &str) -> Result<Xml<impl Read + use<'_, 'a>>, PackError> {
         let wrong = |problem: String| PackError::input(self.path.display().to_string(), problem);
         let entry = self.names.entry(name).map_err(wrong)?;
@@ -153,7 +153,7 @@ impl<'a> Package<'a> {
         Ok(Xml::new(Bounded { input, left_bytes: &mut self.left_bytes }))
     }
 
-    /// Finds the model and what else the package's own relationships tell.
+    /// Reads the relationships of the package: model and keystore.
     fn read_relationships(&mut self) -> Result<(), PackError> {
         const RELATIONSHIPS: &str = "_rels/.rels";
         let place = self.place(RELATIONSHIPS);
@@ -178,7 +178,7 @@ impl<'a> Package<'a> {
     }
 }
 
-/// A part that may only unpack to so many bytes.
+/// A reader with a limit on its length.
 struct Bounded<'a, R> {
     input: R,
     left_bytes: &'a mut u64,
@@ -188,7 +188,7 @@ impl<R: Read> Read for Bounded<'_, R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let count = self.input.read(buffer)?;
         *self.left_bytes = self.left_bytes.checked_sub(count as u64).ok_or_else(|| {
-            io::Error::other(format!("it unpacks to more than {RATIO_LIMIT} times the file's length: a zip bomb"))
+            io::Error::other(format!("it unpacks to more than {MAX_RATIO} times the file's length: a zip bomb"))
         })?;
         Ok(count)
     }

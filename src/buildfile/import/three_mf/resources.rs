@@ -1,26 +1,26 @@
-//! The objects of a package and the links between them, as the parts name them.
+//! The objects of a package and the links between them, as its parts state them. `structure` fills it.
 
 use std::collections::HashMap;
 use std::ops::Range;
 
 use glam::DAffine3;
 
-/// In place of the object that a link belongs to: the build.
+/// Stands for the build where a link names the object it belongs to.
 pub(super) const BUILD: u32 = u32::MAX;
 
-/// Most things that a note names; the rest is counted.
-const NAMED_LIMIT: usize = 5;
+/// Most things that a note names. The others are only counted.
+const MAX_NAMED: usize = 5;
 
-/// Beside an object itself, what its number takes where it is looked up by id, and what the assembly knows of it.
+/// Memory of an object besides the object itself, bytes: its entry in the table of ids, and in the assembly.
 const OBJECT_EXTRA_BYTES: usize = 128;
 
-/// Beside a link itself, what the assembly knows of it.
+/// Memory of a link in the assembly, bytes.
 const LINK_EXTRA_BYTES: usize = 16;
 
-/// An object by the number of its part and its id there.
+/// Identifies an object: number of its part, and its id in that part.
 pub(super) type ObjectId = (u32, u32);
 
-/// One object of a model part.
+/// One object.
 #[derive(Debug, Default)]
 pub(super) struct Object {
     pub(super) id: ObjectId,
@@ -28,15 +28,15 @@ pub(super) struct Object {
     /// Its type is `other`.
     pub(super) is_other: bool,
     pub(super) has_lattice: bool,
-    /// A `<triangle>` stands in its mesh.
+    /// Its mesh has a `<triangle>`.
     pub(super) has_triangles: bool,
     pub(super) has_displacement: bool,
-    /// How its lattice is clipped, where it is.
+    /// How its lattice is clipped; `None` if it is not.
     pub(super) clipping: Option<String>,
     pub(super) vertex_count: u64,
-    /// Beams and balls at each of its places, at most.
+    /// Number of beams and balls at each of its places, at most.
     pub(super) strut_count: u64,
-    /// Its components among the links.
+    /// Its components, as indices of the links.
     pub(super) components: Range<usize>,
 }
 
@@ -46,29 +46,29 @@ pub(super) struct Link {
     /// The object whose component it is, or [`BUILD`].
     pub(super) parent: u32,
     pub(super) target: ObjectId,
-    /// Where it places the target, in millimetres.
+    /// Position of the target, in millimetres.
     pub(super) transform: DAffine3,
 }
 
-/// All parts' objects, components and build items.
+/// Objects, components and build items of all parts.
 #[derive(Debug, Default)]
 pub(super) struct Resources {
     pub(super) objects: Vec<Object>,
     ids: HashMap<ObjectId, u32>,
-    /// Names of the parts, by number.
+    /// Name of each part.
     pub(super) part_names: Vec<String>,
     /// Components in the order of their objects, then build items.
     pub(super) links: Vec<Link>,
-    /// Build items, until they follow the components.
+    /// Build items, until [`Resources::close`] appends them to the links.
     items: Vec<Link>,
-    /// Objects of build items that are marked not to be printed.
+    /// Objects of build items that are marked as not printable.
     pub(super) unprinted: Vec<ObjectId>,
-    /// Memory that all of this takes, about.
+    /// Memory of all this, bytes, about.
     bytes: usize,
 }
 
 impl Resources {
-    /// No object yet, and the part with the build.
+    /// No objects yet. `root` is the part with the build.
     pub(super) fn new(root: String) -> Self {
         Self { part_names: vec![root], ..Self::default() }
     }
@@ -76,7 +76,7 @@ impl Resources {
     /// Adds an object and returns its number.
     ///
     /// # Errors
-    /// A text that says that its id is taken.
+    /// A text that says that the id is already used.
     pub(super) fn add(&mut self, object: Object) -> Result<u32, String> {
         let number = self.objects.len() as u32;
         if self.ids.insert(object.id, number).is_some() {
@@ -97,29 +97,29 @@ impl Resources {
         }
     }
 
-    /// Adds a build item that is to be printed.
+    /// Adds a build item.
     pub(super) fn add_item(&mut self, target: ObjectId, transform: DAffine3) {
         self.items.push(Link { parent: BUILD, target, transform });
         self.bytes += size_of::<Link>() + LINK_EXTRA_BYTES;
     }
 
-    /// Adds a build item that is marked not to be printed.
+    /// Adds a build item that is marked as not printable.
     pub(super) fn add_unprinted(&mut self, target: ObjectId) {
         self.unprinted.push(target);
         self.bytes += size_of::<ObjectId>();
     }
 
-    /// Whether the build has an item, to be printed or not.
+    /// Whether the build has any item, printable or not.
     pub(super) fn has_items(&self) -> bool {
         !self.items.is_empty() || !self.unprinted.is_empty()
     }
 
-    /// Memory that objects, components and build items take, about.
+    /// Memory of objects, components and build items, bytes, about.
     pub(super) fn bytes(&self) -> usize {
         self.bytes
     }
 
-    /// Ends reading: the build items follow the components. Returns which links they are.
+    /// Appends the build items to the links, when all parts are read. Returns their indices.
     pub(super) fn close(&mut self) -> Range<usize> {
         let begin = self.links.len();
         self.links.append(&mut self.items);
@@ -131,7 +131,7 @@ impl Resources {
         self.ids.get(&id).copied()
     }
 
-    /// An object as errors name it: with its part, where that is not the first.
+    /// Names an object in errors, with its part if that is not the first one.
     pub(super) fn name(&self, (part, id): ObjectId) -> String {
         let name = self.number((part, id)).map_or("", |number| self.objects[number as usize].name.as_str());
         let named = if name.is_empty() { format!("object {id}") } else { format!("object {id} ({name})") };
@@ -139,7 +139,7 @@ impl Resources {
     }
 }
 
-/// What a note says was left out.
+/// Things that were left out, for a note.
 #[derive(Debug, Default)]
 pub(super) struct LeftOut {
     names: Vec<String>,
@@ -149,12 +149,12 @@ pub(super) struct LeftOut {
 impl LeftOut {
     pub(super) fn add(&mut self, name: impl FnOnce() -> String) {
         self.count += 1;
-        if self.names.len() < NAMED_LIMIT {
+        if self.names.len() < MAX_NAMED {
             self.names.push(name());
         }
     }
 
-    /// A note with the names, where there is anything: `text` takes the count.
+    /// A note with the names; `None` if nothing was left out. `text` makes the beginning of the note from the count.
     pub(super) fn note(&self, text: impl FnOnce(usize) -> String) -> Option<String> {
         let more = if self.count > self.names.len() { ", …" } else { "" };
         (self.count > 0).then(|| format!("{}: {}{more}", text(self.count), self.names.join(", ")))

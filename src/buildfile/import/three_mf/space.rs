@@ -1,6 +1,6 @@
-//! The namespaces that a 3MF package is written in.
+//! The XML namespaces of a 3MF package. `xml` resolves every element and attribute to one of them.
 
-/// What a namespace means here. Elements and attributes are told apart by it, never by the prefix a file happens to use.
+/// A namespace. Elements and attributes are identified by namespace, never by the prefix that a file uses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Space {
     /// Relationships of the package.
@@ -10,9 +10,9 @@ pub(super) enum Space {
     Balls,
     Production,
     Displacement,
-    /// An extension that cannot change the shape: materials and properties, and triangle sets.
+    /// An extension that cannot change the shape: materials and properties, or triangle sets.
     Shapeless,
-    /// Anything else, and no namespace at all.
+    /// Any other namespace, or none.
     Other,
 }
 
@@ -26,7 +26,7 @@ impl Space {
             "http://schemas.microsoft.com/3dmanufacturing/production/2015/06" => Self::Production,
             "http://schemas.microsoft.com/3dmanufacturing/material/2015/02"
             | "http://schemas.microsoft.com/3dmanufacturing/trianglesets/2021/07" => Self::Shapeless,
-            // Published files name two owners and several years.
+            // Published files use two owners and several years.
             _ if uri.starts_with("http://schemas.microsoft.com/3dmanufacturing/displacement/")
                 || uri.starts_with("http://schemas.3mf.io/3dmanufacturing/displacement/") =>
             {

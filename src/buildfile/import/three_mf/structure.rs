@@ -1,5 +1,5 @@
-//! First pass: units, objects, components and build items of all parts, without vertices and beams. Tells where each lattice
-//! stands.
+//! The first pass: reads units, objects, components and build items of all parts, without vertices and beams, and finds out where each
+//! lattice is placed.
 
 use std::collections::HashMap;
 use std::io::Read;
@@ -18,27 +18,27 @@ use super::xml::{Element, Xml, quote};
 use crate::buildfile::error::PackError;
 use crate::text::count_text;
 
-/// Most model parts that are read: each is opened twice, and slicing programs write one for each object of a plate.
-const PART_LIMIT: usize = 1024;
+/// Most model parts of a package: each is opened twice, and slicing programs write one for each object on a plate.
+const MAX_PARTS: usize = 1024;
 
-/// Memory that the list of objects, components and build items may always take: half a million of them.
+/// Memory that objects, components and build items may always take, bytes: enough for half a million.
 const FREE_BYTES: u64 = 64 << 20;
 
-/// What the first pass found.
+/// Result of the first pass.
 pub(super) struct Structure {
     pub(super) resources: Resources,
-    /// Millimetres in one unit of each part.
+    /// Length of the unit of each part, millimetres.
     pub(super) units_mm: Vec<f64>,
-    /// What was passed over, one sentence each.
+    /// One sentence for each thing that was ignored.
     pub(super) notes: Vec<String>,
     assembly: Assembly,
 }
 
 impl Structure {
-    /// Reads the model and the parts it refers to; the list of objects and components may take `memory_bytes`.
+    /// Reads the model and the parts that it refers to. Objects, components and build items may take `memory_bytes`.
     ///
     /// # Errors
-    /// [`PackError`] names part, object or element, what was found and what is allowed.
+    /// [`PackError`] names part and object or element, what was found and what is allowed.
     pub(super) fn read(package: &mut Package<'_>, memory_bytes: u64) -> Result<Self, PackError> {
         let root = package.root().to_owned();
         let root_place = package.place(&root);
@@ -60,34 +60,34 @@ impl Structure {
         reader.finish(package.has_keystore).map_err(wrong)
     }
 
-    /// Beams and balls that stand in the build, at most: some may be too short.
+    /// Number of beams and balls in the build, at most: some may be left out because of their length.
     pub(super) fn strut_count(&self) -> u64 {
         let objects = self.resources.objects.iter().zip(0..);
         let placed = objects.map(|(object, number)| object.strut_count.saturating_mul(self.place_count(number)));
         placed.fold(0, u64::saturating_add)
     }
 
-    /// How often an object stands in the build.
+    /// How often the build contains an object.
     pub(super) fn place_count(&self, object: u32) -> u64 {
         self.assembly.count(object)
     }
 
-    /// Where an object stands in the build: maps from its millimetres to those of the build.
+    /// The places of an object in the build: maps from its coordinates to those of the build, both in millimetres.
     pub(super) fn places(&self, object: u32) -> impl Iterator<Item = DAffine3> {
         self.assembly.places(object, &self.resources)
     }
 }
 
-/// Reads part after part.
+/// Reads the parts one after another.
 struct Reader {
     names: Rc<Names>,
-    /// Numbers of the parts by their entries in the zip.
+    /// Numbers of the parts, by their entries in the archive.
     numbers: HashMap<usize, u32>,
     resources: Resources,
-    /// Of the parts read so far and the one being read.
+    /// Units of the parts read so far, including the current one.
     units_mm: Vec<f64>,
     extensions: Extensions,
-    /// What the resources may take.
+    /// Limit of the memory of the resources.
     limit_bytes: usize,
 }
 
@@ -95,7 +95,7 @@ impl Reader {
     fn part<R: Read>(&mut self, mut xml: Xml<R>) -> Result<(), String> {
         let root = xml.next()?.ok_or("the document is empty")?;
         self.model(root)?;
-        // Components belong to the object before them, of the same part.
+        // Components belong to the preceding object of the same part.
         let mut current = None;
         while let Some(element) = xml.next()? {
             self.element(element, &mut current)?;
@@ -138,7 +138,7 @@ impl Reader {
                 self.current(element, *current)?;
                 self.resources.add_component(target, transform(element, unit_mm)?);
             }
-            // Only the first part's build is printed.
+            // Only the build of the first part is printed.
             (Space::Core, "item") if self.number() == 0 => {
                 let target = self.reference(element)?;
                 if is_printable(element)? {
@@ -159,7 +159,7 @@ impl Reader {
         Ok(())
     }
 
-    /// The number of the part being read.
+    /// The number of the current part.
     fn number(&self) -> u32 {
         self.units_mm.len() as u32 - 1
     }
@@ -183,10 +183,10 @@ impl Reader {
         object.ok_or_else(|| format!("`{}` stands outside of any object", element.name()))
     }
 
-    /// The object that a component or item refers to. A part that it names is read later.
+    /// The object that a component or item refers to. If it names a part, that part is read later.
     fn reference(&mut self, element: &Element) -> Result<ObjectId, String> {
         let id = required(element, "objectid")?;
-        // Without its prefix it can mean nothing else.
+        // Some programs write it without a prefix.
         let path = element.get_of(Space::Production, "path").or(element.get("path"));
         let Some(path) = path else { return Ok((self.number(), id)) };
         let name = part_name::resolve(path);
@@ -196,8 +196,8 @@ impl Reader {
         let count = self.numbers.len();
         let part = *self.numbers.entry(entry).or_insert(count as u32);
         if part as usize == count {
-            if count == PART_LIMIT {
-                return Err(format!("the package spreads its model over more than {PART_LIMIT} parts"));
+            if count == MAX_PARTS {
+                return Err(format!("the package spreads its model over more than {MAX_PARTS} parts"));
             }
             self.resources.part_names.push(name);
         }
@@ -208,8 +208,8 @@ impl Reader {
         let mut notes = self.extensions.check(has_keystore)?;
         if !self.resources.has_items() {
             return Err(
-                "the model has no build items, so nothing of it is to be printed; place its objects in the build in \
-                        the program that wrote it"
+                "the model has no build items, so there is nothing to print; place its objects in the build in the program that \
+                 wrote it"
                     .into(),
             );
         }
@@ -231,7 +231,7 @@ impl Reader {
     }
 }
 
-/// Takes a lattice's clipping, and the balls that its mode puts everywhere.
+/// Reads the clipping of a lattice, and counts the balls of ball mode `all`.
 fn lattice(element: &Element, object: &mut Object) {
     // Published samples write `clipping` for `clippingmode`.
     let mode = element.get("clippingmode").or(element.get("clipping")).filter(|mode| *mode != "none");
@@ -245,12 +245,12 @@ fn lattice(element: &Element, object: &mut Object) {
     }
 }
 
-/// An attribute of the balls extension on a beam lattice; it is taken without its prefix, too.
+/// An attribute of the balls extension on a beam lattice, with or without prefix.
 pub(super) fn ball_attribute<'a>(element: &'a Element, name: &str) -> Option<&'a str> {
     element.get_of(Space::Balls, name).or(element.get(name))
 }
 
-/// Whether a build item is to be printed; slicing programs mark those that are not.
+/// Whether a build item is printed. Slicing programs mark those that are not.
 fn is_printable(element: &Element) -> Result<bool, String> {
     match element.get("printable").map(str::trim) {
         None | Some("1" | "true") => Ok(true),

@@ -1,22 +1,24 @@
-//! Drops everything between the tags of an XML document while it is read: texts, comments, CDATA sections and processing
-//! instructions. 3MF keeps all geometry in attributes, and a parser would hold each of these whole, however long it is.
+//! Removes everything between the tags of an XML document while it is read: texts, comments, CDATA sections and processing instructions.
+//! All geometry of 3MF is in attributes, and the XML parser would hold each of these in memory as a whole, whatever its length. `xml`
+//! reads through it.
 
 use std::io::{self, BufRead, BufReader, Read};
 
 use quick_xml::parser::{ElementParser, Parser};
 
-/// Most bytes of one tag: the parser holds it whole. No tag of a lattice has a thousand.
-const TAG_LIMIT_BYTES: u64 = 1 << 20;
+/// Longest tag, bytes: the parser holds it in memory. No tag of a lattice has a thousand bytes.
+const MAX_TAG_BYTES: u64 = 1 << 20;
 
+/// Buffer of the document, bytes.
 const BUFFER_BYTES: usize = 64 << 10;
 
-/// A document without what stands between its tags.
+/// The tags of a document.
 pub(super) struct Tags<R> {
     input: BufReader<R>,
     state: State,
-    /// Bytes at the front of the input's buffer that belong to the open tag.
+    /// Number of bytes at the front of the input buffer that belong to the current tag.
     ready: usize,
-    /// Bytes of the open tag handed over so far.
+    /// Bytes of the current tag that were returned so far.
     tag_bytes: u64,
     /// Bytes of the document read so far.
     position: u64,
@@ -27,17 +29,17 @@ enum State {
     Begin,
     /// Between tags.
     Between,
-    /// Behind a `<`; the next byte tells what it opens.
+    /// After a `<`. The next byte says what it opens.
     Opened,
-    /// The `<` of a tag is to be handed over.
+    /// The `<` of a tag is to be returned next.
     Angle,
-    /// In a tag.
+    /// Inside a tag.
     Tag(ElementParser),
-    /// The bytes that are ready end the tag.
+    /// The `ready` bytes are the last of the tag.
     LastOfTag,
-    /// Behind `<!`: what must follow, and how much of it has.
+    /// After `<!`: the expected bytes, and how many of them have been read.
     Bang(&'static [u8], usize),
-    /// In what is dropped. It ends with `wanted` times `mark`, then `>`; `run` marks stand before the next byte.
+    /// Inside something that is removed. It ends with `wanted` times `mark` and then `>`. `run` marks precede the next byte.
     Dropped { mark: u8, wanted: usize, run: usize },
 }
 
@@ -52,14 +54,14 @@ impl<R: Read> Tags<R> {
         self.position
     }
 
-    /// Reads on until there is something to hand over or the document ends.
+    /// Reads on until there are bytes to return, or the document ends.
     fn advance(&mut self) -> io::Result<()> {
         while self.ready == 0 && !matches!(self.state, State::Angle) {
             let buffer = self.input.fill_buf()?;
             if buffer.is_empty() {
                 return match self.state {
                     State::Begin | State::Between | State::Tag(_) => Ok(()),
-                    _ => Err(io::Error::other("the document ends inside a comment or section; it is cut short")),
+                    _ => Err(io::Error::other("the document ends inside a comment or section; it is truncated")),
                 };
             }
             let used = match &mut self.state {
@@ -81,8 +83,8 @@ impl<R: Read> Tags<R> {
                 State::Tag(parser) => {
                     let end = parser.feed(buffer);
                     self.ready = end.map_or(buffer.len(), |end| end + 1);
-                    if self.tag_bytes + self.ready as u64 > TAG_LIMIT_BYTES {
-                        let problem = format!("an element longer than {TAG_LIMIT_BYTES} bytes");
+                    if self.tag_bytes + self.ready as u64 > MAX_TAG_BYTES {
+                        let problem = format!("an element longer than {MAX_TAG_BYTES} bytes");
                         return Err(io::Error::other(problem));
                     }
                     if end.is_some() {
@@ -108,7 +110,7 @@ impl<R: Read> Tags<R> {
 }
 
 impl State {
-    /// Takes the byte behind `<`; returns how many bytes that took.
+    /// Processes the byte after `<`. Returns the number of bytes used.
     fn open(&mut self, byte: u8) -> io::Result<usize> {
         *self = match byte {
             b'!' => Self::Bang(b"", 0),
@@ -121,7 +123,7 @@ impl State {
         Ok(1)
     }
 
-    /// Takes a byte behind `<!`; returns how many bytes that took.
+    /// Processes a byte after `<!`. Returns the number of bytes used.
     fn name(&mut self, byte: u8) -> io::Result<usize> {
         const COMMENT: &[u8] = b"--";
         const SECTION: &[u8] = b"[CDATA[";
@@ -146,7 +148,7 @@ impl State {
     }
 }
 
-/// Counts the bytes at the front of `buffer` that are dropped, and says whether the last of them ends what is dropped.
+/// Counts the bytes at the front of `buffer` that are removed. Also returns whether the last of them ends the removed section.
 fn drop_bytes(buffer: &[u8], mark: u8, wanted: usize, run: &mut usize) -> (usize, bool) {
     for (at, &byte) in buffer.iter().enumerate() {
         match byte {

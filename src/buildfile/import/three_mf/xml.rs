@@ -1,4 +1,4 @@
-//! A stream of XML elements under limits: depth, attributes, and the length of a tag.
+//! A stream of XML elements, with limits on depth, number of attributes and length of a tag. `package` opens it for each part.
 
 use std::io::Read;
 use std::ops::Range;
@@ -10,22 +10,22 @@ use quick_xml::{NsReader, XmlVersion};
 use super::space::Space;
 use super::tags::Tags;
 
-/// Deepest nesting; a 3MF model needs eight.
-const DEPTH_LIMIT: usize = 64;
+/// Deepest nesting of elements. A 3MF model needs eight.
+const MAX_DEPTH: usize = 64;
 
-/// Most attributes of one element; no 3MF element has twenty.
-const ATTRIBUTE_LIMIT: usize = 128;
+/// Most attributes of one element. No 3MF element has twenty.
+const MAX_ATTRIBUTES: usize = 128;
 
-/// Most namespaces of one document that layerd does not know: slicing programs write two or three.
-const FOREIGN_LIMIT: usize = 64;
+/// Most unknown namespaces in one document. Slicing programs write two or three.
+const MAX_FOREIGN: usize = 64;
 
-/// Longest name of such a namespace: those that are published have some 70 bytes, and each is kept.
-pub(super) const URI_LIMIT_BYTES: usize = 1024;
+/// Longest name of an unknown namespace, bytes, because each is kept in memory. Published names have some 70.
+pub(super) const MAX_URI_BYTES: usize = 1024;
 
-/// Most of a name from the file that is kept or repeated.
-const QUOTE_LIMIT_CHARS: usize = 80;
+/// Longest name from the file that is kept or repeated, characters: enough to recognise it.
+const MAX_QUOTE_CHARS: usize = 80;
 
-/// One start tag. The value is reused from tag to tag.
+/// One start tag. The buffers are reused from tag to tag.
 #[derive(Debug)]
 pub(super) struct Element {
     pub(super) space: Space,
@@ -34,7 +34,7 @@ pub(super) struct Element {
     attributes: Vec<Attribute>,
 }
 
-/// One attribute. An unprefixed one belongs to its element; that of a namespace layerd does not know keeps its prefix.
+/// One attribute. Without a prefix it belongs to the namespace of its element. In an unknown namespace it keeps its prefix.
 #[derive(Debug)]
 struct Attribute {
     space: Space,
@@ -42,7 +42,7 @@ struct Attribute {
     value: Range<usize>,
 }
 
-/// A namespace that layerd does not know, and the first element or attribute of it.
+/// An unknown namespace, and the first element or attribute that uses it.
 #[derive(Debug)]
 pub(super) struct Foreign {
     pub(super) uri: String,
@@ -54,17 +54,17 @@ impl Element {
         Self { space: Space::Other, text: String::new(), name: 0..0, attributes: Vec::new() }
     }
 
-    /// The name without its prefix.
+    /// The name, without prefix.
     pub(super) fn name(&self) -> &str {
         &self.text[self.name.clone()]
     }
 
-    /// An attribute of the element itself: unprefixed, or in the element's own namespace.
+    /// An attribute without prefix, or in the namespace of the element.
     pub(super) fn get(&self, name: &str) -> Option<&str> {
         self.get_of(self.space, name)
     }
 
-    /// An attribute that an extension adds to the element.
+    /// An attribute in the namespace of an extension.
     pub(super) fn get_of(&self, space: Space, name: &str) -> Option<&str> {
         let found = self.attributes.iter().find(|one| one.space == space && &self.text[one.name.clone()] == name);
         found.map(|one| &self.text[one.value.clone()])
@@ -91,8 +91,8 @@ impl Element {
         self.name = append(&mut self.text, start.local_name().as_ref());
         for attribute in start.attributes().with_checks(false) {
             let attribute = attribute.map_err(|error| error.to_string())?;
-            if self.attributes.len() == ATTRIBUTE_LIMIT {
-                return Err(format!("an element `{}` with more than {ATTRIBUTE_LIMIT} attributes", self.name()));
+            if self.attributes.len() == MAX_ATTRIBUTES {
+                return Err(format!("an element `{}` with more than {MAX_ATTRIBUTES} attributes", self.name()));
             }
             let key = attribute.key.into_inner();
             let (space, name) = match key.split_once(':') {
@@ -116,7 +116,7 @@ impl Element {
     }
 }
 
-/// What a namespace means; one that is not known is remembered with `name`, which is in it.
+/// Resolves a namespace. An unknown one is added to `foreign` with `name`, which uses it.
 fn resolve(resolved: &ResolveResult<'_>, name: &str, foreign: &mut Vec<Foreign>) -> Result<Space, String> {
     let uri = match resolved {
         ResolveResult::Bound(Namespace(uri)) => *uri,
@@ -128,28 +128,28 @@ fn resolve(resolved: &ResolveResult<'_>, name: &str, foreign: &mut Vec<Foreign>)
     let space = Space::of(uri);
     if space == Space::Other && !foreign.iter().any(|known| known.uri == uri) {
         check_uri(uri)?;
-        if foreign.len() == FOREIGN_LIMIT {
-            return Err(format!("more than {FOREIGN_LIMIT} namespaces"));
+        if foreign.len() == MAX_FOREIGN {
+            return Err(format!("more than {MAX_FOREIGN} namespaces"));
         }
         foreign.push(Foreign { uri: uri.to_owned(), name: quote(name) });
     }
     Ok(space)
 }
 
-/// Refuses a namespace that is too long to keep.
+/// Checks the length of a namespace.
 ///
 /// # Errors
-/// A text that says so.
+/// A text that says that it is too long.
 pub(super) fn check_uri(uri: &str) -> Result<(), String> {
-    if uri.len() > URI_LIMIT_BYTES {
-        return Err(format!("the name of a namespace is longer than {URI_LIMIT_BYTES} bytes: `{}`", quote(uri)));
+    if uri.len() > MAX_URI_BYTES {
+        return Err(format!("the name of a namespace is longer than {MAX_URI_BYTES} bytes: `{}`", quote(uri)));
     }
     Ok(())
 }
 
-/// The beginning of a text from the file.
+/// The beginning of a text from the file, short enough for a message.
 pub(super) fn quote(text: &str) -> String {
-    text.chars().take(QUOTE_LIMIT_CHARS).collect()
+    text.chars().take(MAX_QUOTE_CHARS).collect()
 }
 
 fn append(text: &mut String, part: &str) -> Range<usize> {
@@ -158,15 +158,15 @@ fn append(text: &mut String, part: &str) -> Range<usize> {
     start..text.len()
 }
 
-/// Reads elements one by one.
+/// Reads elements one after another.
 pub(super) struct Xml<R: Read> {
     reader: NsReader<Tags<R>>,
     buffer: Vec<u8>,
     element: Element,
     foreign: Vec<Foreign>,
     depth: usize,
-    /// The depth outside of the element that is passed over, where one is.
-    passed: Option<usize>,
+    /// Depth of the parent of the element that is being skipped; `None` if none is.
+    skipped: Option<usize>,
 }
 
 impl<R: Read> Xml<R> {
@@ -177,48 +177,48 @@ impl<R: Read> Xml<R> {
             element: Element::new(),
             foreign: Vec::new(),
             depth: 0,
-            passed: None,
+            skipped: None,
         }
     }
 
-    /// Unpacked bytes read so far.
+    /// Number of unpacked bytes read so far.
     pub(super) fn position_bytes(&self) -> u64 {
         self.reader.get_ref().position_bytes()
     }
 
-    /// The namespaces found so far that layerd does not know.
+    /// The unknown namespaces found so far.
     pub(super) fn into_foreign(self) -> Vec<Foreign> {
         self.foreign
     }
 
-    /// The next element, or `None` at the end of a whole document. Below the root, elements of extensions that layerd does not
-    /// know or that cannot change the shape are passed over with all that they hold.
+    /// The next element; `None` at the end of a complete document. Below the root, elements of unknown extensions and of extensions that
+    /// cannot change the shape are skipped with everything inside them.
     ///
     /// # Errors
-    /// A text that says what is no XML or beyond a limit.
+    /// A text that says what is not XML or exceeds a limit.
     pub(super) fn next(&mut self) -> Result<Option<&Element>, String> {
         loop {
             self.buffer.clear();
             let (resolved, event) =
                 self.reader.read_resolved_event_into(&mut self.buffer).map_err(|error| match error {
-                    // As the package or the tags put it.
+                    // The text of `package` or `tags`.
                     quick_xml::Error::Io(error) => error.to_string(),
                     other => other.to_string(),
                 })?;
             match event {
                 Event::Start(ref start) | Event::Empty(ref start) => {
-                    if self.depth == DEPTH_LIMIT {
-                        return Err(format!("elements nested more than {DEPTH_LIMIT} deep"));
+                    if self.depth == MAX_DEPTH {
+                        return Err(format!("elements nested more than {MAX_DEPTH} deep"));
                     }
                     let is_empty = matches!(event, Event::Empty(_));
                     let outside = self.depth;
                     self.depth += usize::from(!is_empty);
-                    if self.passed.is_some() {
+                    if self.skipped.is_some() {
                         continue;
                     }
                     let space = resolve(&resolved, start.local_name().as_ref(), &mut self.foreign)?;
                     if outside > 0 && matches!(space, Space::Other | Space::Shapeless) {
-                        self.passed = (!is_empty).then_some(outside);
+                        self.skipped = (!is_empty).then_some(outside);
                         continue;
                     }
                     self.element.read(space, start, self.reader.resolver(), &mut self.foreign)?;
@@ -226,10 +226,10 @@ impl<R: Read> Xml<R> {
                 }
                 Event::End(_) => {
                     self.depth = self.depth.checked_sub(1).ok_or("an end tag without a start tag")?;
-                    self.passed = self.passed.filter(|&outside| outside < self.depth);
+                    self.skipped = self.skipped.filter(|&outside| outside < self.depth);
                 }
                 Event::Eof if self.depth > 0 => {
-                    return Err("the document ends inside an element; it is cut short".into());
+                    return Err("the document ends inside an element; it is truncated".into());
                 }
                 Event::Eof => return Ok(None),
                 _ => {}

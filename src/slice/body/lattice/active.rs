@@ -1,23 +1,26 @@
-//! The active set: struts within reach of the plane, where the bands of a picture find them.
+//! The active set: the struts within reach of the plane, arranged so that each band finds its struts quickly.
 //!
-//! Buckets of rows hold them, on levels of doubling height. A strut stands in one bucket only, of the lowest level whose
-//! buckets are as high as the rows it can ever reach, by the first of those rows; so a band finds all it needs in at most
-//! two or three buckets a level. Order within a bucket is that of the file: sums do not depend on where a sweep began.
+//! Struts are kept in buckets of rows. There are several levels of buckets; the buckets of each level are twice as high as those of the
+//! level below. A strut is in exactly one bucket: on the lowest level whose buckets are at least as high as the range of rows that the
+//! strut can ever reach, and there in the bucket of the first of these rows. So a band finds all its struts in at most two or three
+//! buckets of each level. The order within a bucket is that of the file, so sums do not depend on the layer a sweep began with.
+//!
+//! `sweep` adds and retires struts; `brush` draws its blocks.
 
 use std::ops::Range;
 
 use crate::solid::{Block, Record};
 
-/// A bucket is tidied when this share of it is out of reach: 1/4 keeps a third more than needed at most, and moves a strut
-/// about twice in its life.
+/// A bucket is compacted when one in this many of its struts is out of reach. With a quarter, it holds at most a third more struts than
+/// needed, and a strut is moved about twice in its life.
 const DEAD_SHARE: usize = 4;
 
-/// Struts in buckets.
+/// The struts, in buckets.
 #[derive(Debug)]
 pub(super) struct ActiveSet {
     levels: Vec<Level>,
     buckets: Vec<Bucket>,
-    /// Struts within reach, as of the last [`ActiveSet::retire`] and since.
+    /// Struts within reach: those counted by [`ActiveSet::count`] and those added since.
     alive: usize,
 }
 
@@ -28,46 +31,47 @@ struct Level {
     buckets: Range<usize>,
 }
 
-/// Blocks of struts, all full but the last.
+/// Blocks of struts. All but the last are full.
 #[derive(Debug, Default)]
 pub(super) struct Bucket {
     #[allow(
         clippy::vec_box,
-        reason = "a growing list would hold each block twice for a moment, and twice the room after"
+        reason = "a list of blocks by value would copy them all when it grows, and reserve room for twice as many"
     )]
     blocks: Vec<Box<Block>>,
+    /// Struts out of reach that are still held.
     dead: usize,
 }
 
 impl ActiveSet {
-    /// For a picture of `height` rows, with buckets of `least_rows` on the lowest level.
-    pub(super) fn new(height: usize, least_rows: usize) -> Self {
+    /// An empty set for a picture of `height` rows. Buckets of the lowest level have `min_rows` rows.
+    pub(super) fn new(height: usize, min_rows: usize) -> Self {
         let mut levels = Vec::new();
         let mut first = 0;
-        for (rows, count) in level_sizes(height, least_rows) {
+        for (rows, count) in level_sizes(height, min_rows) {
             levels.push(Level { rows: rows as i64, buckets: first..first + count });
             first += count;
         }
         Self { levels, buckets: (0..first).map(|_| Bucket::default()).collect(), alive: 0 }
     }
 
-    /// Bytes for `most` struts within reach at once.
-    pub(super) fn memory_bytes(most: u64, height: usize, least_rows: usize) -> u64 {
-        let buckets = level_sizes(height, least_rows).map(|(_, count)| count as u64).sum::<u64>();
-        // Each bucket's last block may be nearly empty.
-        let blocks = (most / Block::LEN as u64).saturating_add(buckets.min(most));
+    /// Memory for up to `max_active` struts within reach, bytes.
+    pub(super) fn memory_bytes(max_active: u64, height: usize, min_rows: usize) -> u64 {
+        let buckets = level_sizes(height, min_rows).map(|(_, count)| count as u64).sum::<u64>();
+        // The last block of each bucket may be nearly empty.
+        let blocks = (max_active / Block::LEN as u64).saturating_add(buckets.min(max_active));
         let blocks = blocks.saturating_add(blocks / (DEAD_SHARE as u64 - 1));
-        // A growing list of blocks has twice the room it needs.
+        // A growing list has room for up to twice its length.
         let block_bytes = (size_of::<Block>() + 2 * size_of::<Box<Block>>()) as u64;
         blocks.saturating_mul(block_bytes).saturating_add(buckets * size_of::<Bucket>() as u64)
     }
 
-    /// Struts within reach of the plane last given to the buckets' [`Bucket::retire`].
+    /// Number of struts within reach of the plane last given to [`Bucket::retire`].
     pub(super) fn alive(&self) -> usize {
         self.alive
     }
 
-    /// Adds a strut that can reach the given rows at some plane; they may lie outside the picture.
+    /// Adds a strut. The rows are the range that it can reach in any plane; they may lie outside the picture.
     pub(super) fn add(&mut self, record: Record, [first_row, last_row]: [i64; 2]) {
         let fits = |level: &&Level| level.rows > last_row.saturating_sub(first_row);
         let Some(level) = self.levels.iter().find(fits).or(self.levels.last()) else { return };
@@ -76,17 +80,17 @@ impl ActiveSet {
         self.alive += 1;
     }
 
-    /// All buckets, to be tidied side by side.
+    /// All buckets, so that several threads can retire struts.
     pub(super) fn buckets_mut(&mut self) -> impl Iterator<Item = &mut Bucket> {
         self.buckets.iter_mut()
     }
 
-    /// Counts anew after the buckets were tidied.
+    /// Counts the struts within reach, after [`Bucket::retire`] was called on all buckets.
     pub(super) fn count(&mut self) {
         self.alive = self.buckets.iter().map(|bucket| bucket.len() - bucket.dead).sum();
     }
 
-    /// The blocks that may hold struts reaching these rows, in an order that depends on the rows alone.
+    /// The blocks that may hold struts that reach these rows. Their order depends on the rows alone.
     pub(super) fn blocks(&self, rows: Range<i64>) -> impl Iterator<Item = &Block> {
         let buckets = self
             .levels
@@ -96,9 +100,10 @@ impl ActiveSet {
     }
 }
 
-/// Height in rows and number of the buckets of each level; the last has one, for whatever is higher than all others.
-fn level_sizes(height: usize, least_rows: usize) -> impl Iterator<Item = (usize, usize)> {
-    let mut next = Some(least_rows);
+/// Height in rows and number of the buckets of each level. The last level has one bucket, for struts that reach more rows than the
+/// buckets of all other levels have.
+fn level_sizes(height: usize, min_rows: usize) -> impl Iterator<Item = (usize, usize)> {
+    let mut next = Some(min_rows);
     std::iter::from_fn(move || {
         let rows = next?;
         let count = height.div_ceil(rows).max(1);
@@ -127,15 +132,15 @@ impl Bucket {
         self.blocks.last().map_or(0, |last| (self.blocks.len() - 1) * Block::LEN + last.len())
     }
 
-    /// Lets struts go that end below `z`, quanta; not at once, but before they are a quarter of the bucket.
+    /// Retires the struts that end below `z`, quanta. They are removed when they are a quarter of the bucket.
     pub(super) fn retire(&mut self, z: i32) {
         self.dead = self.blocks.iter().map(|block| block.count_below(z)).sum();
         if self.dead > 0 && self.dead * DEAD_SHARE >= self.len() {
-            self.tidy(z);
+            self.compact(z);
         }
     }
 
-    fn tidy(&mut self, z: i32) {
+    fn compact(&mut self, z: i32) {
         let mut kept = 0;
         for from in 0..self.len() {
             let record = self.blocks[from / Block::LEN].get(from % Block::LEN);

@@ -1,4 +1,4 @@
-//! Strips of rows that stay in the cache while the struts of a band are drawn on them.
+//! Draws the active struts of a band on a strip of rows that stays in the cache.
 
 use super::active::ActiveSet;
 use crate::layer::Depth;
@@ -8,15 +8,15 @@ use crate::slice::{SliceError, SlicePlan};
 use crate::solid::{Effort, InstructionSet, Plane, Shape, Strip};
 use crate::stream::{Charge, MemoryBudget};
 
-/// Bytes of a strip at most, where its rows are not too long for one group. Compared with half as much it saves a tenth of the
-/// instructions, as each strut is looked at and cut by fewer bands; that outweighs what no longer fits a level-2 cache of 512 KiB.
-/// Twice as much gains nothing.
-const STRIP_BYTES: usize = 768 << 10;
+/// Largest strip, bytes, unless a single group of rows is longer. Compared with a strip of half this size it saves a tenth of the
+/// instructions, because each strut is examined and cut by fewer bands. That outweighs that it no longer fits a level-2 cache of
+/// 512 KiB. A strip of twice this size gains nothing.
+const MAX_STRIP_BYTES: usize = 768 << 10;
 
-/// Groups of rows in a strip at most: a picture of few pixels would otherwise be one band, and leave other threads nothing.
-const MOST_GROUPS: usize = 8;
+/// Most groups of rows in a strip. Without this limit a small picture would be a single band, and leave no work for other threads.
+const MAX_GROUPS: usize = 8;
 
-/// Shapes set up rows in eights.
+/// Rows in a group: shapes prepare eight rows at once.
 const ROW_GROUP: usize = 8;
 
 /// The strips of all threads.
@@ -41,13 +41,13 @@ impl<S: Shape> Strips<S> {
         Ok(Self { rows_per_band, instructions, strips, _charge: charge })
     }
 
-    /// Bytes the strips take.
+    /// Memory of the strips, bytes.
     pub(super) fn memory_bytes(plan: &SlicePlan, threads: usize) -> u64 {
         let (width, rows) = (plan.raster.width_px as usize, rows_per_band::<S>(plan));
         Strip::<S::Cell>::bytes(width, rows, halo::<S>(plan.depth)).saturating_mul(threads as u64)
     }
 
-    /// Rows drawn at once.
+    /// Rows of a band.
     pub(super) fn rows_per_band(&self) -> usize {
         self.rows_per_band
     }
@@ -62,20 +62,20 @@ impl<S: Shape> Strips<S> {
         self.strips.iter_mut()
     }
 
-    /// What drawing has taken so far.
+    /// Work since the strips were made.
     pub(super) fn effort(&self) -> Effort {
         self.strips.iter().map(Strip::effort).sum()
     }
 }
 
-/// Rows drawn at once; with the halo's a whole number of groups.
+/// Rows of a band. Together with the halo they are a whole number of groups.
 pub(super) fn rows_per_band<S: Shape>(plan: &SlicePlan) -> usize {
     let row_bytes = plan.raster.width_px as usize * size_of::<S::Cell>();
-    let groups = STRIP_BYTES / (row_bytes * ROW_GROUP);
-    groups.clamp(1, MOST_GROUPS) * ROW_GROUP - 2 * halo::<S>(plan.depth)
+    let groups = MAX_STRIP_BYTES / (row_bytes * ROW_GROUP);
+    groups.clamp(1, MAX_GROUPS) * ROW_GROUP - 2 * halo::<S>(plan.depth)
 }
 
-/// Only grey looks at neighbours.
+/// Only grey reads neighbouring pixels.
 fn halo<S: Shape>(depth: Depth) -> usize {
     match depth {
         Depth::Bit => 0,
@@ -83,7 +83,7 @@ fn halo<S: Shape>(depth: Depth) -> usize {
     }
 }
 
-/// Draws the struts within reach of a plane on the strip of one thread.
+/// The brush of one thread.
 pub(super) struct StripBrush<'a, S: Shape> {
     pub(super) active: &'a ActiveSet,
     pub(super) plane: Plane,
@@ -92,7 +92,7 @@ pub(super) struct StripBrush<'a, S: Shape> {
 }
 
 impl<S: Shape> StripBrush<'_, S> {
-    /// Draws the rows of the grid from `first` on, and those of a halo round them, on the strip.
+    /// Draws `count` rows of the grid from `first` on, and the rows of the halo, on the strip.
     fn draw(&mut self, first: usize, count: usize, halo: usize) {
         self.strip.begin(first, count);
         let rows = first as i64 - halo as i64..(first + count + halo) as i64;

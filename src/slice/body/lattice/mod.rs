@@ -1,4 +1,4 @@
-//! A lattice: struts that join one another, read in ascending order and drawn on strips of rows.
+//! A lattice as a body: struts are read in ascending order (`sweep`), kept while they are active (`active`), and drawn (`brush`).
 
 mod active;
 mod brush;
@@ -13,25 +13,25 @@ use crate::buildfile::Blend;
 use crate::layer::Depth;
 use crate::slice::workers::Workers;
 use crate::slice::{SliceError, SlicePlan};
-use crate::solid::{Convolution, Effort, Grid, InstructionSet, LARGEST_RADIUS_SHARE, Plane, Shape, Union};
+use crate::solid::{Convolution, Effort, Grid, InstructionSet, MAX_RADIUS_SHARE, Plane, Shape, Union};
 use crate::stream::MemoryBudget;
 use brush::{StripBrush, Strips};
 use sweep::Sweep;
 
-/// Struts of one blend as a body.
+/// Struts and balls of one blend, as a body.
 struct Lattice<S: Shape> {
-    /// The pixels of the plan, in the solid's unit of length.
+    /// The pixels of the plan, in the unit of length of the solid.
     grid: Grid,
-    /// The solid's unit of length, micrometres.
+    /// Unit of length of the solid, micrometres.
     unit_um: f64,
     sweep: Sweep,
     strips: Strips<S>,
 }
 
-/// A lattice drawn with `instructions` on `threads` threads; what it needs is charged to `budget`.
+/// A lattice to be drawn with `instructions` on `threads` threads. Its memory is charged to `budget`.
 ///
 /// # Errors
-/// [`SliceError`] where the memory is not free, or a strut is too thick for the support.
+/// [`SliceError`] if the memory is not free, or a strut is too thick for the support.
 pub(in crate::slice) fn body(
     instructions: InstructionSet,
     source: Box<dyn StrutSource>,
@@ -42,7 +42,7 @@ pub(in crate::slice) fn body(
     match source.lattice().blend {
         Blend::Convolution { support_um } => {
             let radius_um = f64::from(source.lattice().radius_range[1]) * source.quantum_um();
-            if radius_um.partial_cmp(&(support_um * LARGEST_RADIUS_SHARE)) != Some(std::cmp::Ordering::Less) {
+            if radius_um.partial_cmp(&(support_um * MAX_RADIUS_SHARE)) != Some(std::cmp::Ordering::Less) {
                 return Err(SliceError::RadiusTooLarge { radius_um, support_um });
             }
             Ok(Box::new(Lattice::<Convolution>::new(instructions, source, plan, support_um, threads, budget)?))
@@ -51,7 +51,7 @@ pub(in crate::slice) fn body(
     }
 }
 
-/// Bytes that [`body`] charges: known before a chunk is read.
+/// Memory that [`body`] charges, bytes. It is known before a chunk is read.
 pub(in crate::slice) fn memory_bytes(source: &dyn StrutSource, plan: &SlicePlan, threads: usize) -> u64 {
     match source.lattice().blend {
         Blend::Convolution { .. } => Lattice::<Convolution>::memory_bytes(source, plan, threads),

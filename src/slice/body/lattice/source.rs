@@ -1,19 +1,19 @@
-//! Where the sweep gets its struts: chunks in ascending order of the lowest z.
+//! Sources of struts for the sweep: chunks in ascending order of their lowest z.
 
 use std::sync::Arc;
 
-use crate::buildfile::{BuildFile, CHUNK_STRUTS, Lattice, Strut};
+use crate::buildfile::{BuildFile, Lattice, MAX_CHUNK_PRIMITIVES, Strut};
 
-/// Where a chunk's struts lie, in quanta.
+/// Range of z of the struts in a chunk, quanta.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ChunkSpan {
-    /// Lowest `a[2]` of its struts.
+    /// Lowest `a[2]`.
     pub lowest_z: i32,
-    /// Highest `b[2]` of its struts.
+    /// Highest `b[2]`.
     pub highest_z: i32,
 }
 
-/// A lattice whose struts can be read chunk by chunk, in ascending order of `a[2]`.
+/// A lattice that can be read chunk by chunk. Its struts are in ascending order of `a[2]`.
 pub trait StrutSource: Send + Sync {
     /// The lattice.
     fn lattice(&self) -> &Lattice;
@@ -24,19 +24,24 @@ pub trait StrutSource: Send + Sync {
     /// Number of chunks.
     fn chunk_count(&self) -> usize;
 
-    /// Where the struts of a chunk lie. Lowest z ascends from chunk to chunk.
+    /// Range of z of a chunk. The lowest z ascends from chunk to chunk.
     fn chunk_span(&self, chunk: usize) -> ChunkSpan;
 
-    /// Most struts that can be within reach of one plane; known before any chunk is read.
+    /// Upper bound of the number of struts within reach of any plane. It is known before a chunk is read.
     fn peak_active(&self) -> u64;
 
-    /// Bytes the source holds beside the struts it hands out, at most, when `threads` read from it.
-    fn memory_bytes(&self, threads: usize) -> u64;
+    /// The open build file that the source reads, if it reads one. Bodies of one file share its memory, so it is counted once.
+    fn file(&self) -> Option<&Arc<BuildFile>> {
+        None
+    }
 
-    /// Replaces `struts` by those of a chunk.
+    /// Memory of the source itself, bytes, at most: without [`StrutSource::file`] and the struts it hands out.
+    fn memory_bytes(&self) -> u64;
+
+    /// Replaces the contents of `struts` with the struts of a chunk.
     ///
     /// # Errors
-    /// Whatever keeps the chunk from being read, naming file and place.
+    /// If the chunk cannot be read; names the file and the place in it.
     fn read_chunk(&self, chunk: usize, struts: &mut Vec<Strut>) -> anyhow::Result<()>;
 }
 
@@ -44,7 +49,7 @@ pub trait StrutSource: Send + Sync {
 pub(in crate::slice) struct StoredLattice {
     pub(in crate::slice) file: Arc<BuildFile>,
     pub(in crate::slice) body: usize,
-    /// As it is to be drawn.
+    /// The header, with the blend to be drawn.
     pub(in crate::slice) lattice: Lattice,
 }
 
@@ -70,8 +75,12 @@ impl StrutSource for StoredLattice {
         self.file.body_peak_active(self.body)
     }
 
-    fn memory_bytes(&self, threads: usize) -> u64 {
-        (self.file.memory_bytes() + threads * self.file.scratch_bytes()) as u64
+    fn file(&self) -> Option<&Arc<BuildFile>> {
+        Some(&self.file)
+    }
+
+    fn memory_bytes(&self) -> u64 {
+        size_of::<Self>() as u64
     }
 
     fn read_chunk(&self, chunk: usize, struts: &mut Vec<Strut>) -> anyhow::Result<()> {
@@ -80,7 +89,7 @@ impl StrutSource for StoredLattice {
     }
 }
 
-/// Struts in memory as a source, for tests and benchmarks.
+/// A source of struts in memory, for tests and benchmarks.
 #[derive(Clone, Debug)]
 pub struct MemoryStruts {
     quantum_um: f64,
@@ -90,10 +99,10 @@ pub struct MemoryStruts {
 }
 
 impl MemoryStruts {
-    /// Sorts `struts` (stably) and cuts them into chunks of `chunk_struts`, at least 1 and at most [`CHUNK_STRUTS`].
+    /// Sorts `struts` (stably) and divides them into chunks of `chunk_struts`, 1 to 8192.
     pub fn new(quantum_um: f64, lattice: Lattice, mut struts: Vec<Strut>, chunk_struts: usize) -> Self {
         struts.sort_by_key(|strut| strut.a[2]);
-        Self { quantum_um, lattice, struts, chunk_struts: chunk_struts.clamp(1, CHUNK_STRUTS) }
+        Self { quantum_um, lattice, struts, chunk_struts: chunk_struts.clamp(1, MAX_CHUNK_PRIMITIVES) }
     }
 
     fn chunk(&self, chunk: usize) -> &[Strut] {
@@ -125,7 +134,7 @@ impl StrutSource for MemoryStruts {
         self.struts.len() as u64
     }
 
-    fn memory_bytes(&self, _threads: usize) -> u64 {
+    fn memory_bytes(&self) -> u64 {
         (self.struts.len() * size_of::<Strut>()) as u64
     }
 

@@ -1,29 +1,29 @@
-//! The sweep plane (Liu et al. 2021, §4): struts come in ascending order, join the active set when the plane comes within
-//! reach and leave it when the plane is past them.
+//! The sweep plane (Liu et al. 2021, §4 and Eq. 8). Struts are read in ascending order. A strut joins the active set when the plane comes
+//! within its reach, and leaves it when the plane has passed.
 
 use super::StrutSource;
 use super::active::ActiveSet;
-use crate::buildfile::{CHUNK_STRUTS, Strut};
+use crate::buildfile::{MAX_CHUNK_PRIMITIVES, Strut};
 use crate::slice::workers::Workers;
 use crate::slice::{SliceError, SlicePlan};
-use crate::solid::{self, LARGEST_RADIUS, Record, Shape};
+use crate::solid::{self, MAX_RADIUS, Record, Shape};
 use crate::stream::{Charge, MemoryBudget};
 
-/// Struts within reach of the plane, read from a source as the plane rises.
+/// Reads struts from a source while the plane rises, and keeps those within its reach.
 pub(super) struct Sweep {
     source: Box<dyn StrutSource>,
-    /// What a record keeps of a strut's ends.
+    /// Radii and caps in the form of the shape.
     ends: Ends,
     rows: Rows,
-    /// How far from its skeleton a strut can matter, quanta.
+    /// Greatest distance from its axis at which a strut has any effect, quanta.
     reach: f64,
     quantum_um: f64,
-    /// Length of a quantum in the solid's unit.
+    /// Length of a quantum in the unit of the solid.
     quantum: f64,
-    /// What the source promised at most.
-    most_active: usize,
+    /// Upper bound that the source states.
+    max_active: usize,
     active: ActiveSet,
-    /// Chunks read at once, one a thread; those from `slot` on, and there from `next_strut` on, are still to join.
+    /// Chunks that were read at once, one per thread. The struts from `slot` and `next_strut` on are still to join.
     slots: Vec<Slot>,
     filled: usize,
     slot: usize,
@@ -35,7 +35,7 @@ pub(super) struct Sweep {
 
 type Ends = fn(radii: [u32; 2], caps: [solid::Cap; 2], is_ball: bool, quantum: f64) -> [u32; 2];
 
-/// A chunk read.
+/// A chunk that was read.
 struct Slot {
     chunk: usize,
     struts: Vec<Strut>,
@@ -44,31 +44,31 @@ struct Slot {
 
 impl Slot {
     fn empty() -> Self {
-        Self { chunk: 0, struts: Vec::with_capacity(CHUNK_STRUTS), problem: None }
+        Self { chunk: 0, struts: Vec::with_capacity(MAX_CHUNK_PRIMITIVES), problem: None }
     }
 }
 
-/// From y in quanta to the picture's rows.
+/// Converts y in quanta to rows of the picture.
 #[derive(Clone, Copy)]
 struct Rows {
     row_0: f64,
     rows_per_quantum: f64,
-    /// Rows a strut may reach beyond its skeleton.
+    /// Rows that a strut may reach beyond its axis.
     reach: f64,
 }
 
 impl Sweep {
-    /// A sweep that can begin at any plane. `unit_um` is the solid's unit of length, `least_rows` the height of the smallest
-    /// buckets.
+    /// A sweep that can begin at any plane. `unit_um` is the unit of length of the solid, `min_rows` the height of the smallest
+    /// buckets of the active set.
     pub(super) fn new<S: Shape>(
         source: Box<dyn StrutSource>,
         plan: &SlicePlan,
         unit_um: f64,
-        least_rows: usize,
+        min_rows: usize,
         threads: usize,
         budget: &MemoryBudget,
     ) -> Result<Self, SliceError> {
-        let bytes = Self::memory_bytes(&*source, plan, least_rows, threads);
+        let bytes = Self::memory_bytes(&*source, plan, min_rows, threads);
         let charge = budget.charge("the struts within reach of one layer", bytes)?;
         let quantum_um = source.quantum_um();
         let reach_um = source.lattice().reach_um(quantum_um);
@@ -78,14 +78,15 @@ impl Sweep {
             rows: Rows {
                 row_0: plan.origin_um[1] / dy,
                 rows_per_quantum: quantum_um / dy,
-                // Sub-rows of a union's grey, or moved rows, lie up to half a row from a row's middle; the rest is for rounding.
+                // The sub-rows of a union in grey, and shifted rows, lie up to half a row from the middle of a row; the other half
+                // row is for rounding errors.
                 reach: reach_um / dy.abs() + 1.0,
             },
             reach: reach_um / quantum_um,
             quantum_um,
             quantum: quantum_um / unit_um,
-            most_active: usize::try_from(source.peak_active()).unwrap_or(usize::MAX),
-            active: ActiveSet::new(plan.raster.height_px as usize, least_rows),
+            max_active: usize::try_from(source.peak_active()).unwrap_or(usize::MAX),
+            active: ActiveSet::new(plan.raster.height_px as usize, min_rows),
             slots: (0..threads).map(|_| Slot::empty()).collect(),
             filled: 0,
             slot: 0,
@@ -97,17 +98,17 @@ impl Sweep {
         })
     }
 
-    /// Bytes a sweep takes at most: the active set, the chunks being read and the source's own.
-    pub(super) fn memory_bytes(source: &dyn StrutSource, plan: &SlicePlan, least_rows: usize, threads: usize) -> u64 {
-        let chunks = ((CHUNK_STRUTS * size_of::<Strut>()) as u64).saturating_mul(threads as u64);
-        let active = ActiveSet::memory_bytes(source.peak_active(), plan.raster.height_px as usize, least_rows);
-        active.saturating_add(chunks).saturating_add(source.memory_bytes(threads))
+    /// Memory of a sweep, bytes, at most: the active set, the chunks that are read at once, and the source itself.
+    pub(super) fn memory_bytes(source: &dyn StrutSource, plan: &SlicePlan, min_rows: usize, threads: usize) -> u64 {
+        let chunks = ((MAX_CHUNK_PRIMITIVES * size_of::<Strut>()) as u64).saturating_mul(threads as u64);
+        let active = ActiveSet::memory_bytes(source.peak_active(), plan.raster.height_px as usize, min_rows);
+        active.saturating_add(chunks).saturating_add(source.memory_bytes())
     }
 
-    /// Moves the plane up to `z_um`; planes must ascend.
+    /// Moves the plane up to `z_um`. It must not move down.
     pub(super) fn advance(&mut self, z_um: f64, workers: &Workers) -> Result<(), SliceError> {
         let z = z_um / self.quantum_um;
-        // Saturates; a strut that ends just below in rounding contributes nothing any more.
+        // The cast saturates. A strut that ends below only because of rounding has no effect on the plane.
         let lowest_top = (z - self.reach).floor() as i32;
         workers.each(self.active.buckets_mut(), |bucket| bucket.retire(lowest_top));
         self.active.count();
@@ -137,16 +138,16 @@ impl Sweep {
         &self.active
     }
 
-    /// Length of a quantum in the solid's unit.
+    /// Length of a quantum in the unit of the solid.
     pub(super) fn quantum(&self) -> f64 {
         self.quantum
     }
 
     fn join(&mut self, strut: &Strut) -> Result<(), SliceError> {
-        if self.active.alive() == self.most_active {
+        if self.active.alive() == self.max_active {
             return Err(SliceError::Damaged(format!(
-                "more struts lie at one layer than the {} that the build file's index promised",
-                self.most_active
+                "more struts are within reach of one layer than the {} that the profile of the build file states",
+                self.max_active
             )));
         }
         let Strut { a, b, radius_a, radius_b, caps } = *strut;
@@ -155,8 +156,8 @@ impl Sweep {
         Ok(())
     }
 
-    /// Reads the next chunks that can matter at height `z` or above, in quanta, as many at once as there are threads;
-    /// `false` where none begins within reach.
+    /// Reads the next chunks with struts that reach height `z`, quanta, or planes above it: one per thread at once. Returns `false` if
+    /// no chunk begins within reach of `z`.
     fn read_chunks(&mut self, z: f64, workers: &Workers) -> Result<bool, SliceError> {
         (self.slot, self.filled) = (0, 0);
         while self.filled < self.slots.len() && self.next_chunk < self.source.chunk_count() {
@@ -181,7 +182,7 @@ impl Sweep {
     fn check(&mut self, strut: &Strut) -> Result<(), SliceError> {
         let radii = self.source.lattice().radius_range;
         let in_order = strut.a[2] >= self.last_z && strut.b[2] >= strut.a[2];
-        let in_range = |radius: u32| (radii[0].max(1)..=radii[1].min(LARGEST_RADIUS)).contains(&radius);
+        let in_range = |radius: u32| (radii[0].max(1)..=radii[1].min(MAX_RADIUS)).contains(&radius);
         if !in_order || !in_range(strut.radius_a) || !in_range(strut.radius_b) {
             let what = if in_order { "a radius outside the header's range" } else { "a strut out of order" };
             return Err(SliceError::Damaged(format!(

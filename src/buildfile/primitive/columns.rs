@@ -1,10 +1,49 @@
-//! Columns of unsigned numbers as byte planes: all lowest bytes, then all second bytes, and so on.
+//! Columns of unsigned numbers as byte planes: the lowest byte of every value, then the second byte of every value, and so on.
 //!
-//! Every column of a chunk has one width of 0 to 4 bytes. Fixed widths decode without branches, and separating the planes
-//! lets the compressor see each byte's own distribution.
+//! All values of a column have the same width, 0 to 4 bytes: fixed widths decode without branches. The compressor treats each plane
+//! separately, because the bytes of a plane are distributed alike. `strut/chunk.rs` lays out struts with it.
+
+/// Columns that one kind of primitive decodes at once: struts five, triangles nine.
+const MAX_COLUMNS: usize = 9;
+
+/// Buffers of [`Primitive::decode`](super::Primitive::decode), kept from chunk to chunk.
+#[derive(Debug, Default)]
+pub(in crate::buildfile) struct Scratch {
+    pub(super) nodes: Vec<[i32; 3]>,
+    pub(super) columns: [Vec<u32>; MAX_COLUMNS],
+}
+
+/// A chunk before compression.
+#[derive(Debug, Default)]
+pub(in crate::buildfile) struct Unpacked {
+    /// Head and columns.
+    pub(in crate::buildfile) bytes: Vec<u8>,
+    /// Where each byte plane begins, ascending. Planes differ so much that each is worth its own table of symbols.
+    pub(in crate::buildfile) planes: Vec<usize>,
+    column: Vec<u32>,
+}
+
+impl Unpacked {
+    /// Empties it for the next chunk.
+    pub(in crate::buildfile) fn clear(&mut self) {
+        self.bytes.clear();
+        self.planes.clear();
+    }
+
+    /// Appends a column and returns its width.
+    pub(super) fn add(&mut self, values: impl Iterator<Item = u32>) -> u8 {
+        self.column.clear();
+        self.column.extend(values);
+        let width = width_bytes(&self.column);
+        let first = self.bytes.len();
+        push(&self.column, width, &mut self.bytes);
+        self.planes.extend((0..usize::from(width)).map(|plane| first + plane * self.column.len()));
+        width
+    }
+}
 
 /// Bytes needed for the largest of `values`: 0 where all are zero.
-pub(super) fn width_bytes(values: &[u32]) -> u8 {
+fn width_bytes(values: &[u32]) -> u8 {
     let largest = values.iter().copied().max().unwrap_or(0);
     (u32::BITS - largest.leading_zeros()).div_ceil(8) as u8
 }
@@ -20,7 +59,7 @@ pub(super) fn unzigzag(value: u32) -> i32 {
 }
 
 /// Appends `values` as `width` byte planes; every value must fit.
-pub(super) fn push(values: &[u32], width: u8, out: &mut Vec<u8>) {
+fn push(values: &[u32], width: u8, out: &mut Vec<u8>) {
     for plane in 0..u32::from(width) {
         out.extend(values.iter().map(|value| (value >> (8 * plane)) as u8));
     }

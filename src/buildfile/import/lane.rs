@@ -1,0 +1,143 @@
+//! What one thread collects: beams and balls become struts, go to the sort, and are counted.
+
+use std::path::{Path, PathBuf};
+
+use glam::DVec3;
+
+use super::rules::Rules;
+use super::stretch::Stretch;
+use crate::buildfile::error::PackError;
+use crate::buildfile::model::{Caps, Strut, node_key};
+use crate::buildfile::sort::Sorter;
+
+/// One beam as its source states it, millimetres.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Beam {
+    pub(super) a: DVec3,
+    pub(super) b: DVec3,
+    pub(super) radius_a: f64,
+    pub(super) radius_b: f64,
+    pub(super) caps: Caps,
+}
+
+/// The struts of one thread.
+pub(super) struct Lane<'a> {
+    rules: &'a Rules,
+    pub(super) sorter: Sorter<Strut>,
+    directory: PathBuf,
+    tally: Tally,
+}
+
+/// Figures of the struts collected so far.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Tally {
+    pub(super) largest_radius: u32,
+    pub(super) smallest_radius: Option<u32>,
+    /// Sum over both ends, for the mean.
+    pub(super) radius_sum: u64,
+    pub(super) count: u64,
+    /// Beams whose ends fall on the same quantum.
+    pub(super) short_count: u64,
+    /// Beams with caps other than spheres.
+    pub(super) capped_count: u64,
+    /// Largest distance of a surface from where an exact stretch would put it.
+    pub(super) largest_off_um: f64,
+}
+
+impl Tally {
+    /// Figures of both.
+    pub(super) fn joined(self, other: &Self) -> Self {
+        Self {
+            largest_radius: self.largest_radius.max(other.largest_radius),
+            smallest_radius: self.smallest_radius.into_iter().chain(other.smallest_radius).min(),
+            radius_sum: self.radius_sum + other.radius_sum,
+            count: self.count + other.count,
+            short_count: self.short_count + other.short_count,
+            capped_count: self.capped_count + other.capped_count,
+            largest_off_um: self.largest_off_um.max(other.largest_off_um),
+        }
+    }
+
+    fn add_stretch(&mut self, stretch: Stretch, stated_mm: f64) {
+        self.largest_off_um = self.largest_off_um.max(stretch.off(stated_mm) * 1000.0);
+    }
+
+    fn add_radii(&mut self, radii: [u32; 2]) {
+        self.largest_radius = self.largest_radius.max(radii[0]).max(radii[1]);
+        self.smallest_radius = self.smallest_radius.into_iter().chain(radii).min();
+        self.radius_sum += u64::from(radii[0]) + u64::from(radii[1]);
+        self.count += 1;
+    }
+}
+
+impl<'a> Lane<'a> {
+    /// A lane that sorts with `sorter`, which spills to `directory`.
+    pub(super) fn new(rules: &'a Rules, sorter: Sorter<Strut>, directory: &Path) -> Self {
+        Self { rules, sorter, directory: directory.into(), tally: Tally::default() }
+    }
+
+    /// Figures of what was added.
+    pub(super) fn tally(&self) -> &Tally {
+        &self.tally
+    }
+
+    /// Adds one beam; `place` names it in errors.
+    ///
+    /// # Errors
+    /// If a point or a radius breaks the [`Rules`], or the temporary file cannot be written.
+    pub(super) fn beam(&mut self, beam: &Beam, place: &dyn Fn() -> String) -> Result<(), PackError> {
+        self.stretched_beam(beam, self.rules.stretch(), place)
+    }
+
+    /// Adds one beam whose points are already transformed and whose radii are still to be stretched.
+    ///
+    /// # Errors
+    /// As [`Lane::beam`].
+    pub(super) fn stretched_beam(
+        &mut self,
+        beam: &Beam,
+        stretch: Stretch,
+        place: &dyn Fn() -> String,
+    ) -> Result<(), PackError> {
+        let Beam { a, b, radius_a: stated_a, radius_b: stated_b, caps } = *beam;
+        let rules = self.rules;
+        let (a, b) = (rules.node(a, place)?, rules.node(b, place)?);
+        let (radius_a, radius_b) = (rules.radius(stated_a, stretch, place)?, rules.radius(stated_b, stretch, place)?);
+        if a == b {
+            self.tally.short_count += 1;
+            return Ok(());
+        }
+        self.tally.capped_count += u64::from(caps != Caps::default());
+        self.tally.add_stretch(stretch, stated_a.max(stated_b));
+        let strut = Strut { a, b, radius_a, radius_b, caps };
+        self.push(if node_key(a) <= node_key(b) { strut } else { reversed(strut) })
+    }
+
+    /// Adds one ball whose centre is already transformed and whose radius is still to be stretched; `place` names it in errors.
+    ///
+    /// # Errors
+    /// As [`Lane::beam`].
+    pub(super) fn ball(
+        &mut self,
+        centre: DVec3,
+        stated_mm: f64,
+        stretch: Stretch,
+        place: &dyn Fn() -> String,
+    ) -> Result<(), PackError> {
+        let node = self.rules.node(centre, place)?;
+        let radius = self.rules.radius(stated_mm, stretch, place)?;
+        self.tally.add_stretch(stretch, stated_mm);
+        self.push(Strut { a: node, b: node, radius_a: radius, radius_b: radius, caps: Caps::default() })
+    }
+
+    fn push(&mut self, strut: Strut) -> Result<(), PackError> {
+        self.tally.add_radii([strut.radius_a, strut.radius_b]);
+        let sorted = self.sorter.push(strut);
+        sorted.map_err(|source| PackError::Sort { directory: self.directory.clone(), source })
+    }
+}
+
+fn reversed(strut: Strut) -> Strut {
+    let Strut { a, b, radius_a, radius_b, caps } = strut;
+    Strut { a: b, b: a, radius_a: radius_b, radius_b: radius_a, caps: Caps { a: caps.b, b: caps.a } }
+}

@@ -1,0 +1,74 @@
+//! What a body is made of, as sorting and chunks see it: values of a fixed size, ordered by their lowest z.
+//!
+//! `sort` and `store` are generic over [`Primitive`]. A new kind of body brings a key to sort by and columns to store; the external
+//! sort, compression, the index and reading stay as they are. Struts are the first implementer ([`strut`]). The unit tests have a second
+//! one, triangles, and show in `sort` and `store/chunker.rs` how a primitive is used.
+
+mod columns;
+mod strut;
+#[cfg(test)]
+pub(super) mod triangle;
+
+use std::fmt::Debug;
+
+pub(super) use columns::{Scratch, Unpacked};
+pub(super) use strut::EXPECTED_STRUT_BYTES;
+
+/// One element of a body, in quanta.
+pub(super) trait Primitive: Copy + Debug + Send + 'static {
+    /// The element as the sort keeps it. Keys are ordered as the primitives are in a file: by lowest z first.
+    type Key: Key;
+
+    /// What the header says of a body of these primitives.
+    type Body;
+
+    /// Bytes of [`Scratch`] for each primitive of a chunk while [`Primitive::decode`] reads it.
+    const SCRATCH_BYTES: usize;
+
+    /// The key, from which [`Primitive::of_key`] makes the same primitive again.
+    fn key(&self) -> Self::Key;
+
+    /// The primitive of a key.
+    fn of_key(key: &Self::Key) -> Self;
+
+    /// Lowest and highest z of the points that define it.
+    fn z_range(&self) -> [i32; 2];
+
+    /// Whether it is a ball. The index counts balls separately.
+    fn is_ball(&self) -> bool {
+        false
+    }
+
+    /// Lays out the primitives of one chunk, which are in file order, in `out`, which is empty.
+    fn encode(primitives: &[Self], out: &mut Unpacked);
+
+    /// Appends the `count` primitives of a chunk to `out`. Checks everything that `body` says of a single primitive.
+    ///
+    /// # Errors
+    /// A text that says how the bytes contradict themselves, `count` or `body`. `out` may then hold some of the primitives.
+    fn decode(
+        bytes: &[u8],
+        count: u32,
+        body: &Self::Body,
+        scratch: &mut Scratch,
+        out: &mut Vec<Self>,
+    ) -> Result<(), String>;
+}
+
+/// A primitive as a record of the external sort, in memory and in temporary files.
+pub(super) trait Key: Copy + Ord + Debug + Send + 'static {
+    /// Bytes of a record in a temporary file.
+    const BYTES: usize;
+
+    /// Greater than the key of every primitive.
+    const END: Self;
+
+    /// Appends the [`Key::BYTES`] bytes of the record.
+    fn append_to(self, bytes: &mut Vec<u8>);
+
+    /// The record of [`Key::BYTES`] bytes.
+    ///
+    /// # Panics
+    /// If there are more or fewer bytes.
+    fn from_bytes(bytes: &[u8]) -> Self;
+}

@@ -1,0 +1,48 @@
+//! Struts and balls as primitives.
+
+mod chunk;
+mod key;
+
+use super::{Primitive, Scratch, Unpacked};
+use crate::buildfile::model::{Lattice, Strut};
+use key::StrutKey;
+
+/// Size of a strut in a build file, bytes: the most that large files take in practice.
+pub(in crate::buildfile) const EXPECTED_STRUT_BYTES: u64 = 10;
+
+impl Primitive for Strut {
+    type Key = StrutKey;
+    type Body = Lattice;
+
+    const SCRATCH_BYTES: usize = size_of::<[i32; 3]>() + chunk::COLUMNS * size_of::<u32>();
+
+    fn key(&self) -> StrutKey {
+        StrutKey::of(self)
+    }
+
+    fn of_key(key: &StrutKey) -> Self {
+        key.strut()
+    }
+
+    fn z_range(&self) -> [i32; 2] {
+        [self.a[2], self.b[2]]
+    }
+
+    fn is_ball(&self) -> bool {
+        Self::is_ball(self)
+    }
+
+    fn encode(struts: &[Self], out: &mut Unpacked) {
+        chunk::encode(struts, out);
+    }
+
+    fn decode(
+        bytes: &[u8],
+        count: u32,
+        lattice: &Lattice,
+        scratch: &mut Scratch,
+        out: &mut Vec<Self>,
+    ) -> Result<(), String> {
+        chunk::decode(bytes, count, lattice, scratch, out)
+    }
+}

@@ -1,0 +1,98 @@
+//! What a writer must know before the first primitive, and why it may fail.
+
+use std::io;
+use std::path::PathBuf;
+
+use super::format::MAX_SOURCE_NAME_BYTES;
+use crate::buildfile::model::{Blend, BodyHeader, Bounds, Header, Lattice, Placement};
+use crate::solid::MAX_RADIUS;
+
+/// Settings of a build file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WriterSettings {
+    /// Length of one quantum, micrometres.
+    pub quantum_um: f64,
+    /// Position of the part on the plate.
+    pub placement: Placement,
+    /// SHA-256 of the source.
+    pub source_digest: [u8; 32],
+    /// Name of the source, cut to at most 255 bytes.
+    pub source_name: String,
+    /// The bodies of the part, in this order; 1 to [`Header::MAX_BODIES`].
+    pub bodies: Vec<BodySettings>,
+}
+
+/// Settings of one body.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum BodySettings {
+    /// Struts and balls.
+    Lattice {
+        /// How they are joined.
+        blend: Blend,
+        /// Upper limit of all radii, quanta.
+        largest_radius: u32,
+    },
+}
+
+/// A build file could not be written. No file stays behind.
+#[derive(Debug, thiserror::Error)]
+pub enum WriteError {
+    /// Writing failed.
+    #[error("cannot write {}: {source}", path.display())]
+    Io {
+        /// The build file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// A strut or the settings are not allowed in a build file.
+    #[error("cannot write {}: {problem}", path.display())]
+    Refused {
+        /// The build file.
+        path: PathBuf,
+        /// What is wrong and what is allowed.
+        problem: String,
+    },
+}
+
+impl WriterSettings {
+    /// The header of a file without bodies.
+    pub(super) fn header(self) -> Header {
+        let Self { quantum_um, placement, source_digest, mut source_name, .. } = self;
+        let ends = (0..=MAX_SOURCE_NAME_BYTES.min(source_name.len())).rev();
+        let end = ends.into_iter().find(|&end| source_name.is_char_boundary(end)).unwrap_or(0);
+        source_name.truncate(end);
+        Header {
+            quantum_um,
+            bounds: Bounds::EMPTY,
+            bottom_um: 0.0,
+            placement,
+            source_digest,
+            source_name,
+            bodies: Vec::new(),
+        }
+    }
+}
+
+impl BodySettings {
+    /// The header of the smallest such body: one ball of the largest radius.
+    pub(super) fn smallest(self) -> Lattice {
+        let Self::Lattice { blend, largest_radius } = self;
+        let reached = largest_radius.min(MAX_RADIUS) as i32;
+        Lattice {
+            blend,
+            bounds: Bounds { min: [-reached; 3], max: [reached; 3] },
+            radius_range: [largest_radius; 2],
+            strut_count: 0,
+            ball_count: 1,
+            node_count: 0,
+        }
+    }
+
+    /// `header` with the smallest bodies of these settings: it has the length of the final header, and is valid if the settings are.
+    pub(super) fn smallest_header(header: &Header, bodies: &[Self]) -> Header {
+        let lattices: Vec<_> = bodies.iter().map(|body| body.smallest()).collect();
+        let bounds = lattices.iter().fold(Bounds::EMPTY, |bounds, lattice| bounds.joined(&lattice.bounds));
+        Header { bounds, bodies: lattices.into_iter().map(BodyHeader::Lattice).collect(), ..header.clone() }
+    }
+}
