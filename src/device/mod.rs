@@ -24,4 +24,4 @@ pub use act::{Act, Outcome, VatAct, VatOutcome};
 pub use driver::{DriverBusy, DriverEvent, FramedDriver};
 pub use light::{DARK_LIMIT_US, Light, LightWatch, STAYS_LIT};
 pub use mismatch::{MachineMismatch, Misfit, check_capabilities, check_fit};
-pub use tolerance::{Dose, least_exposure_us, least_move_us};
+pub use tolerance::{Dose, host_us, least_exposure_us, least_move_us};

@@ -16,6 +16,12 @@ const EXPOSURE_TOLERANCE_PERCENT: u32 = 2;
 /// A move may be this much faster than distance by speed: clock error, and speeds rounded to whole steps per tick.
 const MOVE_TOLERANCE_PERCENT: u64 = 10;
 
+/// Converts a duration of the device's clock to the host's clock, microseconds. `time_scale` is
+/// [`crate::config::Machine::time_scale`].
+pub fn host_us(device_us: u64, time_scale: f64) -> u64 {
+    (device_us as f64 / time_scale) as u64
+}
+
 /// Least time between the order to expose and the report that the exposure ended, microseconds of the device's clock: the commanded
 /// time less the tolerance of [`Dose::of`].
 pub fn least_exposure_us(commanded_ms: u32) -> u64 {

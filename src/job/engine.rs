@@ -173,6 +173,7 @@ impl Engine {
             Event::LineLost(reason) => self.on_line_lost(reason, now_us),
             Event::Misbehaved(text) => self.on_misbehaved(&text, now_us),
             Event::State(state) => self.on_state(state, now_us),
+            Event::ActSent { number } => self.act.handed_to_line(number, now_us),
             Event::ActTaken { number } => self.on_act_taken(number, now_us),
             Event::Uploaded { layer } => self.on_uploaded(layer, now_us),
             Event::UploadRefused { layer, refusal } => self.on_upload_refused(layer, refusal, now_us),

@@ -36,6 +36,12 @@ pub enum Event {
     Misbehaved(String),
     /// The device's state. The engine asked with [`Action::QueryState`], or the owner did, twice a second.
     State(DeviceState),
+    /// The act of [`Action::Act`] was handed to the line. The device cannot have begun before: its least time counts from here.
+    /// Ignored if it is not the running act.
+    ActSent {
+        /// Number of the act.
+        number: u64,
+    },
     /// The device has received the act of [`Action::Act`]. Ignored if it is not the running act.
     ActTaken {
         /// Number of the act.
@@ -112,7 +118,7 @@ pub enum Action {
     /// Append to the journal and flush. Answer [`Event::Journalled`] or [`Event::JournalFailed`]. Until then only urgent actions,
     /// ends of sessions and notices come; after 2 s also the act that parks the machine.
     Journal(Record),
-    /// Send an act to the device; answer [`Event::ActDone`]. Never comes while another act runs.
+    /// Send an act to the device; report [`Event::ActSent`] when it leaves, and answer [`Event::ActDone`]. Never comes while another act runs.
     Act {
         /// Repeated in the answer.
         number: u64,

@@ -17,6 +17,7 @@ use std::ops::Range;
 
 use super::cycle::VatPlan;
 use crate::config::{Machine, Recipe};
+use crate::device::host_us;
 
 /// A job as the engine must know it.
 #[derive(Clone, Debug, PartialEq)]
@@ -41,7 +42,7 @@ pub enum Process {
 impl JobPlan {
     /// Converts a duration of the device's clock to the host's clock, microseconds.
     pub(super) fn host_us(&self, device_us: u64) -> u64 {
-        (device_us as f64 / self.time_scale) as u64
+        host_us(device_us, self.time_scale)
     }
 }
 

@@ -2,7 +2,10 @@
 
 use layerd::link::message::{Request, VatRequest};
 
-use crate::peer::{CLEAR_UM, Entry, LAYER_UM, LIFT_UM, Moment, Script, Seen, Stage, side_by_side};
+use crate::peer::{
+    CLEAR_UM, Entry, LAYER_UM, LIFT_UM, Moment, PATIENCE, Peer, Script, Seen, Stage, side_by_side, soon,
+};
+use crate::support::{Bench, Setup};
 use crate::{AT_LAYER_UM, LIFTED_UM, reason};
 
 /// A device that is asked for the plate at `wanted_um` and takes it to `found_um` once.
@@ -76,4 +79,24 @@ fn a_plate_that_never_moves_again_ends_the_job() {
     let in_vain = stage.log().iter().skip_while(|entry| entry.seen != Seen::Lied).filter(moves).count();
     assert!(in_vain <= 5, "{in_vain} moves in vain\n{}", stage.story());
     assert_eq!(stage.after_lie(|seen| matches!(seen, Seen::Lit(_))), None, "{}", stage.story());
+}
+
+/// Its plate is low, by its own word, and it says at once that it is clear of the resin.
+#[test]
+fn a_plate_that_is_raised_too_soon_by_the_hosts_clock_is_not_believed() {
+    const SPEED_UM_S: u32 = 5_000;
+    let mut bench = Bench::prepare(Setup { plate_speed_um_s: SPEED_UM_S, time_scale: 1, ..Setup::default() });
+    bench.start_daemon();
+    let mut is_low = true;
+    // The firmware's plate is clear: it answers at once.
+    let script: Script = Box::new(move |_, moment| match moment {
+        Moment::Answers(Request::Vat(VatRequest::Move { .. }), _) => is_low = false,
+        Moment::Tells(state) if is_low => state.position_um = Some(LIFT_UM),
+        _ => {}
+    });
+    let _peer = Peer::start(&bench.path("device"), script);
+    assert!(soon(PATIENCE, || bench.layerctl(&["raise"]).status.success()), "it moves");
+    let log = || std::fs::read_to_string(bench.path("daemon.log")).expect("the log");
+    assert!(soon(PATIENCE, || log().contains("after the order, which is too soon")), "{}", log());
+    assert!(!log().contains("the plate is raised: it is at"), "{}", log());
 }

@@ -142,3 +142,26 @@ fn an_exposure_that_was_withdrawn_leaves_the_plate_bare() {
     assert!(!touched(Record::Withdrawn { layer: 0 }));
     assert!(touched(Record::NotExposed { layer: 0 }));
 }
+
+/// The line holds each order back for almost as long as the layer's light lasts: a device must not gain that time.
+#[test]
+fn an_exposure_is_timed_from_when_its_order_left_the_host() {
+    for honest in [true, false] {
+        let mut world = World::new();
+        world.line_holds_us = 1_900_000;
+        world.tell(Event::Ready);
+        while world.device.exposing != Some(ExposureId::first_pass(KEY, 2)) {
+            assert!(world.next_event());
+        }
+        if honest {
+            world.finish();
+            assert!(world.end().0 == JobState::Completed && world.all_exposed_once(), "{:?}", world.end());
+            continue;
+        }
+        world.device_act.as_mut().expect("it shines").0 = world.now_us + SECOND_US / 10;
+        world.finish();
+        assert_stopped_safely(&world);
+        let words = "layer 2 had its 2000 ms of light, but only 100 ms have passed";
+        assert!(world.end().1.contains(words), "{:?}", world.end());
+    }
+}

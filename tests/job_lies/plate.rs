@@ -1,7 +1,7 @@
 //! Plate positions that cannot be right.
 
 use super::assert_stopped_safely;
-use crate::job_world::{CLEAR_UM, World, world_exposing};
+use crate::job_world::{CLEAR_UM, SECOND_US, World, world_exposing};
 use layerd::device::{Act, VatAct};
 use layerd::job::{Event, JobState, Record, ResumeChoice};
 use layerd::link::message::{DeviceState, Refusal};
@@ -116,4 +116,28 @@ fn a_plate_moved_by_hand_during_a_layer_stops_the_print() {
     assert_stopped_safely(&world);
     assert!(world.end().1.contains("its plate is at 0.900 mm; it was left at 0.150 mm"), "{:?}", world.end());
     assert_eq!(world.exposed, [0, 1, 2], "the exposure under way ends by itself");
+}
+
+/// The line holds the order back for longer than the move takes: a device must not gain that time.
+#[test]
+fn a_move_is_timed_from_when_its_order_left_the_host() {
+    for honest in [true, false] {
+        let mut world = world_exposing(1);
+        world.line_holds_us = 6 * SECOND_US;
+        while !matches!(world.device_act, Some((_, Act::Vat(VatAct::Move { position_um: 5100, .. })))) {
+            assert!(world.next_event());
+        }
+        world.line_holds_us = 0;
+        if !honest {
+            world.device_act.as_mut().expect("it moves").0 = world.now_us + 1000;
+        }
+        world.finish();
+        if honest {
+            assert!(world.end().0 == JobState::Completed && world.all_exposed_once(), "{:?}", world.end());
+            continue;
+        }
+        assert_stopped_safely(&world);
+        let words = "its plate arrived at 5.100 mm 1 ms after the order, which is too soon";
+        assert!(world.end().1.contains(words), "{:?}", world.end());
+    }
 }

@@ -35,7 +35,19 @@ pub(crate) struct Lies {
 impl World {
     pub(crate) fn begin_act(&mut self, number: u64, act: Act) {
         self.acts.push(act);
-        if !self.line_up || self.lies.deaf {
+        if !self.line_up {
+            return;
+        }
+        if self.line_holds_us == 0 {
+            return self.receive_act(number, act);
+        }
+        self.held = Some((self.now_us + self.line_holds_us, number, act));
+    }
+
+    /// The act leaves the host, and reaches the device at once.
+    pub(crate) fn receive_act(&mut self, number: u64, act: Act) {
+        self.engine.handle(Event::ActSent { number }, self.now_us);
+        if self.lies.deaf {
             return;
         }
         assert!(self.awaited.is_none() && self.device_act.is_none(), "two acts at once: {act:?}");

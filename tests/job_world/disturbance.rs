@@ -62,6 +62,7 @@ impl World {
 
     pub(crate) fn drop_line(&mut self, for_us: u64) {
         self.line_up = false;
+        self.held = None;
         self.awaited = None;
         self.upload = None;
         self.reconnect_at_us = Some(self.now_us + for_us);

@@ -67,6 +67,10 @@ pub(crate) struct World {
     pub(crate) disturb_at: Vec<(usize, Disturbance)>,
     pub(crate) aborted: bool,
     pub(crate) journal_full: bool,
+    /// How long the line holds an act back before it leaves the host.
+    pub(crate) line_holds_us: u64,
+    /// An act that the line holds back, and until when.
+    pub(crate) held: Option<(u64, u64, Act)>,
     /// How long the disk takes for a record.
     pub(crate) flush_us: u64,
     pub(crate) finished: Option<(JobState, String)>,
@@ -99,6 +103,8 @@ impl World {
             disturb_at: Vec::new(),
             aborted: false,
             journal_full: false,
+            line_holds_us: 0,
+            held: None,
             flush_us: 5000,
             finished: None,
         }
@@ -218,10 +224,12 @@ impl World {
         }
         let act_us = self.device_act.map(|(at_us, _)| at_us);
         let upload_us = self.upload.map(|(at_us, ..)| at_us);
+        let held_us = self.held.map(|(at_us, ..)| at_us);
         let flushed_us = self.flushing.as_ref().map(|(at_us, _)| *at_us);
-        let times =
-            [flushed_us, act_us, upload_us, self.reconnect_at_us, self.dark_at_us, self.engine.next_timeout_us()];
-        let Some(at_us) = times.iter().flatten().min().copied() else {
+        let device_us = [act_us, upload_us, held_us, self.dark_at_us];
+        let host_us = [flushed_us, self.reconnect_at_us, self.engine.next_timeout_us()];
+        let times = device_us.into_iter().chain(host_us);
+        let Some(at_us) = times.flatten().min() else {
             return false;
         };
         self.now_us = self.now_us.max(at_us);
@@ -232,6 +240,11 @@ impl World {
             self.dark_at_us = None;
             self.device.light_on = false;
             self.device.cut_short = self.device.exposing.take().map(|id| (id, 1));
+        } else if held_us == Some(at_us) {
+            if let Some((_, number, act)) = self.held.take() {
+                self.receive_act(number, act);
+                self.carry_out();
+            }
         } else if act_us == Some(at_us) {
             self.end_act();
         } else if upload_us == Some(at_us) {

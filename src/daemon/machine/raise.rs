@@ -16,6 +16,22 @@ pub(crate) struct Raise {
     pub deadline: Deadline,
 }
 
+impl Raise {
+    /// The order to move was handed to the line.
+    pub(crate) fn sent(&mut self, now_us: u64) {
+        if let Stage::Moving { sent_us, .. } = &mut self.stage {
+            *sent_us = Some(now_us);
+        }
+    }
+
+    /// Time since the order was handed to the line, microseconds, if the move cannot have ended yet; else `None`.
+    pub(crate) fn too_soon_us(&self, now_us: u64) -> Option<u64> {
+        let Stage::Moving { least_us, sent_us } = self.stage else { return None };
+        let took_us = sent_us.map_or(0, |sent_us| now_us.saturating_sub(sent_us));
+        (took_us < least_us).then_some(took_us)
+    }
+}
+
 /// How far a move is.
 #[derive(Debug)]
 pub(crate) enum Stage {
@@ -23,7 +39,12 @@ pub(crate) enum Stage {
     /// connection.
     Noting(Vec<Reply>),
     /// The device moves.
-    Moving,
+    Moving {
+        /// Least time that the move takes, microseconds of the host's clock.
+        least_us: u64,
+        /// When the order was handed to the line; `None` before that.
+        sent_us: Option<u64>,
+    },
 }
 
 /// The plate's present height, micrometres, or why it must not move.

@@ -234,6 +234,11 @@ impl Running {
         self.engine.handle(event, now_us);
     }
 
+    /// The act was handed to the line.
+    pub(crate) fn act_sent(&mut self, now_us: u64) {
+        self.engine.handle(Event::ActSent { number: self.act_number }, now_us);
+    }
+
     /// The exposure was taken back before it left the host.
     pub(crate) fn exposure_taken_back(&mut self, now_us: u64) {
         self.engine.handle(Event::ActDone { number: self.act_number, outcome: Outcome::TakenBack }, now_us);

@@ -9,7 +9,7 @@ use crate::daemon::jobs::unwritten::MAX_WRITE_US;
 use crate::daemon::machine::raise::{Raise, Stage, raised_from};
 use crate::daemon::printer::Printer;
 use crate::deadline::Deadline;
-use crate::device::{Act, Outcome, VatAct, VatOutcome, check_capabilities};
+use crate::device::{Act, Outcome, VatAct, VatOutcome, check_capabilities, host_us, least_move_us};
 use crate::job::ACT_MARGIN_US;
 use crate::text::mm_text;
 
@@ -49,7 +49,7 @@ impl Printer {
             );
             return Err(OrderError::new(409, text));
         }
-        if let Some(Raise { view, stage: Stage::Moving, .. }) = &self.idle.raise {
+        if let Some(Raise { view, stage: Stage::Moving { .. }, .. }) = &self.idle.raise {
             return Ok(view.clone());
         }
         let (Some(capabilities), Some(state)) = (&self.capabilities, &self.device_state) else { return Err(absent()) };
@@ -100,7 +100,11 @@ impl Printer {
         driver.act(act, now_us).map_err(|error| OrderError::new(409, error.to_string()))?;
         let travel_us = u64::from(to_um.abs_diff(from_um)) * 1_000_000 / u64::from(speed_um_s.max(1));
         let deadline = Deadline::at(now_us + travel_us + ACT_MARGIN_US);
-        self.idle.raise = Some(Raise { view: view.clone(), stage: Stage::Moving, deadline });
+        // The move may end this much short of its target.
+        let least_um = to_um.abs_diff(from_um).saturating_sub(CLEAR_TOLERANCE_UM as u32);
+        let least_us = host_us(least_move_us(least_um, speed_um_s), self.setting.machine.time_scale());
+        self.idle.raise =
+            Some(Raise { view: view.clone(), stage: Stage::Moving { least_us, sent_us: None }, deadline });
         tracing::info!(from_um, to_um, "the plate is raised");
         Ok(view)
     }
@@ -120,6 +124,7 @@ impl Printer {
     pub(crate) fn raise_ended(&mut self, outcome: Outcome) {
         let Some(raise) = self.idle.raise.take() else { return };
         let to_um = raise.view.to_um;
+        let too_soon_us = raise.too_soon_us(self.clock.now_us());
         let text = match outcome {
             Outcome::Vat(VatOutcome::Arrived { position_um }) => {
                 if let Some(state) = &mut self.device_state {
@@ -130,6 +135,13 @@ impl Printer {
                         "the plate was to be raised to {}, and the device says it is at {}: check the axis",
                         mm_text(to_um),
                         mm_text(position_um)
+                    )
+                } else if let Some(took_us) = too_soon_us {
+                    format!(
+                        "the device says that its plate was raised to {} {} ms after the order, which is too soon: look whether \
+                         the plate is clear of the resin, and check the axis and the device",
+                        mm_text(to_um),
+                        took_us / 1000
                     )
                 } else {
                     return self.tell(format!("the plate is raised: it is at {}", mm_text(position_um)));
@@ -143,6 +155,13 @@ impl Printer {
             }
         };
         self.notice(text);
+    }
+
+    /// The order to move was handed to the line.
+    pub(crate) fn raise_sent(&mut self, now_us: u64) {
+        if let Some(raise) = &mut self.idle.raise {
+            raise.sent(now_us);
+        }
     }
 
     /// Gives the move up: its end will not be reported.
@@ -194,7 +213,7 @@ impl Printer {
         }
         match raise.stage {
             Stage::Noting(_) => self.begin_raise(Some("the disk has not taken the note of it yet".into())),
-            Stage::Moving => {
+            Stage::Moving { .. } => {
                 self.raise_lost("it did not arrive in time; check the axis and the device");
                 // The device takes no other act before it has answered this one. A new session clears that.
                 self.link.reconnect();

@@ -60,11 +60,7 @@ impl Printer {
                     Some(event) => self.link_event(event),
                     None => break Err(anyhow!("the line's task ended with a panic; the device's own limits keep it safe")),
                 },
-                () = room, if self.message.is_some() => {
-                    if let Some(message) = self.message.take() {
-                        self.link.send(message);
-                    }
-                }
+                () = room, if self.message.is_some() => self.send_message(),
             }
         };
         if let Some(running) = self.running.take() {

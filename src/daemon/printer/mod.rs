@@ -144,6 +144,19 @@ impl Printer {
         }
     }
 
+    /// Hands the waiting message to the line.
+    fn send_message(&mut self) {
+        let Some(message) = self.message.take() else { return };
+        if self.driver().is_some_and(|driver| driver.is_act(&message)) {
+            let now_us = self.clock.now_us();
+            match &mut self.running {
+                Some(running) => running.act_sent(now_us),
+                None => self.raise_sent(now_us),
+            }
+        }
+        self.link.send(message);
+    }
+
     pub(crate) fn send_urgent(&mut self, urgent: Urgent) {
         // An exposure that waits for room must not reach the device after an order to go dark. An abort drops every message.
         let is_exposure = |message: &mut HostMessage| {

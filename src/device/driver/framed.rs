@@ -107,6 +107,15 @@ impl FramedDriver {
         self.act.is_some()
     }
 
+    /// Whether a message of [`Self::next_message`] is the request of the act under way. When the owner hands it to the line, the
+    /// act's least time begins.
+    pub fn is_act(&self, message: &HostMessage) -> bool {
+        match (message, self.act) {
+            (HostMessage::Request { number, .. }, Some((act, _))) => *number == act,
+            _ => false,
+        }
+    }
+
     /// Begins an act. Its end is reported as [`DriverEvent::ActDone`]. A State request follows it, whose reply shows that the device
     /// has received the act. The owner limits the time that an act may take.
     ///

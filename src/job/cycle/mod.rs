@@ -105,7 +105,7 @@ pub(super) struct Lit {
 /// An act is reported to have ended sooner than it can.
 #[derive(Clone, Debug)]
 pub(super) struct TooSoon {
-    /// Time since the act was handed out, microseconds of the host's clock.
+    /// Time since the act was handed to the line, microseconds of the host's clock.
     pub(super) took_us: u64,
     /// A hint to the operator, to be added to the message; may be empty.
     pub(super) hint: String,

@@ -42,8 +42,8 @@ impl Engine {
         if self.act.running != Some(number) {
             return;
         }
-        if let Some(sent_us) = self.act.sent_us.take() {
-            self.pace.waited(now_us.saturating_sub(sent_us));
+        if let Some(decided_us) = self.act.decided_us.take() {
+            self.pace.waited(now_us.saturating_sub(decided_us));
         }
         if matches!(self.phase, Phase::Exposing { .. }) {
             self.light.taken(now_us);

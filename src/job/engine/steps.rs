@@ -132,7 +132,7 @@ impl Engine {
 
     /// An act of the cycle has not ended in time.
     pub(super) fn on_overdue_act(&mut self, now_us: u64) {
-        let text = self.cycle.overdue_text(self.act.sent_us.is_none());
+        let text = self.cycle.overdue_text(self.act.decided_us.is_none());
         self.on_misbehaved(&self.line.with_cause(&text), now_us);
     }
 

@@ -113,10 +113,10 @@ pub(super) struct ActWatch {
     pub(super) number: u64,
     /// Number of the act under way.
     pub(super) running: Option<u64>,
-    /// When the act under way was commanded; `None` once the device is known to have it.
-    pub(super) sent_us: Option<u64>,
-    /// When the last act was handed out.
-    began_us: u64,
+    /// When the act under way was decided; `None` once the device is known to have it.
+    pub(super) decided_us: Option<u64>,
+    /// When the last act was handed to the line; `None` before that.
+    left_us: Option<u64>,
     /// Least time that act can take, microseconds of the host's clock; 0 if unknown.
     least_us: u64,
 }
@@ -125,13 +125,20 @@ impl ActWatch {
     /// Begins an act, and returns its number.
     pub(super) fn begin(&mut self, least_us: u64, now_us: u64) -> u64 {
         let number = self.number + 1;
-        *self = Self { number, running: Some(number), sent_us: Some(now_us), began_us: now_us, least_us };
+        *self = Self { number, running: Some(number), decided_us: Some(now_us), left_us: None, least_us };
         number
     }
 
-    /// Time since the last act was handed out, microseconds, if that act cannot have ended yet; else `None`.
+    /// The act was handed to the line.
+    pub(super) fn handed_to_line(&mut self, number: u64, now_us: u64) {
+        if self.running == Some(number) {
+            self.left_us = Some(now_us);
+        }
+    }
+
+    /// Time since the last act was handed to the line, microseconds, if that act cannot have ended yet; else `None`.
     pub(super) fn too_soon_us(&self, now_us: u64) -> Option<u64> {
-        let took_us = now_us.saturating_sub(self.began_us);
+        let took_us = self.left_us.map_or(0, |left_us| now_us.saturating_sub(left_us));
         (took_us < self.least_us).then_some(took_us)
     }
 }
