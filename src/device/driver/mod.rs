@@ -2,7 +2,7 @@
 //! I/O and read no clock.
 //!
 //! [`FramedDriver`] drives machines that speak the framed protocol of `docs/protocol.md`. The daemon's loop uses it
-//! (`daemon/printer/running.rs`).
+//! (`daemon/machine/running.rs`).
 
 mod framed;
 
