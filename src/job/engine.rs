@@ -24,7 +24,7 @@
 //!
 //! How to drive it: after every [`Engine::handle`], call [`Engine::next_action`] until it returns `None`, and carry out each
 //! action (uploads and acts in the background). At [`Engine::next_timeout_us`], call [`Engine::handle`] with
-//! [`Event::Timeout`]. Times are microseconds of a monotonic clock.
+//! [`Event::Timeout`]. Times are microseconds of a monotonic clock. The example in `job/mod.rs` shows the first steps.
 //!
 //! Invariants, whatever the order of events:
 //! - A layer is exposed only after its `Commanded` record is on disk.

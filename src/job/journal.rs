@@ -4,6 +4,20 @@
 //! "layerjnl" version:u32     then for each record     length:u32 crc32:u32 payload
 //! ```
 //!
+//! ```
+//! # let directory = tempfile::tempdir()?;
+//! # let path = directory.path().join("journal");
+//! use layerd::job::{Journal, Record};
+//!
+//! let accepted = Record::Accepted { key: 7, layer_count: 100, name: "cube".into() };
+//! let mut journal = Journal::create(&path, accepted, 1_767_225_600_000)?;
+//! journal.append(Record::Started { layer: 0 }, 1_767_225_601_000)?;
+//! drop(journal);
+//! let (_, history) = Journal::open(&path)?;
+//! assert_eq!((history.next_layer, history.layer_count), (0, 100));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
 //! Little endian; the CRC-32 (IEEE) covers length and payload; the payload is an [`Entry`] in [`crate::codec`]'s form.
 //! When the journal is created, space for the last records is reserved beyond the file's end (fallocate(2), size kept). If the
 //! disk fills up, the print stops before its next layer, but confirmations, orders and the end can still be written. The record
