@@ -128,7 +128,7 @@ fn what_cannot_be_made_is_refused_with_a_remedy() {
         (GenerateOptions { struts: 1_000_000_000, footprint_mm: [2.0; 2], ..good }, "larger --box"),
         (GenerateOptions { radius_mm: Some(0.0), ..good }, "--radius 0"),
         (GenerateOptions { height: Height::Active(5001), ..good }, "only 5000 struts"),
-        (GenerateOptions { height: Height::Active(1), ..good }, "come no nearer than"),
+        (GenerateOptions { height: Height::Active(1), ..good }, "reach at best"),
         (GenerateOptions { height: Height::Active(900), struts: 1_000_000_000, ..good }, "--active 900"),
     ];
     for (options, expected) in cases {

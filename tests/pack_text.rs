@@ -81,7 +81,7 @@ fn what_is_no_text_to_its_end_is_refused_by_name() {
         // The mark ends one block, and text begins another.
         let behind = format!("{TEXT}{}{TEXT}", mark.repeat(300 << 10));
         let found = said(bench.text(&behind));
-        assert!(found.contains("in.txt:5: text follows behind a NUL or Ctrl-Z"), "{found}");
+        assert!(found.contains("in.txt:5: text follows after a NUL or Ctrl-Z"), "{found}");
         let (_, struts) = packed(&bench, format!("{TEXT}{}", mark.repeat(600 << 10)).as_bytes());
         assert_eq!(struts.len(), 3);
     }
