@@ -146,6 +146,8 @@ fn a_queued_job_begins_only_on_a_word_given_when_it_is_next() {
     let mut bench = Bench::start(Setup { confirm_plate: true, ..Setup::default() });
     bench.ok(&SMALL);
     let first = bench.start_job("part.layerd");
+    // While it is opened there is nothing to pause.
+    bench.wait_for(first, &["printing"]);
     bench.ok(&["pause"]);
     let [second, third] = [(); 2].map(|()| bench.start_job("part.layerd"));
     let refused = |bench: &Bench, id: u64, told: &str| {
