@@ -5,7 +5,8 @@
 
 use bincode::{Decode, Encode};
 
-use crate::solid;
+use crate::solid::Beam;
+pub use crate::solid::Cap;
 
 /// Allowed lengths of a quantum, micrometres: from finer than any printer to as coarse as any part allows. With the finest, 2³⁰ quanta
 /// are still 1 m.
@@ -27,30 +28,8 @@ pub enum Blend {
     Union,
 }
 
-/// The shape of one end of a strut under [`Blend::Union`]. A convolution surface rounds all ends, and does not use it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Encode, Decode)]
-pub enum Cap {
-    /// A ball around the node, with the radius of the end.
-    #[default]
-    Sphere,
-    /// The half of that ball that lies beyond the end.
-    Hemisphere,
-    /// A flat end, in the plane through the node perpendicular to the strut.
-    Butt,
-}
-
-impl From<Cap> for solid::Cap {
-    fn from(cap: Cap) -> Self {
-        match cap {
-            Cap::Sphere => Self::Sphere,
-            Cap::Hemisphere => Self::Hemisphere,
-            Cap::Butt => Self::Butt,
-        }
-    }
-}
-
 /// The caps of a strut at `a` and `b`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Encode, Decode)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Caps {
     /// The cap at node `a`.
     pub a: Cap,
@@ -79,14 +58,14 @@ impl Strut {
         self.a == self.b
     }
 
-    /// The strut as a beam of [`solid`], in quanta.
-    pub(super) fn beam(&self) -> solid::Beam {
-        solid::Beam {
+    /// The strut as a [`Beam`], in quanta.
+    pub(super) fn beam(&self) -> Beam {
+        Beam {
             a: self.a.map(f64::from),
             b: self.b.map(f64::from),
             radius_a: f64::from(self.radius_a),
             radius_b: f64::from(self.radius_b),
-            caps: [self.caps.a.into(), self.caps.b.into()],
+            caps: [self.caps.a, self.caps.b],
         }
     }
 }

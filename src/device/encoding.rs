@@ -1,4 +1,4 @@
-//! How layers are encoded for a device: which encoding, and a [`Bitmap`] in it. The encodings themselves are in
+//! How layers are encoded for a device: which encoding, and a [`Layer`] in it. The encodings themselves are in
 //! [`layerd_wire::encoding`].
 //!
 //! ```
@@ -16,7 +16,7 @@
 
 use layerd_wire::encoding;
 
-use crate::layer::{Bitmap, Depth};
+use crate::layer::{Bitmap, Depth, Layer};
 use crate::link::message::Encoding;
 
 /// The encoding does not fit the depth of the picture.
@@ -62,6 +62,15 @@ pub fn best(depth: Depth) -> Choice {
 /// CRC-32 (IEEE) of a picture's rows. A device compares it after decoding.
 pub fn picture_crc32(bitmap: &Bitmap) -> u32 {
     encoding::rows_crc32(bitmap.data())
+}
+
+/// Writes a layer as a device takes it. Returns the encoding used, and the CRC-32 of what the device decodes.
+///
+/// # Errors
+/// [`WrongDepth`].
+pub fn encode_layer(layer: &Layer, choice: Choice, bytes: &mut Vec<u8>) -> Result<(Encoding, u32), WrongDepth> {
+    let Layer::Bitmap(bitmap) = layer;
+    Ok((encode_shortest(bitmap, choice, bytes)?, picture_crc32(bitmap)))
 }
 
 /// Writes a picture in the chosen encoding, or raw if that is shorter and the device decodes it. Returns the encoding used.

@@ -1,4 +1,4 @@
-//! What geometry makes and devices take: one layer as pixels, and the grid of pixels it is made for.
+//! What geometry makes and devices take: one [`Layer`], and the grid of pixels it is made for.
 //!
 //! Used by `slice`, which draws layers, by `device::encoding`, which turns them into bytes, and by `layerctl slice`.
 
@@ -8,3 +8,16 @@ mod raster;
 
 pub use bitmap::{Bitmap, Depth};
 pub use raster::{Mirror, Raster};
+
+/// One layer of a part, by what a machine exposes it with.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Layer {
+    /// Pixels, for a projector or a masked panel.
+    Bitmap(Bitmap),
+}
+
+impl From<Bitmap> for Layer {
+    fn from(bitmap: Bitmap) -> Self {
+        Self::Bitmap(bitmap)
+    }
+}

@@ -7,7 +7,7 @@ use super::{PartError, PrintMemory};
 use crate::buildfile::BuildFile;
 use crate::config::Recipe;
 use crate::device::encoding::{self, Choice};
-use crate::layer::Bitmap;
+use crate::layer::{Bitmap, Layer};
 use crate::link::message::Encoding;
 use crate::slice::{BodySource, Footing, SlicePlan, Slicer};
 use crate::stream::{Ahead, Charge, MemoryBudget};
@@ -76,8 +76,8 @@ impl Part {
         let buffers = budget.charge("the picture and the line's buffers", self.buffer_bytes)?;
         let slicer = self.slicer(first, budget)?;
         let raster = &self.plan.raster;
-        let bitmap = Bitmap::new(raster.width_px, raster.height_px, self.plan.depth);
-        Ok(EncodedLayers { slicer, bitmap, encoding, bytes: Vec::new(), _buffers: buffers })
+        let layer = Bitmap::new(raster.width_px, raster.height_px, self.plan.depth).into();
+        Ok(EncodedLayers { slicer, layer, encoding, bytes: Vec::new(), _buffers: buffers })
     }
 
     /// Starts computing layers from `first` on ahead, in a thread of its own. `explain` puts an error into words.
@@ -106,7 +106,8 @@ impl Part {
 /// The layers of a part, computed and encoded one after the other.
 pub struct EncodedLayers {
     slicer: Slicer,
-    bitmap: Bitmap,
+    /// Drawn anew for each layer.
+    layer: Layer,
     encoding: Choice,
     bytes: Vec<u8>,
     _buffers: Charge,
@@ -116,16 +117,17 @@ impl Iterator for EncodedLayers {
     type Item = Result<EncodedLayer, PartError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        let layer = match self.slicer.next_layer(&mut self.bitmap) {
+        let Layer::Bitmap(bitmap) = &mut self.layer;
+        let layer = match self.slicer.next_layer(bitmap) {
             Ok(layer) => layer?,
             Err(error) => return Some(Err(error.into())),
         };
-        let encoded = encoding::encode_shortest(&self.bitmap, self.encoding, &mut self.bytes);
-        Some(encoded.map_err(PartError::from).map(|encoding| EncodedLayer {
+        let encoded = encoding::encode_layer(&self.layer, self.encoding, &mut self.bytes);
+        Some(encoded.map_err(PartError::from).map(|(encoding, decoded_crc32)| EncodedLayer {
             layer,
             encoding,
             bytes: self.bytes.clone(),
-            decoded_crc32: encoding::picture_crc32(&self.bitmap),
+            decoded_crc32,
         }))
     }
 }

@@ -41,14 +41,15 @@ pub const ISOVALUE: f64 = 1.0;
 /// Largest radius, quanta. It leaves two bits of 32 for a cap, and room for adding a radius to a coordinate.
 pub(crate) const MAX_RADIUS: u32 = (1 << 30) - 1;
 
-/// The shape of a strut's end under exact union.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// The shape of one end of a strut under exact union. A convolution surface rounds all ends, and does not use it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Cap {
-    /// A ball with the radius of the end.
+    /// A ball around the node, with the radius of the end.
+    #[default]
     Sphere,
     /// The half of that ball that lies beyond the end.
     Hemisphere,
-    /// A flat end, perpendicular to the strut.
+    /// A flat end, in the plane through the node perpendicular to the strut.
     Butt,
 }
 

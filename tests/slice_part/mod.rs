@@ -1,10 +1,10 @@
 //! A part in memory on a small raster, sliced layer after layer.
 #![allow(dead_code, unreachable_pub, reason = "each test file uses its part")]
 
-use layerd::buildfile::{Blend, BodyHeader, Bounds, Cap, Caps, Header, Lattice, Placement, Strut};
+use layerd::buildfile::{Blend, BodyHeader, Bounds, Caps, Header, Lattice, Placement, Strut};
 use layerd::layer::{Bitmap, Depth, Mirror, Raster};
 use layerd::slice::{BodySource, MemoryStruts, SlicePlan, Slicer};
-use layerd::solid::{self, Beam, InstructionSet};
+use layerd::solid::{Beam, InstructionSet};
 use layerd::stream::MemoryBudget;
 
 pub const WIDTH: u32 = 100;
@@ -117,16 +117,11 @@ pub fn lit(bitmap: &Bitmap, x: u32, y: u32) -> bool {
 
 pub fn beam(strut: &Strut) -> Beam {
     let point = |p: [i32; 3]| p.map(f64::from);
-    let cap = |cap| match cap {
-        Cap::Sphere => solid::Cap::Sphere,
-        Cap::Hemisphere => solid::Cap::Hemisphere,
-        Cap::Butt => solid::Cap::Butt,
-    };
     Beam {
         a: point(strut.a),
         b: point(strut.b),
         radius_a: f64::from(strut.radius_a),
         radius_b: f64::from(strut.radius_b),
-        caps: [cap(strut.caps.a), cap(strut.caps.b)],
+        caps: [strut.caps.a, strut.caps.b],
     }
 }

@@ -102,7 +102,7 @@ impl Near<'_> {
                 self.struts.clear();
                 self.file.read_chunk(chunk, &mut self.struts)?;
                 for strut in self.struts.iter().filter(|strut| strut.b[2] >= lowest_top) {
-                    let caps = [strut.caps.a.into(), strut.caps.b.into()];
+                    let caps = [strut.caps.a, strut.caps.b];
                     let ends = Convolution::ends([strut.radius_a, strut.radius_b], caps, strut.is_ball(), quantum);
                     self.records.push(Record { a: strut.a, b: strut.b, ends });
                 }

@@ -151,7 +151,7 @@ impl Sweep {
             )));
         }
         let Strut { a, b, radius_a, radius_b, caps } = *strut;
-        let ends = (self.ends)([radius_a, radius_b], [caps.a.into(), caps.b.into()], strut.is_ball(), self.quantum);
+        let ends = (self.ends)([radius_a, radius_b], [caps.a, caps.b], strut.is_ball(), self.quantum);
         self.active.add(Record { a, b, ends }, self.rows.reached(a[1], b[1]));
         Ok(())
     }
