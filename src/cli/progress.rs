@@ -100,6 +100,17 @@ pub(super) fn second_text(unix_ms: u64) -> String {
     )
 }
 
+/// A time in Unix milliseconds as `08:05:12` if it is on the same day as the one before it, else as [`second_text`].
+pub(super) fn later_text(unix_ms: u64, before_ms: u64) -> String {
+    match (local(before_ms), local(unix_ms)) {
+        (Some(before), Some(at)) if before.date() == at.date() && before.offset() == at.offset() => {
+            let (hour, minute, second) = at.to_hms();
+            format!("{hour:02}:{minute:02}:{second:02}")
+        }
+        _ => second_text(unix_ms),
+    }
+}
+
 /// A time in Unix milliseconds for a narrow column: `31 Jan 08:05`, or `31 Jan 2025` if it is long ago.
 pub(super) fn short_time_text(unix_ms: u64, now_ms: u64) -> String {
     local(unix_ms).map_or_else(
@@ -172,6 +183,14 @@ mod tests {
         assert_eq!(time_text(u64::MAX), "at an unknown time");
         assert_eq!(second_text(u64::MAX), "at an unknown time");
         assert_eq!(short_time_text(u64::MAX, 0), "unknown");
+        assert_eq!(later_text(u64::MAX, 0), "at an unknown time");
+    }
+
+    #[test]
+    fn a_time_of_the_same_day_needs_no_date() {
+        let evening_ms = 1_767_225_600_000 - 1000;
+        assert_eq!(later_text(evening_ms, evening_ms - 3_600_000), "23:59:59");
+        assert_eq!(later_text(evening_ms + 2000, evening_ms), "2026-01-01 00:00:01 UTC");
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! The records of a journal in plain words. Layers exposed one after another share a line.
 
 use crate::api::{LogEntry, LogRecord};
-use crate::cli::progress::second_text;
+use crate::cli::progress::{later_text, second_text};
 use crate::job::{EndOrder, JobState};
 use crate::text::{count_text, plain_line};
 
@@ -71,10 +71,10 @@ impl Story {
     pub(super) fn ended(&mut self) -> Vec<String> {
         let exposed = self.exposed.take().map(|exposed| {
             let Exposed { first, last, from_ms, until_ms } = exposed;
-            let until = second_text(until_ms);
+            let until = later_text(until_ms, from_ms);
             let text = match first == last {
                 true => format!("layer {first}: exposed, confirmed at {until}"),
-                false => format!("layers {first} to {last}: exposed, the last confirmed at {until}"),
+                false => format!("layers {first} to {last}: exposed, the last at {until}"),
             };
             line(from_ms, &text)
         });
@@ -170,16 +170,16 @@ mod tests {
             &[Commanded { layer: 4 }, Withdrawn { layer: 4 }, Commanded { layer: 4 }],
         ]
         .concat();
-        let confirmed = "confirmed at 2026-01-01 00:00:00 UTC";
+
         assert_eq!(
             told(false, &records),
             [
-                &format!("layers 0 to 2: exposed, the last {confirmed}"),
+                "layers 0 to 2: exposed, the last at 00:00:00",
                 "layer 3: exposure commanded",
                 "layer 3: in doubt, its light was cut short\\nafter 40 ms",
                 "took the machine, layer 3 is next",
                 "layer 3: the operator decided to expose it again",
-                &format!("layer 3: exposed, {confirmed}"),
+                "layer 3: exposed, confirmed at 00:00:00",
                 "layer 4: exposure commanded",
                 "layer 4: not exposed, its command never left the host; it is commanded again",
                 "layer 4: exposure commanded",
