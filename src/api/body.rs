@@ -1,4 +1,5 @@
 //! An HTTP body whose parts come through a channel: events for a subscriber, a build file for the daemon.
+//! `daemon/http` and `cli/client` send with it.
 
 use std::convert::Infallible;
 use std::pin::Pin;

@@ -1,4 +1,5 @@
 //! Percent-encoding (RFC 3986, §2.1): carries any UTF-8 text in a header.
+//! `X-Layerd-` headers of `docs/control-api.md` are written with it.
 
 /// Encodes all but unreserved characters as `%XX`.
 pub(crate) fn encode(text: &str) -> String {

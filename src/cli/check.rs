@@ -1,5 +1,6 @@
 //! `layerctl check`: whether a print would run well. Size and memory come from header and index alone, at once. Times, and whether
 //! the bottom holds to the plate, come from layers computed here, which takes some seconds.
+//! `tests/check.rs` compares it with the daemon.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};

@@ -1,4 +1,4 @@
-//! Why a request to the daemon failed. Each text says what to do.
+//! Why a request to the daemon failed. Each text says what to do. `tests/cli.rs` and `tests/operator` show the texts.
 
 use std::path::{Path, PathBuf};
 

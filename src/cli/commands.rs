@@ -1,4 +1,4 @@
-//! `layerctl pause | resume | stop | abort [JOB]`.
+//! `layerctl pause | resume | stop | abort [JOB]`. `tests/operator` tries them.
 
 use std::time::Duration;
 

@@ -1,4 +1,5 @@
 //! `layerctl demo`: generates a lattice and prints it on a simulated device. Daemon and device are processes of their own.
+//! `.ci/run` runs it.
 
 mod processes;
 

@@ -1,4 +1,4 @@
-//! `layerctl device`.
+//! `layerctl device`. `tests/operator` shows it.
 
 use clap::Args;
 

@@ -1,4 +1,4 @@
-//! `layerctl jobs`.
+//! `layerctl jobs`. `tests/operator/records.rs` shows it.
 
 use std::time::SystemTime;
 

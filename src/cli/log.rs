@@ -1,4 +1,4 @@
-//! `layerctl log`: what happened to a job, from its journal, in plain words.
+//! `layerctl log`: what happened to a job, from its journal, in plain words. `tests/operator/records.rs` shows it.
 
 mod story;
 

@@ -1,4 +1,5 @@
 //! `layerctl manual`: man pages and shell completions, made of the definitions that read the command line.
+//! `packaging/build-deb` calls it.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};

@@ -3,6 +3,7 @@
 //!
 //! Layers are numbered from 0 in files, protocol and texts: "layer 812" is that of `layer_000812.png`. Progress is a count:
 //! "812 of 3000 layers done" means that layers 0 to 811 are done and layer 812 is next.
+//! `tests/cli.rs` tries codes and messages.
 
 pub mod check;
 pub mod client;

@@ -1,6 +1,7 @@
 //! Times, durations and the progress of a job as every command words them.
 //!
 //! Times are the local ones of whoever reads them, as `TZ` and `/etc/localtime` say, with their offset from UTC, whatever the locale.
+//! The unit tests below show the words.
 
 use std::sync::OnceLock;
 use std::time::SystemTime;

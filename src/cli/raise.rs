@@ -1,4 +1,4 @@
-//! `layerctl raise`.
+//! `layerctl raise`. `tests/plate.rs` tries it.
 
 use clap::Args;
 

@@ -1,4 +1,4 @@
-//! `layerctl remove JOB...`.
+//! `layerctl remove JOB...`. `tests/orders.rs` tries it.
 
 use clap::Args;
 

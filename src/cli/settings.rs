@@ -1,4 +1,4 @@
-//! `layerctl machines | recipes`: which machines and recipes there are.
+//! `layerctl machines | recipes`: which machines and recipes there are. `tests/cli.rs` tries them.
 
 use serde::Serialize;
 

@@ -1,4 +1,4 @@
-//! `layerctl simulate`: a simulated device on a pseudo-terminal.
+//! `layerctl simulate`: a simulated device on a pseudo-terminal. The tests print on it.
 
 use std::io::Write;
 use std::path::PathBuf;

@@ -1,4 +1,5 @@
 //! `layerctl slice`: writes the layers that a print would send, as PNG, with a manifest of where each lies.
+//! `tests/check.rs` compares its pictures with the mathematics.
 
 use std::io::Write;
 use std::ops::Range;

@@ -1,4 +1,4 @@
-//! `layerctl status`.
+//! `layerctl status`. `tests/operator` shows it.
 
 use std::time::SystemTime;
 

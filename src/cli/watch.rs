@@ -1,4 +1,5 @@
 //! `layerctl watch`: the print in a terminal. `view` is what it shows, `screen` draws it, `order` gives orders.
+//! The unit tests in `view` show screens.
 
 mod order;
 mod screen;

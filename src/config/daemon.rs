@@ -1,4 +1,4 @@
-//! The daemon's own settings, `config/layerd.toml`.
+//! The daemon's own settings, `config/layerd.toml`. `tests/shipped_config.rs` loads it.
 
 use std::path::{Path, PathBuf};
 

@@ -1,5 +1,5 @@
 //! The kind of machine that a file is for. It is read first; then the whole text is read as a file of that kind, so that every
-//! error keeps its place in the text.
+//! error keeps its place in the text. `tests/shipped_config.rs` shows the errors.
 
 use std::fmt;
 use std::path::Path;

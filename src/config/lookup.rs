@@ -1,5 +1,5 @@
 //! Finds a configuration file by path or by name. A name is looked up in the usual directories, then among the files built into
-//! the program.
+//! the program. `layerctl start --recipe` and `layerctl check --machine` take either.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,4 @@
-//! Machines, by kind. The file is flat: `kind` says which keys it has.
+//! Machines, by kind. The file is flat: `kind` says which keys it has. [`config`](super) has an example.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! Recipes, by kind of machine. The file is flat: `kind` says which keys it has.
+//! Recipes, by kind of machine. The file is flat: `kind` says which keys it has. [`config`](super) has an example.
 
 use std::path::Path;
 

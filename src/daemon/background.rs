@@ -1,4 +1,5 @@
 //! Results of work in the background, for the printer's loop: disk, computation, whatever may block.
+//! `printer/event_loop.rs` takes them in.
 
 use crate::daemon::error::OrderError;
 use crate::daemon::handle::Reply;

@@ -1,4 +1,5 @@
 //! Who gives an order: the process at the other end of a Unix socket, as the kernel reports it (`SO_PEERCRED`).
+//! `tests/daemon_log.rs` shows it in the log.
 
 use std::fmt;
 

@@ -1,4 +1,5 @@
 //! Whether the connected device can print a job by its recipe: checked before the part is sent, and again when it has arrived.
+//! `tests/strangers.rs` shows it.
 
 use std::path::Path;
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! The daemon's configuration, read and checked before it starts.
+//! The daemon's configuration, read and checked before it starts. `start/check.rs` and `start/run.rs` begin with it.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! Memory of a print, added up before it begins.
+//! Memory of a print, added up before it begins. `tests/print.rs` holds a print to the figure, and `layerctl check` shows it.
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! A part ready to print: placed on a machine, its memory counted, its layers on demand.
+//! A part ready to print: placed on a machine, its memory counted, its layers on demand. [`pipeline`](super) has an example.
 
 use std::path::PathBuf;
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! A build file on a machine's raster.
+//! A build file on a machine's raster. [`pipeline`](super) has an example.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! The daemon's stream of server-sent events.
+//! The daemon's stream of server-sent events. `layerctl watch` and `start --wait` read them.
 
 use std::time::Duration;
 

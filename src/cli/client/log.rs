@@ -1,4 +1,4 @@
-//! The log of a job, line by line as it arrives.
+//! The log of a job, line by line as it arrives. `layerctl log` reads it.
 
 use std::collections::VecDeque;
 

@@ -1,4 +1,4 @@
-//! Sends a build file as a new job, and waits until the daemon has checked it.
+//! Sends a build file as a new job, and waits until the daemon has checked it. `layerctl start` calls it.
 
 use std::path::{Path, PathBuf};
 use std::pin::Pin;

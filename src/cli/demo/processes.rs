@@ -1,4 +1,4 @@
-//! The demo's processes: this program with other arguments. They end with the demo, however it ends.
+//! The demo's processes: this program with other arguments. They end with the demo, however it ends. `cli/demo.rs` starts them.
 
 use std::ffi::OsStr;
 use std::fs::File;

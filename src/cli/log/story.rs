@@ -1,4 +1,5 @@
 //! The records of a journal in plain words. Layers exposed one after another share a line.
+//! The unit tests below show whole logs.
 
 use crate::api::{LogEntry, LogRecord};
 use crate::cli::progress::{later_text, second_text};

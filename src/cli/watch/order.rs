@@ -1,4 +1,4 @@
-//! Orders that keys give, and the notes on their results.
+//! Orders that keys give, and the notes on their results. The unit tests in `view` press keys.
 
 use crate::api::{JobView, ResumeBody};
 use crate::cli::client::Client;

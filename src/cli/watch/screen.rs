@@ -1,4 +1,5 @@
 //! Draws the screen of `layerctl watch`. On a small screen the light is the last thing to be left out.
+//! The unit tests below draw it in several sizes.
 
 use std::time::{Duration, SystemTime};
 

@@ -1,4 +1,5 @@
 //! The daemon's two clocks: a monotonic one for decisions, and the wall clock for people.
+//! `printer/event_loop.rs` decides by the one and journals with the other.
 
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 

@@ -1,7 +1,7 @@
 //! The daemon's log: lines to stderr, written by a thread of its own.
 //!
 //! Logging never blocks: a terminal that is stopped, or a full or closed pipe, holds up only this thread. Lines that repeat are
-//! counted ([`limit`]), so that no device can fill a disk with them.
+//! counted ([`limit`]), so that no device can fill a disk with them. `tests/daemon_log.rs` shows it.
 
 mod limit;
 

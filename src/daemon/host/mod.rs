@@ -1,4 +1,4 @@
-//! What the daemon takes from its host: a log, clocks, and systemd's attention.
+//! What the daemon takes from its host: a log, clocks, and systemd's attention. `start/run.rs` sets it up.
 
 pub(crate) mod clock;
 pub(crate) mod log;

@@ -1,4 +1,5 @@
 //! Notifies systemd (`Type=notify`): ready, status line, watchdog, stopping. Without systemd nothing happens.
+//! `systemd/layerd.service` is the unit.
 
 use std::time::Duration;
 

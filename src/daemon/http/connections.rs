@@ -3,6 +3,7 @@
 //! A connection is accepted at once, so that none waits in the socket's queue. The first [`MAX_CONNECTIONS`] may make every
 //! request. All others, the crowd, may only abort; any other request is refused with 503. The crowd has [`MAX_CROWD`] members:
 //! a new one replaces one that has sent no request yet, so that silent connections cannot keep an abort out.
+//! `tests/abort_crowd.rs` and `tests/control_api/sockets.rs` try it.
 
 use std::collections::HashMap;
 use std::convert::Infallible;

@@ -1,4 +1,5 @@
 //! The log of a job for `GET /v1/jobs/{id}/log`: its journal as lines of JSON, read and sent piece by piece.
+//! `tests/control_api/logs.rs` shows it.
 
 use std::path::PathBuf;
 

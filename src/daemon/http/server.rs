@@ -1,5 +1,5 @@
 //! The control API: HTTP and JSON on a Unix socket, with server-sent events. A second socket beside it takes only aborts.
-//! There is no log-in: a user who may open a socket may print.
+//! There is no log-in: a user who may open a socket may print. `tests/control_api` tries all of it.
 
 use std::path::PathBuf;
 use std::sync::Arc;

@@ -1,4 +1,5 @@
 //! The control sockets in the file system: their paths, and what can be wrong with them.
+//! `tests/check_start.rs` and `tests/signals.rs` show what can be wrong.
 
 use std::ffi::OsString;
 use std::io::ErrorKind;

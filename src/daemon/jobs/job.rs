@@ -1,4 +1,4 @@
-//! One job as the daemon knows it: what operators see of it, and what it waits for.
+//! One job as the daemon knows it: what operators see of it, and what it waits for. `docs/control-api.md` shows a job as JSON.
 
 use super::past::Past;
 use super::resin::Resin;

@@ -1,4 +1,4 @@
-//! The jobs the daemon knows, and the queue.
+//! The jobs the daemon knows, and the queue. `tests/control_api/orders.rs` fills the queue.
 
 pub(crate) mod job;
 pub(crate) mod opened;

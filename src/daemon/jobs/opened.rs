@@ -1,4 +1,4 @@
-//! A job that is read from the spool when its turn comes.
+//! A job that is read from the spool when its turn comes. `printer/turn.rs` opens jobs.
 
 use std::sync::Arc;
 

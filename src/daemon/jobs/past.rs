@@ -1,4 +1,5 @@
 //! What is known of a job's light and plate, from its journal and its engine. It outlives the engine, and a crash.
+//! `printer/plate.rs` asks it what may be on the plate.
 
 use crate::job::{Command, EndOrder, Engine, History, PlateAfter, Trace, Unconfirmed};
 

@@ -1,4 +1,5 @@
 //! About how much resin the part of a job takes, as it is kept with the job in the spool.
+//! `printer/sampler.rs` makes it; `layerctl jobs` shows it.
 
 use std::io;
 

@@ -1,4 +1,5 @@
 //! Orders for a job that does not hold the machine: each is checked against the job's journal and written there first.
+//! `tests/orders.rs` shows that they outlive the daemon.
 
 use std::path::Path;
 

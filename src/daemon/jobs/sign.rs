@@ -1,4 +1,4 @@
-//! Signs of an earlier part on the plate or in the vat.
+//! Signs of an earlier part on the plate or in the vat. `tests/plate.rs` shows each.
 
 use std::fmt;
 

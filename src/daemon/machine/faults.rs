@@ -1,5 +1,5 @@
 //! Limits the rate of a device's fault reports, so that a device that reports without end fills neither log nor events. The newest
-//! report is never lost, only delayed by up to a second.
+//! report is never lost, only delayed by up to a second. `tests/strangers.rs` shows it on a device that reports without end.
 
 use crate::link::message::Fault;
 

@@ -1,4 +1,4 @@
-//! What is known of the device while no job runs.
+//! What is known of the device while no job runs. `tests/interrupted.rs` shows light without a job.
 
 use super::raise::Raise;
 use crate::device::{FramedDriver, LightWatch};

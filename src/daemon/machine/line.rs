@@ -1,4 +1,4 @@
-//! The printer's end of the line to the device.
+//! The printer's end of the line to the device. `printer/session.rs` takes its events.
 
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;

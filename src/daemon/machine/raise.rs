@@ -1,4 +1,4 @@
-//! A move of the plate that `layerctl raise` ordered.
+//! A move of the plate that `layerctl raise` ordered. `tests/plate.rs` and `tests/hostile/plate.rs` try it.
 
 use crate::api::RaiseView;
 use crate::daemon::handle::Reply;

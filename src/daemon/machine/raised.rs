@@ -1,4 +1,5 @@
 //! The note that the plate was raised from below its clear height: kept in memory and, for the next process, in the spool.
+//! `tests/plate.rs` shows it after a restart.
 
 use std::sync::{Arc, Mutex, PoisonError};
 

@@ -1,4 +1,4 @@
-//! The job that holds the machine: its engine, and what the engine's actions need.
+//! The job that holds the machine: its engine, and what the engine's actions need. `tests/print.rs` prints with it.
 
 use std::sync::{Arc, Mutex, PoisonError};
 

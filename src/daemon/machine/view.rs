@@ -1,4 +1,4 @@
-//! Converts the daemon's state to the types that the API shows.
+//! Converts the daemon's state to the types that the API shows. `GET /v1/status` in `docs/control-api.md` shows the result.
 
 use crate::api::{BudgetView, CutShortView, DeviceInfo, DeviceStateView, DeviceView, ExposureView, JobView, LineView};
 use crate::daemon::jobs::Jobs;

@@ -1,4 +1,5 @@
 //! `layerctl start --again`: a new job with the part of one that is over. The part is not copied: both jobs have one file.
+//! `tests/operator/again.rs` shows it.
 
 use std::sync::{Arc, Mutex, PoisonError};
 

@@ -1,4 +1,5 @@
 //! Orders that an engine carries out. Each is answered once its record is on disk, so that a crash cannot undo it.
+//! `tests/orders.rs` tries it.
 
 use crate::daemon::handle::Reply;
 use crate::daemon::jobs::settle::{Change, UNWRITTEN};

@@ -1,5 +1,5 @@
 //! The layer that an interrupted job commanded and the device did not confirm. Its fate is judged as soon as the device
-//! connects, so that the operator learns of a doubt before the job is resumed.
+//! connects, so that the operator learns of a doubt before the job is resumed. `tests/orders.rs` shows it.
 
 use super::Printer;
 use crate::job::{Fate, Unconfirmed, fate};

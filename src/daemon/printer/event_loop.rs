@@ -1,4 +1,4 @@
-//! The loop: every event arrives here. Nothing in it waits for a disk, the line or a computation.
+//! The loop: every event arrives here. Nothing in it waits for a disk, the line or a computation. `start/run.rs` starts it.
 
 use std::time::Duration;
 

@@ -1,4 +1,4 @@
-//! Whether jobs fit the device that is connected.
+//! Whether jobs fit the device that is connected. `tests/strangers.rs` changes the device.
 
 use std::sync::Arc;
 

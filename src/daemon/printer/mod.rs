@@ -1,7 +1,7 @@
 //! The printer owns the jobs, the line to the device and the running job's engine. Every decision is made here, by one task.
 //!
 //! This file holds what it is made of. `event_loop` is where every event arrives; `turn`, `session`, `light`, `plate`, `doubt`
-//! and `publish` say what an event changes, and [`orders`](super::orders) what an order does.
+//! and `publish` say what an event changes, and [`orders`](super::orders) what an order does. `tests/print.rs` prints with it.
 
 mod doubt;
 mod event_loop;

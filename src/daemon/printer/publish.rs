@@ -1,4 +1,5 @@
 //! What the printer publishes: the snapshot for status requests, events for subscribers, the status line for systemd.
+//! `tests/control_api/events.rs` reads it.
 
 use super::Printer;
 use crate::api::{Event as News, JobView, LayerExposed};

@@ -1,7 +1,7 @@
 //! Samples how much resin the parts of new jobs take.
 //!
 //! The result is known within seconds. A thread of its own works at most a quarter of the time, beside a print and within
-//! [`MAX_SAMPLE_BYTES`]. Nothing waits for it.
+//! [`MAX_SAMPLE_BYTES`]. Nothing waits for it. `tests/operator/records.rs` shows the result.
 
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};

@@ -1,4 +1,4 @@
-//! A job's turn: it is opened, gets the machine, and gives it back.
+//! A job's turn: it is opened, gets the machine, and gives it back. `tests/plate.rs` and `tests/print.rs` show turns.
 
 use std::sync::{Arc, PoisonError};
 

@@ -1,4 +1,4 @@
-//! The daemon's command line.
+//! The daemon's command line. `layerd --help` shows it.
 
 use std::path::PathBuf;
 

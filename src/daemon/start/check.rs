@@ -1,5 +1,5 @@
 //! `layerd --check`: checks what a start needs, changes nothing, and reports everything it finds. A start makes the same checks
-//! first, with the same texts.
+//! first, with the same texts. `tests/check_start.rs` shows every text.
 
 use std::io::{ErrorKind, Write};
 use std::os::unix::fs::FileTypeExt;

@@ -1,4 +1,4 @@
-//! From the command line to a running daemon, and what is checked before it starts.
+//! From the command line to a running daemon, and what is checked before it starts. `bin/layerd.rs` calls it.
 
 pub(crate) mod arguments;
 pub(crate) mod check;

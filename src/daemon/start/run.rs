@@ -1,4 +1,4 @@
-//! From a configuration file to a running daemon, and back down on a signal.
+//! From a configuration file to a running daemon, and back down on a signal. `tests/signals.rs` tries the way down.
 
 use std::path::Path;
 use std::sync::Arc;

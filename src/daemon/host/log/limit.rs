@@ -3,6 +3,7 @@
 //! Each place in the program that logs has a window of ten seconds, which its first line begins. In a window the same line is
 //! written [`MAX_REPEATS`] times, and at most [`MAX_LINES`] different lines. At its end the number of suppressed lines is
 //! written. Debug lines are never suppressed: a user who sets `RUST_LOG=debug` wants all of them.
+//! `tests/daemon_log.rs` shows it.
 
 use std::collections::HashMap;
 use std::fmt::{Debug, Write};
