@@ -1,4 +1,4 @@
-//! Light that falls while no daemon, or one that ends, holds the machine, and what puts it off.
+//! Light that is on when the daemon is killed or ends, and what switches it off.
 
 mod support;
 

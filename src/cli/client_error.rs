@@ -90,9 +90,9 @@ fn other_text(socket: &Path) -> &'static str {
 /// Where to look for the reason when a daemon hangs, and how to restart it.
 fn restart_text(socket: &Path) -> &'static str {
     if socket == Path::new(DEFAULT_SOCKET) {
-        "Its log may tell why (journalctl -u layerd). Start it anew with `systemctl restart layerd`"
+        "Its log may tell why (journalctl -u layerd). Start it again with `systemctl restart layerd`"
     } else {
-        "Its log may tell why. End it, and start it anew with `layerd --config FILE`"
+        "Its log may tell why. End it, and start it again with `layerd --config FILE`"
     }
 }
 

@@ -207,7 +207,9 @@ pub(super) fn answer(order: &str, job: &JobView, absence: Option<&str>) -> Strin
             // What to do comes first: there may be little room.
             "abort" => format!("{BY_HAND}: {absence}. It will abort {named} as soon as it answers"),
             _ => {
-                format!("the order to {order} job {id} is taken; it is carried out when the device answers: {absence}")
+                format!(
+                    "the order to {order} job {id} is accepted, and will be carried out when the device answers: {absence}"
+                )
             }
         };
     }
@@ -282,7 +284,7 @@ mod tests {
             [("pause", JobState::Pausing), ("stop", JobState::Stopping), ("resume", JobState::Printing)]
         {
             let told = told(order, state);
-            assert!(told.contains("is taken; it is carried out when the device answers"), "{told}");
+            assert!(told.contains("is accepted, and will be carried out when the device answers"), "{told}");
         }
     }
 }

@@ -88,7 +88,7 @@ fn light_that_nobody_commanded_is_put_off_and_the_job_interrupted() {
         stage.dark_order_ms(0);
         let job = stage.ended(id);
         assert_eq!(job["state"], "interrupted", "{job}");
-        stage.assert_noticed(&["ordered to switch", "off"]);
+        stage.assert_noticed(&["told to switch", "off"]);
         assert!(stage.longest_light_ms() < LONGEST_LIGHT_MS, "{}", stage.story());
         stage.assert_nothing_commanded_before_dark();
         assert_eq!(stage.plate_um(), Some(CLEAR_UM), "{}", stage.story());
@@ -116,7 +116,7 @@ fn light_in_a_device_without_a_job_is_put_off() {
             assert!(soon(PATIENCE, ends), "{}", stage.story());
         };
         dark(&stage, 1);
-        stage.assert_noticed(&["ordered to switch", "off"]);
+        stage.assert_noticed(&["told to switch", "off"]);
         // Then without any occasion, once the device has been asked after the first time.
         stage.wait_until_said_dark();
         let notices = stage.notices().len();
@@ -189,7 +189,7 @@ fn light_in_a_pause_is_put_off_and_the_job_can_go_on() {
     stage.control(|controls| controls.stray = Some(Stray { outlasts: 1 }));
     stage.dark_order_ms(0);
     stage.assert_goes_dark();
-    stage.assert_noticed(&["ordered to switch", "off"]);
+    stage.assert_noticed(&["told to switch", "off"]);
     assert!(stage.longest_light_ms() < LONGEST_LIGHT_MS, "{}", stage.story());
     stage.assert_nothing_commanded_before_dark();
     let job = stage.wait_for(id, &["paused", "interrupted"]);
@@ -205,7 +205,7 @@ fn light_that_a_killed_daemon_left_behind_is_put_off() {
     stage.wait_until_seen("light", 1, |seen| *seen == Seen::Lit(LAYER));
     stage.restart_daemon();
     stage.assert_goes_dark();
-    stage.assert_noticed(&["ordered to switch", "off"]);
+    stage.assert_noticed(&["told to switch", "off"]);
     // The time without a daemon is nobody's fault.
     assert!(stage.longest_light_ms() < 2 * LONGEST_LIGHT_MS, "{}", stage.story());
     let job = stage.wait_for(id, &["interrupted"]);

@@ -16,7 +16,7 @@ fn light_that_outlasts_its_exposure_is_put_off() {
     assert_eq!(off_us - began_us, 2 * SECOND_US + GRACE_US, "the commanded time and the grace");
     assert_stopped_safely(&world);
     assert!(world.end().1.contains("layer 2 is in doubt"), "{:?}", world.end());
-    let told = "does not report the end of layer 2's exposure of 2000 ms; it was ordered to switch its light off";
+    let told = "does not report the end of layer 2's exposure of 2000 ms; it was told to switch its light off";
     assert!(world.notices.iter().any(|text| text.contains(told)), "{:?}", world.notices);
 }
 

@@ -74,9 +74,7 @@ impl Question {
             Self::Abort { id, name } => {
                 format!("Abort job {id} now? y aborts it, any other key does not ({})", short_name(name))
             }
-            Self::GoDark => {
-                "No job holds the machine. Put the light off all the same? y does, any other key does not".into()
-            }
+            Self::GoDark => "No job holds the machine. Switch the light off anyway? y: yes, any other key: no".into(),
             Self::Stop { id } => format!("End job {id} after this layer, for good? y ends it, any other key does not"),
             // The name comes last: it may be long, and the end is cut off first.
             Self::PlateEmpty { id, name } => format!(

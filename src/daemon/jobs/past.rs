@@ -47,9 +47,9 @@ impl Past {
     /// Where its plate is, for a job that ends without getting the machine.
     pub(crate) fn plate_text(&self) -> &'static str {
         match (self.unknown, self.touched, self.lifted) {
-            (true, ..) => "it is unknown whether its plate was lifted; see to plate and light",
+            (true, ..) => "it is unknown whether its plate was lifted; check the plate and the light",
             (_, true, true) => "its plate was lifted clear when it was interrupted",
-            (_, true, false) => "the plate was not lifted; see to plate and light",
+            (_, true, false) => "the plate was not lifted; check the plate and the light",
             (_, false, _) => "it had no light",
         }
     }

@@ -53,7 +53,7 @@ pub(crate) fn raised_from(state: &DeviceState) -> Result<i32, String> {
         return Err(format!("the device has a fault and moves nothing: {}", fault.text));
     }
     if state.light_on || state.exposing.is_some() {
-        return Err("there is light, and the plate must not move: `layerctl abort` puts it off".into());
+        return Err("there is light, and the plate must not move: `layerctl abort` switches it off".into());
     }
     if state.moving {
         return Err("the plate moves already: try again once it rests".into());

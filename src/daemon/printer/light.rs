@@ -54,14 +54,14 @@ impl Printer {
         let light = self.light();
         match (light.stays_lit(), light.is_unwanted()) {
             (true, _) => Some(STAYS_LIT),
-            (false, true) => Some("the device shows light that no job commanded, and was ordered to switch it off"),
+            (false, true) => Some("the device shows light that no job commanded, and was told to switch it off"),
             (false, false) => None,
         }
     }
 
     fn put_light_off(&mut self, text: &str) {
         if !self.idle.light.must_wait() {
-            self.notice(format!("{text}; it was ordered to switch it off"));
+            self.notice(format!("{text}; it was told to switch its light off"));
         }
         self.idle.light.put_off();
         self.send_urgent(Urgent::LightOff);

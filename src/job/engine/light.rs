@@ -23,7 +23,7 @@ impl Engine {
     /// The device reports light that it must not have. The print ends once the device is dark.
     pub(super) fn on_uncommanded_light(&mut self, text: &str, now_us: u64) {
         if !self.light.must_wait() {
-            self.out.notice(format!("{text}; it was ordered to switch it off"));
+            self.out.notice(format!("{text}; it was told to switch its light off"));
         }
         self.put_light_off();
         self.intent.add_end(JobState::Interrupted, format!("{text}: look at the part and the device, then resume"));
@@ -43,7 +43,7 @@ impl Engine {
     /// The end of the exposure is overdue. The light is switched off; the device's answer decides whether the print goes on.
     pub(super) fn on_overdue_light(&mut self, now_us: u64) {
         if let Some(text) = self.light.overdue() {
-            self.out.notice(format!("{text}; it was ordered to switch its light off"));
+            self.out.notice(format!("{text}; it was told to switch its light off"));
         }
         self.cut_short(now_us);
     }

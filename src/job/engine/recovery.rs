@@ -127,7 +127,7 @@ impl Engine {
         let last = self.device.last_exposed.filter(|id| id.job == self.plan.key && id.layer >= self.next.number);
         if let Some(id) = last {
             let text = format!(
-                "the device says it exposed layer {} of this job, but by the journal layer {} is next: the journal is not complete, \
+                "the device says it exposed layer {} of this job, but according to the journal layer {} is next: the journal is not complete, \
                  the job cannot go on",
                 id.layer, self.next.number
             );
@@ -148,7 +148,7 @@ impl Engine {
         match (fate(self.exposure_id(), commanded, Some(exposure_ms), shone, &self.device), refused) {
             // The device forgot earlier exposures, so it may have forgotten this one as well.
             (Fate::NotExposed, _) if self.memory.went_back().is_some() => {
-                self.doubt("the device denies that it exposed it", now_us);
+                self.doubt("the device says that it did not expose it", now_us);
             }
             (Fate::NotExposed, Some(refusal)) => self.on_refused_unlit(refusal, now_us),
             (Fate::NotExposed, None) => {

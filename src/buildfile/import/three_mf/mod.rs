@@ -129,10 +129,11 @@ fn check_left_out(
         if let Some(clipping) = &object.clipping {
             if !options.lattice_only {
                 let problem =
-                    format!("{clipping}, but clipping is not done yet; --lattice-only prints the whole lattice");
+                    format!("{clipping}, but clipping is not supported yet; --lattice-only prints the whole lattice");
                 return Err(PackError::input(place, problem));
             }
-            collector.note(format!("{place}: {clipping}, but clipping is not done yet: the whole lattice is printed"));
+            collector
+                .note(format!("{place}: {clipping}, but clipping is not supported yet: the whole lattice is printed"));
         }
     }
     Ok(())

@@ -12,7 +12,7 @@ pub(in crate::job::cycle) const SLOW_DISK: &str = "For a pause or an end the pla
 /// A device that lost its position must not be homed with a part on the plate.
 pub(super) const POSITION_LOST: &str = "the device no longer knows where its plate is, and homing would drive the part into the vat's \
      bottom. Nothing was moved. If the machine can restore its position without going down, do so and resume; otherwise \
-     take the part off and start it anew";
+     take the part off and start it again";
 
 /// Why a device refused, and what to do.
 pub(in crate::job::cycle) fn remedy(request: Requested, refusal: Refusal) -> &'static str {
@@ -60,7 +60,7 @@ fn remedy_of_act(refusal: Refusal) -> &'static str {
         Refusal::BadMove => {
             "the position is outside its travel, or the speed is; check lift_speed_um_s, retract_speed_um_s and the part's height"
         }
-        Refusal::NotHomed => "it does not know where its plate is; take the part off and start anew",
+        Refusal::NotHomed => "it does not know where its plate is; take the part off and start again",
         Refusal::CutShort => "it was ended early by an interlock or at the machine; look at the device, then resume",
         Refusal::Unknown => "it does not know the request; check that it is a DLP machine of this protocol version",
     }
