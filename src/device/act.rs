@@ -10,6 +10,17 @@ pub enum Act {
     Vat(VatAct),
 }
 
+impl Act {
+    /// Whether the act lets light out. Such an act must not begin after an order to go dark.
+    pub const fn is_exposure(&self) -> bool {
+        // Without `_`, so that a new kind of machine or act must be decided on here.
+        match self {
+            Self::Vat(VatAct::Home | VatAct::Move { .. }) => false,
+            Self::Vat(VatAct::Expose { .. }) => true,
+        }
+    }
+}
+
 /// What a machine with a vat, a plate and a projector does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum VatAct {

@@ -155,6 +155,17 @@ pub enum Request {
     Vat(VatRequest),
 }
 
+impl Request {
+    /// Whether the request lets light out. Such a request must not reach the device after an order to go dark.
+    pub const fn is_exposure(&self) -> bool {
+        // Without `_`, so that a new kind of machine or act must be decided on here.
+        match self {
+            Self::State | Self::LayerBegin { .. } | Self::Vat(VatRequest::Home | VatRequest::Move { .. }) => false,
+            Self::Vat(VatRequest::Expose { .. }) => true,
+        }
+    }
+}
+
 /// A request to a vat machine. Each begins an act; acts run one at a time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum VatRequest {

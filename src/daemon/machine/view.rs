@@ -68,7 +68,11 @@ pub(crate) fn device_told(view: &mut DeviceView, event: &DriverEvent, jobs: &Job
             state.last_exposed = holder.map(|job| ExposureView { job: job.to_string(), layer: *layer });
         }
         DriverEvent::Fault(fault) => state.fault = fault.as_ref().map(|fault| plain_line(&fault.text)),
-        _ => {}
+        // The next state shows where it stands. Every outcome is listed, so that a new one is not overlooked here.
+        DriverEvent::ActDone(Outcome::Refused(_) | Outcome::TakenBack)
+        | DriverEvent::Uploaded { .. }
+        | DriverEvent::UploadRefused { .. }
+        | DriverEvent::Misbehaved(_) => {}
     }
 }
 

@@ -32,7 +32,7 @@ use super::setting::Setting;
 use crate::api::DeviceView;
 use crate::device::FramedDriver;
 use crate::job::{Progress, Spool};
-use crate::link::message::{Capabilities, DeviceState, HostMessage, Request, Urgent, VatRequest};
+use crate::link::message::{Capabilities, DeviceState, HostMessage, Urgent};
 use crate::stream::MemoryBudget;
 
 /// Capacity of the queue of background results; when full, the worker blocks.
@@ -159,10 +159,11 @@ impl Printer {
 
     pub(crate) fn send_urgent(&mut self, urgent: Urgent) {
         // An exposure that waits for room must not reach the device after an order to go dark. An abort drops every message.
-        let is_exposure = |message: &mut HostMessage| {
-            matches!(message, HostMessage::Request { request: Request::Vat(VatRequest::Expose { .. }), .. })
+        let is_exposure = |message: &HostMessage| match message {
+            HostMessage::Request { request, .. } => request.is_exposure(),
+            HostMessage::LayerData(_) => false,
         };
-        let is_unsent = self.message.as_mut().is_some_and(is_exposure);
+        let is_unsent = self.message.as_ref().is_some_and(is_exposure);
         self.message.take_if(|message| urgent == Urgent::Abort || is_exposure(message));
         if urgent == Urgent::LightOff {
             let now_us = self.clock.now_us();

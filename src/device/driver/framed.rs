@@ -141,7 +141,7 @@ impl FramedDriver {
     /// Takes back an exposure that has not left the host, so that it does not begin after a light-off. `is_unsent` says that the
     /// owner still holds its message. Returns whether an exposure was taken back; its end is not reported then.
     pub fn take_back_exposure(&mut self, is_unsent: bool) -> bool {
-        let Some((number, Act::Vat(VatAct::Expose { .. }))) = self.act else { return false };
+        let Some((number, _)) = self.act.filter(|(_, act)| act.is_exposure()) else { return false };
         let queued = self.requests.iter().position(|(queued, _)| *queued == number);
         if let Some(place) = queued {
             self.requests.remove(place);
