@@ -152,7 +152,8 @@ impl Header {
     /// Most bodies in a part: the headers of so many take a third of the 4096 bytes that a header may have.
     pub const MAX_BODIES: usize = 16;
 
-    /// The lattices among the bodies, in order.
+    /// The lattices among the bodies, in order. A place here is not that of the body: to pair bodies with something else, go through
+    /// [`Header::bodies`].
     pub fn lattices(&self) -> impl Iterator<Item = &Lattice> {
         self.bodies.iter().map(|BodyHeader::Lattice(lattice)| lattice)
     }

@@ -1,7 +1,7 @@
 //! The frame around the chunks: prelude and header at the front; index, profile and footer at the end. `docs/build-file.md` describes
 //! every byte. `reader` and `writer` use it.
 
-use crate::buildfile::model::{Blend, Bounds, Header, Lattice, Placement, QUANTA_UM};
+use crate::buildfile::model::{Blend, BodyHeader, Bounds, Header, Lattice, Placement, QUANTA_UM};
 use crate::codec;
 use crate::solid::{MAX_RADIUS, MAX_RADIUS_SHARE};
 
@@ -129,7 +129,7 @@ pub(super) fn check_header(header: &Header) -> Result<(), String> {
         return Err(format!("{} bodies: allowed are 1 to {}", bodies.len(), Header::MAX_BODIES));
     }
     let (mut joined, mut bulge_um) = (Bounds::EMPTY, 0.0_f64);
-    for lattice in header.lattices() {
+    for BodyHeader::Lattice(lattice) in bodies {
         check_lattice(lattice, *quantum_um)?;
         joined = joined.joined(&lattice.bounds);
         bulge_um = bulge_um.max(lattice.bulge_um(*quantum_um));

@@ -11,7 +11,7 @@ use super::error::BuildFileError;
 use super::format::{self, Footer, MAX_HEADER_BYTES, PRELUDE_BYTES, check_beginning};
 use super::index::ChunkEntry;
 use super::profile;
-use crate::buildfile::model::{Header, Lattice};
+use crate::buildfile::model::{BodyHeader, Header, Lattice};
 use crate::codec;
 
 /// What index and profile say about one body.
@@ -124,7 +124,8 @@ impl<'a> Opening<'a> {
         }
         let bytes = zstd::bulk::decompress(&packed, limit_bytes)
             .map_err(|error| wrong(format!("it does not decompress: {error}")))?;
-        profile::peaks(&bytes, header.lattices().map(Lattice::total)).map_err(wrong)
+        let totals = header.bodies.iter().map(|BodyHeader::Lattice(lattice)| lattice.total());
+        profile::peaks(&bytes, totals).map_err(wrong)
     }
 
     /// Reads `length` bytes. The caller has checked that they lie within the file.
@@ -143,7 +144,7 @@ impl<'a> Opening<'a> {
 /// Checks the index entry by entry: chunks follow one another without gaps, body by body and in ascending z, and their counts add up to
 /// those of the header.
 struct IndexCheck<'a> {
-    lattices: Vec<&'a Lattice>,
+    bodies: &'a [BodyHeader],
     /// End of the previous chunk.
     end: u64,
     /// The current body; `z_low`, `struts` and `balls` belong to it.
@@ -155,7 +156,7 @@ struct IndexCheck<'a> {
 
 impl<'a> IndexCheck<'a> {
     fn new(end: u64, header: &'a Header) -> Self {
-        Self { lattices: header.lattices().collect(), end, body: 0, z_low: i32::MIN, struts: 0, balls: 0 }
+        Self { bodies: &header.bodies, end, body: 0, z_low: i32::MIN, struts: 0, balls: 0 }
     }
 
     fn entry(&mut self, entry: ChunkEntry) -> Result<ChunkEntry, String> {
@@ -163,11 +164,11 @@ impl<'a> IndexCheck<'a> {
             return Err(format!("it lies at byte {}, but what is before it ends at {}", entry.offset, self.end));
         }
         self.end = entry.offset.checked_add(u64::from(entry.packed_bytes)).ok_or("its end overflows")?;
-        if usize::from(entry.body) == self.body + 1 && usize::from(entry.body) < self.lattices.len() {
+        if usize::from(entry.body) == self.body + 1 && usize::from(entry.body) < self.bodies.len() {
             self.counts_agree()?;
             (self.body, self.z_low, self.struts, self.balls) = (self.body + 1, i32::MIN, 0, 0);
         } else if usize::from(entry.body) != self.body {
-            let bodies = self.lattices.len();
+            let bodies = self.bodies.len();
             return Err(format!("it belongs to body {} of {bodies}, but follows body {}", entry.body, self.body));
         }
         let (struts, balls) = (entry.count, u32::from(entry.ball_count));
@@ -181,7 +182,7 @@ impl<'a> IndexCheck<'a> {
             ));
         }
         let ChunkEntry { z_low_min, z_low_max, z_high_max, .. } = entry;
-        let bounds = &self.lattices[self.body].bounds;
+        let BodyHeader::Lattice(Lattice { bounds, .. }) = &self.bodies[self.body];
         let least = self.z_low.max(bounds.min[2]);
         if z_low_min < least || z_low_max < z_low_min || z_high_max < z_low_max || z_high_max > bounds.max[2] {
             return Err(format!(
@@ -195,7 +196,7 @@ impl<'a> IndexCheck<'a> {
     }
 
     fn counts_agree(&self) -> Result<(), String> {
-        let lattice = self.lattices[self.body];
+        let BodyHeader::Lattice(lattice) = &self.bodies[self.body];
         if (self.struts, self.balls) != (lattice.strut_count, lattice.ball_count) {
             return Err(format!(
                 "it counts {} struts and {} balls, but the header says {} and {}",
@@ -210,11 +211,11 @@ impl<'a> IndexCheck<'a> {
             return Err(format!("the last chunk ends at byte {}, but the index begins at {index_offset}", self.end));
         }
         self.counts_agree()?;
-        if self.body + 1 < self.lattices.len() {
+        if self.body + 1 < self.bodies.len() {
             return Err(format!(
                 "it has chunks of {} bodies, but the header has {}",
                 self.body + 1,
-                self.lattices.len()
+                self.bodies.len()
             ));
         }
         Ok(())

@@ -109,11 +109,13 @@ impl BuildFile {
     /// [`BuildFileError`] names the first damaged chunk, or the statement that the struts contradict.
     pub fn verify(&self) -> Result<(), BuildFileError> {
         let mut lowest = LowestOfUnion::default();
-        for (lattice, stored) in self.header.lattices().zip(&self.bodies) {
+        for (body, stored) in self.header.bodies.iter().zip(&self.bodies) {
+            let BodyHeader::Lattice(lattice) = body;
             self.verify_lattice(lattice, stored, &mut lowest)?;
         }
         let (stated_um, lowest_um) = (self.header.bottom_um, lowest.um(self.header.quantum_um));
-        if self.header.lattices().all(|lattice| lattice.blend == Blend::Union) && stated_um != lowest_um {
+        let is_union = |BodyHeader::Lattice(lattice): &BodyHeader| lattice.blend == Blend::Union;
+        if self.header.bodies.iter().all(is_union) && stated_um != lowest_um {
             return Err(self.contradiction(
                 "header",
                 format!("it says that the lowest solid point lies at {stated_um} µm, but it lies at {lowest_um} µm"),

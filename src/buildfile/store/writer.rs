@@ -130,7 +130,7 @@ impl Writer {
         let Self { path, mut header, output, chunks, profiles, mut bottoms_um, .. } = self;
         let io_error = |source| WriteError::Io { path: path.clone(), source };
         chunks.complete(&front, &profiles).map_err(io_error)?;
-        if header.lattices().any(|lattice| lattice.blend != Blend::Union) {
+        if header.bodies.iter().any(|BodyHeader::Lattice(lattice)| lattice.blend != Blend::Union) {
             let refused = |problem: String| WriteError::Refused { path: path.clone(), problem };
             let whole = BuildFile::of(&path, output.file().try_clone().map_err(io_error)?);
             let found = whole.and_then(|file| find_bottoms(&file, &mut bottoms_um));
@@ -154,7 +154,8 @@ impl Writer {
 
 /// Finds the lowest solid points of the bodies that are convolutions.
 fn find_bottoms(file: &BuildFile, bottoms_um: &mut [f64]) -> Result<(), BuildFileError> {
-    for (body, (lattice, bottom_um)) in file.header().lattices().zip(bottoms_um).enumerate() {
+    for (body, (header, bottom_um)) in file.header().bodies.iter().zip(bottoms_um).enumerate() {
+        let BodyHeader::Lattice(lattice) = header;
         if let Blend::Convolution { support_um } = lattice.blend
             && let Some(found_um) = lowest_of_convolution(file, body, lattice, support_um)?
         {
