@@ -222,7 +222,7 @@ pub struct DeviceView {
 pub struct DeviceInfo {
     /// Model and firmware.
     pub name: String,
-    /// `dlp` or `slm`.
+    /// `dlp`.
     pub kind: String,
     /// Pixels in a row.
     pub width_px: u32,
@@ -425,7 +425,7 @@ pub enum LogRecord {
         /// Whether it counts as exposed; otherwise it is exposed again.
         exposed: bool,
     },
-    /// The plate rests clear of the resin.
+    /// The job is paused. The plate is clear of the resin if it could be lifted.
     Paused,
     /// Printing went on after a pause.
     Resumed,

@@ -117,7 +117,7 @@ impl Story {
             LogRecord::Decided { layer, exposed: false } => {
                 format!("layer {layer}: the operator decided to expose it again")
             }
-            LogRecord::Paused => "paused, the plate is clear of the resin".into(),
+            LogRecord::Paused => "paused".into(),
             LogRecord::Resumed => "resumed".into(),
             LogRecord::LightOff => "light off, the device confirms".into(),
             LogRecord::Ordered { order } => {
