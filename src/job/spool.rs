@@ -18,8 +18,9 @@
 //!
 //! The directory of a removed job is emptied and renamed; a rename needs no space on a full disk. Its name keeps what must still
 //! be known: the job's number, which is not used again; its key, which a device may report; and whether its part was left in
-//! the vat (`-left` or `-clear` after the key). Tried by `tests/job_journal.rs` and `tests/orders.rs`.
+//! the vat (`-left` or `-clear` after the key). Tested by `tests/job_journal.rs` and `tests/orders.rs`.
 
+mod directory;
 mod raised;
 
 use std::fs::{self, File, OpenOptions};
@@ -27,6 +28,8 @@ use std::io::Write;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
+pub use self::directory::{Forgotten, JobDirectory, PlateAfter};
+use self::directory::{JOURNAL, MACHINE, PART, RECIPE};
 use super::journal::sync_parent;
 use super::{Journal, JournalError, Record};
 use crate::disk;
@@ -38,12 +41,6 @@ pub const MAX_RECORDS: usize = 100;
 pub const MAX_PARTS: usize = 10;
 /// Removed jobs that are remembered by key. A device reports the last exposure that it cut short, which may be many jobs old.
 pub const MAX_FORGOTTEN: usize = 1000;
-
-const PART: &str = "part.layerd";
-const RECIPE: &str = "recipe.toml";
-const MACHINE: &str = "machine.toml";
-const JOURNAL: &str = "journal";
-const RESIN: &str = "resin";
 
 /// A spool that cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -91,36 +88,6 @@ pub enum SpoolError {
 pub struct Spool {
     root: PathBuf,
     _lock: File,
-}
-
-/// One job's directory.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct JobDirectory {
-    /// The job's number, from 1, ascending in order of acceptance.
-    pub id: u32,
-    path: PathBuf,
-}
-
-/// What a job that is over tells about the plate.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum PlateAfter {
-    /// Nothing: it had no light and never moved the plate.
-    Unsaid,
-    /// No part of it or of an earlier job is in the vat.
-    Clear,
-    /// Its part may be in the vat.
-    Left,
-}
-
-/// What is still known of a job that was removed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Forgotten {
-    /// Its number.
-    pub id: u32,
-    /// Identified its exposures; 0 if its journal could not be read.
-    pub key: u64,
-    /// What it tells about the plate.
-    pub plate: PlateAfter,
 }
 
 /// What a new job needs besides its part.
@@ -206,12 +173,12 @@ impl Spool {
         let known = self.jobs()?.last().map(|job| job.id);
         let last = known.max(self.forgotten()?.last().map(|job| job.id)).unwrap_or(0);
         let id = last.checked_add(1).ok_or_else(|| SpoolError::NumbersUsedUp(self.root.clone()))?;
-        let hidden = jobs.join(format!(".{id:08}"));
-        let path = jobs.join(format!("{id:08}"));
+        let directory = JobDirectory::of(&self.root, id);
+        let hidden = jobs.join(format!(".{}", JobDirectory::name(id)));
         let part = job.part.to_path_buf();
         let filled = self.fill(&hidden, job).and_then(|()| {
-            fs::rename(&hidden, &path).map_err(io("rename", &hidden))?;
-            sync_parent(&path).map_err(io("flush", &jobs))
+            fs::rename(&hidden, directory.path()).map_err(io("rename", &hidden))?;
+            sync_parent(directory.path()).map_err(io("flush", &jobs))
         });
         if let Err(error) = filled {
             // Best effort: the next opening deletes what is left.
@@ -219,7 +186,6 @@ impl Spool {
             let _ = fs::remove_dir_all(&hidden);
             return Err(error);
         }
-        let directory = JobDirectory { id, path };
         let (journal, _) = Journal::open(&directory.journal())?;
         Ok((directory, journal))
     }
@@ -247,8 +213,7 @@ impl Spool {
     /// # Errors
     /// [`SpoolError::Io`] if the directory cannot be read.
     pub fn jobs(&self) -> Result<Vec<JobDirectory>, SpoolError> {
-        let mut found: Vec<_> =
-            self.entries()?.into_iter().filter_map(|path| Some(JobDirectory { id: job_id(&path)?, path })).collect();
+        let mut found: Vec<_> = self.entries()?.into_iter().filter_map(JobDirectory::from_path).collect();
         found.sort_by_key(|job| job.id);
         Ok(found)
     }
@@ -295,7 +260,7 @@ impl Spool {
     /// [`SpoolError::Io`] names what could not be deleted; what is left then is deleted at the next opening.
     pub fn remove(&self, job: Forgotten) -> Result<u64, SpoolError> {
         let jobs = self.root.join("jobs");
-        let (from, to) = (jobs.join(format!("{:08}", job.id)), jobs.join(job.name()));
+        let (from, to) = (jobs.join(JobDirectory::name(job.id)), jobs.join(job.name()));
         // Atomic. If an earlier try stopped after the rename, this one continues from there.
         if !to.is_dir() {
             fs::rename(&from, &to).map_err(io("remove", &from))?;
@@ -331,31 +296,6 @@ impl Spool {
     }
 }
 
-impl Forgotten {
-    /// The name of its directory.
-    fn name(self) -> String {
-        let plate = match self.plate {
-            PlateAfter::Unsaid => "",
-            PlateAfter::Clear => "-clear",
-            PlateAfter::Left => "-left",
-        };
-        format!("{:08}-{:016x}{plate}", self.id, self.key)
-    }
-
-    /// Parses the name of a directory; `None` if it is not that of a removed job.
-    fn of(path: &Path) -> Option<Self> {
-        let name = path.file_name()?.to_str()?;
-        let (id, rest) = name.split_once('-')?;
-        let (key, plate) = match rest.split_once('-') {
-            None => (rest, PlateAfter::Unsaid),
-            Some((key, "clear")) => (key, PlateAfter::Clear),
-            Some((key, _)) => (key, PlateAfter::Left),
-        };
-        let job = Self { id: id.parse().ok()?, key: u64::from_str_radix(key, 16).ok()?, plate };
-        (name == job.name()).then_some(job)
-    }
-}
-
 /// Deletes the contents of a directory and returns the number of bytes freed. A job's directory is flat.
 fn empty(directory: &Path) -> Result<u64, SpoolError> {
     /// Unit of [`MetadataExt::blocks`].
@@ -370,45 +310,6 @@ fn empty(directory: &Path) -> Result<u64, SpoolError> {
         deleted.map_err(io("delete", &path))?;
     }
     Ok(bytes)
-}
-
-impl JobDirectory {
-    /// The directory of job `id` in the spool at `root`, whether it is there or not.
-    pub fn of(root: &Path, id: u32) -> Self {
-        Self { id, path: root.join("jobs").join(format!("{id:08}")) }
-    }
-
-    /// The part; deleted some time after the job is over.
-    pub fn part(&self) -> PathBuf {
-        self.path.join(PART)
-    }
-
-    /// The recipe as it was when the job was accepted.
-    pub fn recipe(&self) -> PathBuf {
-        self.path.join(RECIPE)
-    }
-
-    /// The machine file as it was when the job was accepted.
-    pub fn machine(&self) -> PathBuf {
-        self.path.join(MACHINE)
-    }
-
-    /// About how much resin the part takes; missing until that is estimated.
-    pub fn resin(&self) -> PathBuf {
-        self.path.join(RESIN)
-    }
-
-    /// The journal.
-    pub fn journal(&self) -> PathBuf {
-        self.path.join(JOURNAL)
-    }
-}
-
-/// The number of the job whose directory this is.
-fn job_id(path: &Path) -> Option<u32> {
-    let name = path.file_name()?.to_str()?;
-    let id = name.parse().ok().filter(|id| *id > 0)?;
-    (name == format!("{id:08}")).then_some(id)
 }
 
 fn io<'a>(what: &'static str, path: &'a Path) -> impl Fn(std::io::Error) -> SpoolError + use<'a> {

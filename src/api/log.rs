@@ -1,0 +1,103 @@
+//! A job's log: the records of its journal, as the API sends them. `tests/control_api/logs.rs` reads one.
+
+use serde::{Deserialize, Serialize};
+
+use super::ErrorBody;
+use crate::job::{EndOrder, JobState};
+
+/// A line of `GET /v1/jobs/{id}/log`, which is one JSON object.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum LogLine {
+    /// An entry of the job's journal.
+    Entry(LogEntry),
+    /// The last line of a log whose journal cannot be read to its end: why.
+    Problem(ErrorBody),
+}
+
+/// A record of a job's journal, and when it was written.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LogEntry {
+    /// When, Unix milliseconds.
+    pub at_ms: u64,
+    /// What happened.
+    #[serde(flatten)]
+    pub record: LogRecord,
+}
+
+/// What happened to a job.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "record", rename_all = "snake_case")]
+pub enum LogRecord {
+    /// The daemon accepted the job.
+    Accepted {
+        /// Name of the job, for people.
+        name: String,
+        /// Layers of the whole part.
+        layers_total: u32,
+    },
+    /// It took the machine, at first or again.
+    Started {
+        /// The layer that is next.
+        layer: u32,
+    },
+    /// The plate was empty before the first move of a job without light, or the operator said so.
+    PlateClear {
+        /// Exposures of unknown jobs that the device showed and the operator confirmed.
+        confirmed_exposures: u32,
+    },
+    /// The exposure of a layer was about to be commanded.
+    Commanded {
+        /// The layer.
+        layer: u32,
+    },
+    /// The device exposed the layer for its whole time.
+    Confirmed {
+        /// The layer.
+        layer: u32,
+    },
+    /// By the device's word the layer was not exposed.
+    NotExposed {
+        /// The layer.
+        layer: u32,
+    },
+    /// The command never left the host.
+    Withdrawn {
+        /// The layer.
+        layer: u32,
+    },
+    /// It is unknown how much light the layer had.
+    InDoubt {
+        /// The layer.
+        layer: u32,
+        /// What is known.
+        why: String,
+    },
+    /// The operator settled a layer in doubt.
+    Decided {
+        /// The layer.
+        layer: u32,
+        /// Whether it counts as exposed; otherwise it is exposed again.
+        exposed: bool,
+    },
+    /// The job is paused. The plate is clear of the resin if it could be lifted.
+    Paused,
+    /// Printing went on after a pause.
+    Resumed,
+    /// The device confirmed after an abort that its light is off.
+    LightOff,
+    /// The operator ordered the end of the job.
+    Ordered {
+        /// How.
+        order: EndOrder,
+    },
+    /// The machine rests: the plate was lifted clear of the resin at the end.
+    Parked,
+    /// The job ended, or was interrupted.
+    Ended {
+        /// Its state then.
+        state: JobState,
+        /// Why; empty if there is nothing to say.
+        reason: String,
+    },
+}
