@@ -192,58 +192,37 @@ fn read_recipe(recipe: &str) -> anyhow::Result<(String, String)> {
 /// Follows a job to its end, and reports that on stderr. If `bar` is hidden, writes lines of progress instead.
 pub(super) async fn wait(
     client: &Client,
-    mut job: JobView,
+    job: JobView,
     mut events: Events,
     bar: &ProgressBar,
 ) -> anyhow::Result<(JobView, Ending)> {
     bar.reset();
     let said = job.warning.clone();
+    let mut followed = Followed { job, said, link: LinkState::Connected, is_back: false };
     let mut told = String::new();
     let mut lines = Lines::default();
-    let mut link = LinkState::Connected;
-    let mut is_back = false;
     loop {
-        without_eta(&mut job, link);
-        show(bar, &job);
+        let Followed { job, link, .. } = &mut followed;
+        without_eta(job, *link);
+        show(bar, job);
         if let Some(ending) = ending(job.state) {
             bar.finish_and_clear();
-            summarise(&job);
-            return Ok((job, ending));
+            summarise(job);
+            return Ok((followed.job, ending));
         }
         let waits_for = job.reason.as_ref().filter(|_| job.state == JobState::Queued);
-        if bar.is_hidden() && lines.is_due(&job, Instant::now()) {
-            super::eprint(&line(&job));
+        if bar.is_hidden() && lines.is_due(job, Instant::now()) {
+            super::eprint(&line(job));
             waits_for.inspect(|reason| told.clone_from(reason));
         } else if let Some(reason) = waits_for.filter(|reason| **reason != told) {
             // The reason may vanish for a moment and come back; it is told only once.
             bar.suspend(|| super::eprint(&format!("job {} {reason}", job.id)));
             told.clone_from(reason);
         }
-        let Ok(news) = timeout(LINE_INTERVAL, events.next()).await else { continue };
-        match news {
-            Ok(Some(Event::Job(changed))) if changed.id == job.id => job = *changed,
-            // The job of this very moment: what `client.job` answers may be newer than the next events, which would then go back.
-            Ok(Some(Event::Status(status))) => {
-                link = status.link.state;
-                let Status { active, queue, last, .. } = *status;
-                match active.into_iter().chain(queue).chain(last).find(|found| found.id == job.id) {
-                    Some(found) => job = found,
-                    // It ended while the daemon was away, and another one after it.
-                    None if is_back => job = client.job(&job.id).await?,
-                    // It was submitted after this moment.
-                    None => {}
-                }
-            }
-            Ok(Some(Event::Lagged { .. })) => job = client.job(&job.id).await?,
-            Ok(Some(Event::Link(changed))) => link = changed.state,
-            Ok(Some(Event::Layer(exposed))) if exposed.job == job.id => {
-                job.layers_done = job.layers_done.max(exposed.layer.saturating_add(1));
-            }
-            // The answer to `start` said it already.
-            Ok(Some(Event::Notice { text })) if said.as_ref() == Some(&text) => {}
-            Ok(Some(Event::Notice { text })) => bar.suspend(|| super::eprint(&text)),
-            Ok(Some(_)) => {}
-            Ok(None) | Err(_) => {
+        match timeout(LINE_INTERVAL, events.next()).await {
+            Err(_) => {}
+            Ok(Ok(Some(event))) => followed.take(client, event, bar).await?,
+            Ok(Ok(None) | Err(_)) => {
                 bar.suspend(|| super::eprint("the daemon has gone; waiting up to 10 s for it to come back"));
                 let Some(again) = reconnect(client).await? else {
                     bar.finish_and_clear();
@@ -252,11 +231,51 @@ pub(super) async fn wait(
                          interrupted job goes on with `layerctl resume {0}`",
                         job.id
                     ));
-                    return Ok((job, Ending::Interrupted));
+                    return Ok((followed.job, Ending::Interrupted));
                 };
-                (events, is_back) = (again, true);
+                (events, followed.is_back) = (again, true);
             }
         }
+    }
+}
+
+/// The job that [`wait`] follows, as the events so far describe it.
+struct Followed {
+    job: JobView,
+    /// The notice that the answer to `start` contained already.
+    said: Option<String>,
+    link: LinkState,
+    /// The daemon went away and came back.
+    is_back: bool,
+}
+
+impl Followed {
+    /// Takes in an event; prints it if it is a notice.
+    async fn take(&mut self, client: &Client, event: Event, bar: &ProgressBar) -> anyhow::Result<()> {
+        match event {
+            Event::Job(changed) if changed.id == self.job.id => self.job = *changed,
+            // The job of this very moment: what `client.job` answers may be newer than the next events, which would then go back.
+            Event::Status(status) => {
+                self.link = status.link.state;
+                let Status { active, queue, last, .. } = *status;
+                match active.into_iter().chain(queue).chain(last).find(|found| found.id == self.job.id) {
+                    Some(found) => self.job = found,
+                    // It ended while the daemon was away, and another one after it.
+                    None if self.is_back => self.job = client.job(&self.job.id).await?,
+                    // It was submitted after this moment.
+                    None => {}
+                }
+            }
+            Event::Lagged { .. } => self.job = client.job(&self.job.id).await?,
+            Event::Link(changed) => self.link = changed.state,
+            Event::Layer(exposed) if exposed.job == self.job.id => {
+                self.job.layers_done = self.job.layers_done.max(exposed.layer.saturating_add(1));
+            }
+            Event::Notice { text } if self.said.as_ref() != Some(&text) => bar.suspend(|| super::eprint(&text)),
+            // Of other jobs, or said already.
+            Event::Job(_) | Event::Layer(_) | Event::Notice { .. } => {}
+        }
+        Ok(())
     }
 }
 
