@@ -59,7 +59,7 @@ use next::NextLayer;
 use outbox::Outbox;
 use pace::Pace;
 use phase::{End, Intent, Phase};
-use track::{AbortOrder, ActWatch, Failures, Line, Memory, Part};
+use track::{AbortOrder, ActWatch, Failures, LineState, Memory, PartState};
 use uploads::Uploads;
 
 use super::cycle::Cycle;
@@ -90,13 +90,13 @@ pub struct Engine {
     deadline: Option<Deadline>,
     out: Outbox,
     uploads: Uploads,
-    line: Line,
+    line: LineState,
     /// The last state that the device reported.
     device: DeviceState,
     light: LightWatch,
     memory: Memory,
     next: NextLayer,
-    part: Part,
+    part: PartState,
     /// A fault forbids moving.
     immobile: bool,
     act: ActWatch,
@@ -118,11 +118,11 @@ impl Engine {
             deadline: None,
             out: Outbox::default(),
             uploads: Uploads::default(),
-            line: Line::default(),
+            line: LineState::default(),
             device: DeviceState::default(),
             light: LightWatch::default(),
             memory: Memory::default(),
-            part: Part::new(start.touched, start.confirmed),
+            part: PartState::new(start.touched, start.confirmed),
             next: NextLayer::new(start),
             immobile: false,
             act: ActWatch::default(),

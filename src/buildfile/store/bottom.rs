@@ -8,7 +8,7 @@ use std::ops::Range;
 use super::error::BuildFileError;
 use super::reader::BuildFile;
 use crate::buildfile::model::{Lattice, Strut};
-use crate::solid::{Convolution, PlaneProbe, Record, Shape};
+use crate::solid::{Convolution, PlaneProbe, Shape, StrutRecord};
 
 /// Largest distance of planes and of points, as a share of R: over half of it the field changes by less than one per cent.
 const MAX_STEP_SHARE: f64 = 1.0 / 16.0;
@@ -79,7 +79,7 @@ struct Near<'a> {
     /// Chunks of the body that are still to be read.
     chunks: Range<usize>,
     support_um: f64,
-    records: Vec<Record>,
+    records: Vec<StrutRecord>,
     struts: Vec<Strut>,
 }
 
@@ -104,7 +104,7 @@ impl Near<'_> {
                 for strut in self.struts.iter().filter(|strut| strut.b[2] >= lowest_top) {
                     let caps = [strut.caps.a, strut.caps.b];
                     let ends = Convolution::ends([strut.radius_a, strut.radius_b], caps, strut.is_ball(), quantum);
-                    self.records.push(Record { a: strut.a, b: strut.b, ends });
+                    self.records.push(StrutRecord { a: strut.a, b: strut.b, ends });
                 }
             }
             self.chunks.start += 1;

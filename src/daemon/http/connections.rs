@@ -1,9 +1,9 @@
 //! Connections: how many there may be, which one is closed for a new one, and which requests each may make.
 //!
 //! A connection is accepted at once, so that none waits in the socket's queue. The first [`MAX_CONNECTIONS`] may make every
-//! request. All others, the crowd, may only abort; any other request is refused with 503. The crowd has [`MAX_CROWD`] members:
-//! a new one replaces one that has sent no request yet, so that silent connections cannot keep an abort out.
-//! `tests/abort_crowd.rs` and `tests/control_api/sockets.rs` try it.
+//! request. All others may only abort; any other request is refused with 503. Of those there are at most [`MAX_ABORT_ONLY`]: a new
+//! one replaces one that has sent no request yet, so that silent connections cannot keep an abort out. `tests/abort_crowd.rs` and
+//! `tests/control_api/sockets.rs` test it.
 
 use std::collections::HashMap;
 use std::convert::Infallible;
@@ -29,41 +29,41 @@ use crate::daemon::caller::Caller;
 pub(crate) const MAX_CONNECTIONS: usize = 64;
 /// Connections at once that may only abort. An honest client sends its request within a millisecond. To lose its place before
 /// that, 64 others must connect in the same millisecond.
-pub(crate) const MAX_CROWD: usize = 64;
+pub(crate) const MAX_ABORT_ONLY: usize = 64;
 /// A connection is closed if the head of its request takes longer. All clients are programs on this host.
 pub(crate) const MAX_HEAD_TIME: Duration = Duration::from_secs(1);
 /// Requests under way may take this much longer once the printer has ended.
-const MAX_LAST_WORDS_TIME: Duration = Duration::from_secs(1);
+const MAX_DRAIN_TIME: Duration = Duration::from_secs(1);
 /// Pause after an accept that failed, as without file descriptors. Connections may end meanwhile.
 const PAUSE: Duration = Duration::from_millis(20);
 /// How often the log says that connections cannot be accepted.
-const COMPLAINT_INTERVAL: Duration = Duration::from_secs(1);
+const ERROR_LOG_INTERVAL: Duration = Duration::from_secs(1);
 
 /// One socket and what it answers.
-pub(crate) struct Door {
+pub(crate) struct Listener {
     /// The socket.
     pub listener: UnixListener,
-    /// Answers the first [`MAX_CONNECTIONS`]; with `None` every connection belongs to the crowd.
+    /// Answers the first [`MAX_CONNECTIONS`]; with `None` every connection may only abort.
     pub everything: Option<Router>,
-    /// Answers the crowd.
+    /// Answers the connections that may only abort.
     pub aborts: Router,
     /// Longest head of a request, bytes; at least 8192.
     pub max_head_bytes: usize,
 }
 
-impl Door {
+impl Listener {
     /// Serves the socket until `shutdown` becomes true or its sender is dropped.
     pub(crate) async fn serve(self, mut shutdown: watch::Receiver<bool>) {
         let Self { listener, everything, aborts, max_head_bytes } = self;
-        let talk = Talk { max_head_bytes, shutdown: shutdown.clone() };
+        let settings = HttpSettings { max_head_bytes, shutdown: shutdown.clone() };
         let places = Arc::new(Semaphore::new(if everything.is_some() { MAX_CONNECTIONS } else { 0 }));
         let everything = everything.map(TowerToHyperService::new);
-        let mut crowd = Crowd::new(aborts);
+        let mut abort_only = AbortOnly::new(aborts);
         let mut tasks = JoinSet::new();
-        let mut complained: Option<Instant> = None;
+        let mut logged: Option<Instant> = None;
         loop {
             while tasks.try_join_next().is_some() {}
-            crowd.count();
+            abort_only.count();
             let accepted = tokio::select! {
                 () = ending(&mut shutdown) => break,
                 accepted = listener.accept() => accepted,
@@ -71,11 +71,11 @@ impl Door {
             let stream = match accepted {
                 Ok((stream, _)) => stream,
                 Err(error) => {
-                    if complained.is_none_or(|at| at.elapsed() >= COMPLAINT_INTERVAL) {
-                        complained = Some(Instant::now());
+                    if logged.is_none_or(|at| at.elapsed() >= ERROR_LOG_INTERVAL) {
+                        logged = Some(Instant::now());
                         tracing::warn!(%error, "cannot take a connection");
                     }
-                    crowd.make_room();
+                    abort_only.make_room();
                     tokio::time::sleep(PAUSE).await;
                     continue;
                 }
@@ -83,19 +83,19 @@ impl Door {
             let caller = Caller::of(&stream);
             match (&everything, Arc::clone(&places).try_acquire_owned()) {
                 (Some(everything), Ok(place)) => {
-                    tasks.spawn(talk.clone().converse(stream, caller, everything.clone(), None, Some(place)));
+                    tasks.spawn(settings.clone().serve_one(stream, caller, everything.clone(), None, Some(place)));
                 }
-                _ => crowd.admit(stream, caller, &talk),
+                _ => abort_only.admit(stream, caller, &settings),
             }
             // Lets the others run before the next one is accepted, and closes the one that was replaced.
             tokio::task::yield_now().await;
         }
         drop(listener);
-        let last_words = async {
+        let drained = async {
             while tasks.join_next().await.is_some() {}
-            while crowd.tasks.join_next().await.is_some() {}
+            while abort_only.tasks.join_next().await.is_some() {}
         };
-        let _ = timeout(MAX_LAST_WORDS_TIME, last_words).await;
+        let _ = timeout(MAX_DRAIN_TIME, drained).await;
     }
 }
 
@@ -107,14 +107,14 @@ pub(crate) async fn ending(shutdown: &mut watch::Receiver<bool>) {
 
 /// How to speak HTTP on a connection.
 #[derive(Clone)]
-struct Talk {
+struct HttpSettings {
     max_head_bytes: usize,
     shutdown: watch::Receiver<bool>,
 }
 
-impl Talk {
+impl HttpSettings {
     /// Serves one request. `asked` becomes true when it arrives; `_place` is held until the end.
-    async fn converse(
+    async fn serve_one(
         mut self,
         stream: UnixStream,
         caller: Caller,
@@ -152,7 +152,7 @@ impl Talk {
 }
 
 /// The connections that may only abort.
-struct Crowd {
+struct AbortOnly {
     service: TowerToHyperService<Router>,
     tasks: JoinSet<()>,
     /// Oldest first.
@@ -165,7 +165,7 @@ struct Member {
     asked: Arc<AtomicBool>,
 }
 
-impl Crowd {
+impl AbortOnly {
     fn new(aborts: Router) -> Self {
         Self { service: TowerToHyperService::new(aborts), tasks: JoinSet::new(), members: Vec::new() }
     }
@@ -181,13 +181,13 @@ impl Crowd {
         }
     }
 
-    fn admit(&mut self, stream: UnixStream, caller: Caller, talk: &Talk) {
-        if self.members.len() >= MAX_CROWD {
+    fn admit(&mut self, stream: UnixStream, caller: Caller, settings: &HttpSettings) {
+        if self.members.len() >= MAX_ABORT_ONLY {
             self.make_room();
         }
         let asked = Arc::new(AtomicBool::new(false));
-        let conversation = talk.clone().converse(stream, caller, self.service.clone(), Some(Arc::clone(&asked)), None);
-        self.members.push(Member { task: self.tasks.spawn(conversation), pid: caller.pid, asked });
+        let served = settings.clone().serve_one(stream, caller, self.service.clone(), Some(Arc::clone(&asked)), None);
+        self.members.push(Member { task: self.tasks.spawn(served), pid: caller.pid, asked });
     }
 
     /// Closes one: the oldest of the process with the most members, preferring those that have sent no request.

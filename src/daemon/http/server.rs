@@ -15,7 +15,7 @@ use tokio::net::UnixListener;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, broadcast, mpsc, watch};
 use tokio::time::timeout;
 
-use super::connections::{Door, MAX_CONNECTIONS, MAX_CROWD, MAX_HEAD_TIME, ending};
+use super::connections::{Listener, MAX_ABORT_ONLY, MAX_CONNECTIONS, MAX_HEAD_TIME, ending};
 use super::{job_log, upload};
 use crate::api::{ChannelBody, ErrorBody, Event, JobList, ResumeBody};
 use crate::daemon::caller::Caller;
@@ -38,7 +38,7 @@ const MAX_ORDER_BYTES: usize = 4 << 10;
 /// A subscriber gets at least a comment this often, so that both ends notice a broken connection.
 const KEEP_ALIVE: Duration = Duration::from_secs(1);
 /// File descriptors that both sockets use at most: their connections, and for each socket one connection that is being closed.
-pub(crate) const MAX_DESCRIPTORS: u64 = (MAX_CONNECTIONS + 2 * (MAX_CROWD + 1)) as u64;
+pub(crate) const MAX_DESCRIPTORS: u64 = (MAX_CONNECTIONS + 2 * (MAX_ABORT_ONLY + 1)) as u64;
 
 /// Serves the API until `shutdown` becomes true or its sender is dropped. Uploads are written to the spool's `incoming`; opening the
 /// spool removes what a crash left there. Logs are read from its journals.
@@ -54,14 +54,14 @@ pub async fn serve(listener: UnixListener, handle: Handle, spool: PathBuf, shutd
     let shared = Arc::new(shared);
     let everything = Some(router(Arc::clone(&shared)));
     let aborts = abort_router(shared.handle.clone(), no_place);
-    Door { listener, everything, aborts, max_head_bytes: MAX_HEAD_BYTES }.serve(shutdown).await;
+    Listener { listener, everything, aborts, max_head_bytes: MAX_HEAD_BYTES }.serve(shutdown).await;
 }
 
 /// Serves the socket for aborts until `shutdown` becomes true or its sender is dropped.
 pub async fn serve_aborts(listener: UnixListener, handle: Handle, shutdown: watch::Receiver<bool>) {
     let aborts = abort_router(handle, only_aborts);
     let max_head_bytes = MAX_ABORT_HEAD_BYTES;
-    Door { listener, everything: None, aborts, max_head_bytes }.serve(shutdown).await;
+    Listener { listener, everything: None, aborts, max_head_bytes }.serve(shutdown).await;
 }
 
 struct Shared {

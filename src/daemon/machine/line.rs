@@ -9,7 +9,7 @@ use crate::link::message::{HostMessage, Urgent};
 use crate::link::session::{Hindrance, HostEvent, LostReason, Statistics};
 
 /// Events from the line, and messages to it.
-pub(crate) struct Line {
+pub(crate) struct LineHandle {
     handle: LinkHandle,
     events: mpsc::Receiver<LinkEvent>,
     task: JoinHandle<()>,
@@ -21,8 +21,8 @@ pub(crate) struct Line {
     hindered: Option<Hindrance>,
 }
 
-impl Line {
-    /// Starts the task that opens the port and keeps a session with the device until [`Line::close`].
+impl LineHandle {
+    /// Starts the task that opens the port and keeps a session with the device until [`LineHandle::close`].
     pub(crate) fn start(config: LinkSettings) -> Self {
         let (handle, events, driver) = link(config);
         Self {
@@ -51,13 +51,13 @@ impl Line {
         event
     }
 
-    /// Waits until [`Line::send`] has room for a message. The future does not borrow `self`.
+    /// Waits until [`LineHandle::send`] has room for a message. The future does not borrow `self`.
     pub(crate) fn room(&self) -> impl Future<Output = ()> + use<> {
         let handle = self.handle.clone();
         async move { handle.room().await }
     }
 
-    /// Sends a message in the present session. Without a session the message is dropped; without room (see [`Line::room`]) too,
+    /// Sends a message in the present session. Without a session the message is dropped; without room (see [`LineHandle::room`]) too,
     /// with an error in the log.
     pub(crate) fn send(&self, message: HostMessage) {
         if let Some(session_id) = self.session_id

@@ -36,14 +36,14 @@ impl Printer {
         let (background, limit_bytes) = (self.background.clone(), self.budget.limit_bytes());
         let fit = self.fit();
         // During a print there is no memory for this check. It is repeated in any case before the job begins.
-        let looks = self.is_idle();
+        let checks_bottom = self.is_idle();
         tokio::task::spawn_blocking(move || {
             // The file of a refused part is deleted before the answer.
             let result = receive().and_then(|submission| {
                 let recipe = fit.check(submission.recipe_text.as_deref(), submission.recipe_name.as_deref())?;
                 // Every byte of it.
                 verify(&submission.part).map_err(|error| unprintable(&submission, &words(&error)))?;
-                accept(&setting, &spool, &submission, &recipe, limit_bytes, looks).map(Box::new)
+                accept(&setting, &spool, &submission, &recipe, limit_bytes, checks_bottom).map(Box::new)
             });
             let _ = background.blocking_send(Background::Accepted { result, jobs_ended, reply });
         });
@@ -93,19 +93,19 @@ fn unprintable(submission: &Submission, text: &str) -> OrderError {
     OrderError::new(422, text.replace(&submission.part.display().to_string(), &submission.name))
 }
 
-/// Checks a new job, including its bottom layers if `looks`, and puts it into the spool. Blocks.
+/// Checks a new job, including its bottom layers if `checks_bottom` is set, and puts it into the spool. Blocks.
 fn accept(
     setting: &Setting,
     spool: &Mutex<Spool>,
     submission: &Submission,
     recipe: &Recipe,
     limit_bytes: u64,
-    looks: bool,
+    checks_bottom: bool,
 ) -> Result<Job, OrderError> {
     let part = Placed::open(&submission.part, &Resolution::of(&setting.machine, recipe))
         .and_then(|placed| placed.fit(setting.threads, limit_bytes))
         .map_err(|error| unprintable(submission, &error.to_string()))?;
-    if looks {
+    if checks_bottom {
         let footing =
             part.footing(recipe, limit_bytes).map_err(|error| unprintable(submission, &spool_text(&error)))?;
         footing.problem(part.layer_count()).map_or(Ok(()), |problem| Err(unprintable(submission, &problem)))?;

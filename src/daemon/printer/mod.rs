@@ -25,7 +25,7 @@ use super::jobs::Jobs;
 use super::jobs::unwritten::Unwritten;
 use super::machine::faults::FaultNews;
 use super::machine::idle::Idle;
-use super::machine::line::Line;
+use super::machine::line::LineHandle;
 use super::machine::raised::RaisedNote;
 use super::machine::running::Running;
 use super::setting::Setting;
@@ -52,7 +52,7 @@ pub(crate) struct Printer {
     pub(crate) releasing: bool,
     pub(crate) background: mpsc::Sender<Background>,
     pub(crate) finished_background: mpsc::Receiver<Background>,
-    pub(crate) link: Line,
+    pub(crate) link: LineHandle,
     pub(crate) capabilities: Option<Capabilities>,
     pub(crate) idle: Idle,
     /// From where the plate was raised, until it is known to be empty.
@@ -88,7 +88,7 @@ impl Printer {
         jobs: Jobs,
         budget: MemoryBudget,
         desk: Desk,
-        link: Line,
+        link: LineHandle,
     ) -> std::io::Result<Self> {
         let (background, finished_background) = mpsc::channel(MAX_BACKGROUND_RESULTS);
         let raised = RaisedNote::load(&spool);

@@ -17,7 +17,7 @@ use crate::daemon::host::notify;
 use crate::daemon::http::server;
 use crate::daemon::http::socket;
 use crate::daemon::jobs::Jobs;
-use crate::daemon::machine::line::Line;
+use crate::daemon::machine::line::LineHandle;
 use crate::daemon::printer::Printer;
 use crate::daemon::setting::Setting;
 use crate::job::Spool;
@@ -80,7 +80,7 @@ async fn serve(setting: Setting, mut signals: Signals) -> anyhow::Result<()> {
         serve_in_thread("control api", control, |listener| server::serve(listener, handle, place, over))?,
         serve_in_thread("aborts", aborts, |listener| server::serve_aborts(listener, abort_handle, abort_over))?,
     ];
-    let printer = Printer::new(Arc::new(setting), spool, jobs, budget, desk, Line::start(link));
+    let printer = Printer::new(Arc::new(setting), spool, jobs, budget, desk, LineHandle::start(link));
     let printer = printer.context("cannot start a thread")?;
     let mut printer = tokio::spawn(printer.run(ending));
     notify::ready();

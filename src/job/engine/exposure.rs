@@ -1,7 +1,7 @@
 //! One exposure: journal, command, compare, confirm. See it tried by `tests/job_lies/dose.rs`.
 
 use super::next::{Known, Sign};
-use super::track::Part;
+use super::track::PartState;
 use super::{Engine, Phase};
 use crate::deadline::Deadline;
 use crate::device::{Dose, Outcome};
@@ -30,7 +30,7 @@ impl Engine {
     /// The command is on disk.
     pub(super) fn expose(&mut self, now_us: u64) {
         let exposure = self.cycle.exposure(self.next.number);
-        self.part = self.part.max(Part::Possible);
+        self.part = self.part.max(PartState::Possible);
         self.light.command(self.exposure_id(), exposure.duration_ms, now_us);
         let light_until_us = now_us + u64::from(exposure.duration_ms) * 1000;
         let limit_us = self.light.limit_us().unwrap_or(light_until_us);
@@ -112,7 +112,7 @@ impl Engine {
 
     /// The device says that it exposed the commanded layer. `light_ms` is the reported light time, if it names one.
     pub(super) fn confirm(&mut self, light_ms: Option<u32>, now_us: u64) {
-        self.part = Part::Confirmed;
+        self.part = PartState::Confirmed;
         let layer = self.next.number;
         self.pace.confirmed(self.plan.process.layer_ms(layer), light_ms, now_us);
         self.out.journal(Record::Confirmed { layer });
@@ -129,7 +129,7 @@ impl Engine {
         self.uploads.release(self.next.number);
         self.next.advance();
         self.cycle.note_exposed();
-        self.part = self.part.max(Part::Possible);
+        self.part = self.part.max(PartState::Possible);
         self.failures.layer_printed();
     }
 

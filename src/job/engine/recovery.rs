@@ -2,7 +2,7 @@
 //! `tests/job_engine/disturbances.rs` and `tests/job_lies/memory.rs`.
 
 use super::next::{Known, Sign};
-use super::track::Part;
+use super::track::PartState;
 use super::{Engine, Phase, SECOND_US};
 use crate::deadline::Deadline;
 use crate::device::Light;
@@ -110,7 +110,7 @@ impl Engine {
         if self.intent.is_abort() {
             return self.advance(now_us);
         }
-        if self.part == Part::Confirmed && self.device.last_exposed.is_some_and(|id| id.job != self.plan.key) {
+        if self.part == PartState::Confirmed && self.device.last_exposed.is_some_and(|id| id.job != self.plan.key) {
             let text = "the device has exposed layers of another job since: this job's part is no longer where it was. Abort it";
             return self.end_unparked(text.into());
         }

@@ -3,7 +3,7 @@
 
 /// What the machine may have made of the job so far.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Part {
+pub(super) enum PartState {
     /// Nothing: there was no light.
     Absent,
     /// There may have been light.
@@ -12,7 +12,7 @@ pub(super) enum Part {
     Confirmed,
 }
 
-impl Part {
+impl PartState {
     pub(super) fn new(touched: bool, confirmed: bool) -> Self {
         match (touched, confirmed) {
             (_, true) => Self::Confirmed,
@@ -29,7 +29,7 @@ impl Part {
 
 /// The line to the device.
 #[derive(Debug, Default)]
-pub(super) struct Line {
+pub(super) struct LineState {
     pub(super) session: Session,
     /// What keeps data from getting through, as reported by the line.
     pub(super) hindrance: Option<String>,
@@ -48,7 +48,7 @@ pub(super) enum Session {
     Up,
 }
 
-impl Line {
+impl LineState {
     pub(super) fn is_up(&self) -> bool {
         self.session == Session::Up
     }

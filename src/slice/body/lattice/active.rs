@@ -9,7 +9,7 @@
 
 use std::ops::Range;
 
-use crate::solid::{Block, Record};
+use crate::solid::{Block, StrutRecord};
 
 /// A bucket is compacted when one in this many of its struts is out of reach. With a quarter, it holds at most a third more struts than
 /// needed, and a strut is moved about twice in its life.
@@ -72,7 +72,7 @@ impl ActiveSet {
     }
 
     /// Adds a strut. The rows are the range that it can reach in any plane; they may lie outside the picture.
-    pub(super) fn add(&mut self, record: Record, [first_row, last_row]: [i64; 2]) {
+    pub(super) fn add(&mut self, record: StrutRecord, [first_row, last_row]: [i64; 2]) {
         let fits = |level: &&Level| level.rows > last_row.saturating_sub(first_row);
         let Some(level) = self.levels.iter().find(fits).or(self.levels.last()) else { return };
         let bucket = level.bucket(first_row);
@@ -120,7 +120,7 @@ impl Level {
 }
 
 impl Bucket {
-    fn push(&mut self, record: Record) {
+    fn push(&mut self, record: StrutRecord) {
         if !self.blocks.last_mut().is_some_and(|block| block.push(record)) {
             let mut block = Box::<Block>::default();
             block.push(record);

@@ -6,7 +6,7 @@ use super::active::ActiveSet;
 use crate::buildfile::{MAX_CHUNK_PRIMITIVES, Strut};
 use crate::slice::workers::Workers;
 use crate::slice::{SliceError, SlicePlan};
-use crate::solid::{self, MAX_RADIUS, Record, Shape};
+use crate::solid::{self, MAX_RADIUS, Shape, StrutRecord};
 use crate::stream::{Charge, MemoryBudget};
 
 /// Reads struts from a source while the plane rises, and keeps those within its reach.
@@ -152,7 +152,7 @@ impl Sweep {
         }
         let Strut { a, b, radius_a, radius_b, caps } = *strut;
         let ends = (self.ends)([radius_a, radius_b], [caps.a, caps.b], strut.is_ball(), self.quantum);
-        self.active.add(Record { a, b, ends }, self.rows.reached(a[1], b[1]));
+        self.active.add(StrutRecord { a, b, ends }, self.rows.reached(a[1], b[1]));
         Ok(())
     }
 
