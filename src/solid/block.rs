@@ -3,7 +3,7 @@
 
 /// One strut or ball, in quanta.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Record {
+pub(crate) struct StrutRecord {
     /// The lower end.
     pub(crate) a: [i32; 3],
     /// The upper end; of a ball it equals `a`.
@@ -12,7 +12,7 @@ pub(crate) struct Record {
     pub(crate) ends: [u32; 2],
 }
 
-impl Record {
+impl StrutRecord {
     /// The lower end, the unit vector to the upper end, and the length, in the unit in which a quantum has length `quantum`. A ball
     /// has the zero vector and length 0.
     pub(super) fn axis(&self, quantum: f64) -> ([f64; 3], [f64; 3], f64) {
@@ -48,7 +48,7 @@ impl Block {
     }
 
     /// Adds a record; returns `false` if the block is full.
-    pub(crate) fn push(&mut self, record: Record) -> bool {
+    pub(crate) fn push(&mut self, record: StrutRecord) -> bool {
         let at = self.len;
         if at == Self::LEN {
             return false;
@@ -59,9 +59,9 @@ impl Block {
     }
 
     /// The record at index `at`, which must be below `len`.
-    pub(crate) fn get(&self, at: usize) -> Record {
+    pub(crate) fn get(&self, at: usize) -> StrutRecord {
         debug_assert!(at < self.len);
-        Record {
+        StrutRecord {
             a: [self.a[0][at], self.a[1][at], self.a[2][at]],
             b: [self.b[0][at], self.b[1][at], self.b[2][at]],
             ends: [self.ends[0][at], self.ends[1][at]],
@@ -69,7 +69,7 @@ impl Block {
     }
 
     /// Replaces the record at index `at`, which must be below `len`.
-    pub(crate) fn set(&mut self, at: usize, record: Record) {
+    pub(crate) fn set(&mut self, at: usize, record: StrutRecord) {
         debug_assert!(at < self.len);
         for axis in 0..3 {
             (self.a[axis][at], self.b[axis][at]) = (record.a[axis], record.b[axis]);

@@ -24,7 +24,7 @@ mod union;
 mod vector;
 mod weight;
 
-pub(crate) use block::{Block, Record};
+pub(crate) use block::{Block, StrutRecord};
 pub(crate) use convolution::Convolution;
 pub use instruction_set::InstructionSet;
 pub(crate) use lowest::lowest_z;
@@ -83,7 +83,7 @@ pub(crate) trait Shape: Send + Sync + Sized {
     /// Rows above and below a band, and columns at both sides, that [`Shape::merge_coverage`] reads.
     const HALO: usize;
 
-    /// Radii, in quanta and at most [`MAX_RADIUS`], and caps, in the form that a [`Record`] holds. `quantum` is the length of a
+    /// Radii, in quanta and at most [`MAX_RADIUS`], and caps, in the form that a [`StrutRecord`] holds. `quantum` is the length of a
     /// quantum in the unit of the solid.
     fn ends(radii: [u32; 2], caps: [Cap; 2], is_ball: bool, quantum: f64) -> [u32; 2];
 

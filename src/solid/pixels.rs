@@ -92,13 +92,13 @@ impl Work for Coverage<'_> {
             let excess = here[pixel] + laplacian * (1.0 / 24.0) - super::ISOVALUE as f32;
             let (gx, gy) = ((right - left).abs() * 0.5, (below - above).abs() * 0.5);
             let share = half_plane_coverage(excess, greater(gx, gy), lesser(gx, gy));
-            *grey = (*grey).max((share * 255.0 + INTEGERS).to_bits() as u8);
+            *grey = (*grey).max((share * 255.0 + LOW_BITS_SHIFT).to_bits() as u8);
         }
     }
 }
 
-/// 2²³: from here on an `f32` holds integers only, and they are its lowest bits. A cast would not compile to vector instructions.
-const INTEGERS: f32 = 8_388_608.0;
+/// 2²³: added, it moves a whole number to the lowest bits, as an `f32` holds only integers from there on. A cast would not compile to vector instructions.
+const LOW_BITS_SHIFT: f32 = 8_388_608.0;
 
 /// Share of a unit square in which `value + major·x + minor·y ≥ 0`, with x and y within ±½ and `major ≥ minor ≥ 0`. The smaller part
 /// of a square cut by a line is a triangle or a trapezium, whose area is elementary. Without branches: results of a division by zero

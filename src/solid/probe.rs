@@ -4,7 +4,7 @@
 //! those of each tile; empty regions are skipped. Each tile has its own grid, so `f32` is precise enough however far tiles are apart.
 //! `buildfile/store/bottom.rs` finds the lowest point of a part with it.
 
-use super::{Block, Convolution, Grid, InstructionSet, Plane, Record, Shape, Strip};
+use super::{Block, Convolution, Grid, InstructionSet, Plane, Shape, Strip, StrutRecord};
 
 /// Rows and columns of a tile: 256 KiB of fields, which fit a level-2 cache.
 const TILE_ROWS: usize = 64;
@@ -36,7 +36,7 @@ impl PlaneProbe {
 
     /// Whether the field is at least the isovalue at any point of the plane at height `z`. Allocates some 48 bytes for each record that
     /// may reach the plane.
-    pub(crate) fn is_solid(&mut self, records: &[Record], z: f64) -> bool {
+    pub(crate) fn is_solid(&mut self, records: &[StrutRecord], z: f64) -> bool {
         let height = TILE_ROWS as f64 * self.pitch;
         let seen = |at: usize| self.seen(&records[at], z, [f64::NEG_INFINITY, f64::INFINITY]).map(|[_, y]| (at, y));
         let mut waiting: Vec<Span> =
@@ -63,7 +63,7 @@ impl PlaneProbe {
     }
 
     /// [`PlaneProbe::is_solid`] within one band of rows.
-    fn is_solid_in(&mut self, records: &[Record], active: &[Span], z: f64, band: [f64; 2]) -> bool {
+    fn is_solid_in(&mut self, records: &[StrutRecord], active: &[Span], z: f64, band: [f64; 2]) -> bool {
         let seen = |span: &Span| {
             let [[low, high], _] = self.seen(&records[span.at], z, band)?;
             Some(Span { low, high, at: span.at })
@@ -92,7 +92,7 @@ impl PlaneProbe {
     }
 
     /// [`PlaneProbe::is_solid`] within the tile whose corner is given.
-    fn is_solid_tile(&mut self, records: &[Record], tile: &[Span], [x0, y0, z]: [f64; 3]) -> bool {
+    fn is_solid_tile(&mut self, records: &[StrutRecord], tile: &[Span], [x0, y0, z]: [f64; 3]) -> bool {
         let instructions = InstructionSet::detect();
         let grid = Grid { x0, dx: self.pitch, y0, dy: self.pitch, width: TILE_COLUMNS, samples: 1 };
         let plane = Plane { grid, z, quantum: self.quantum };
@@ -119,7 +119,7 @@ impl PlaneProbe {
     }
 
     /// The ranges of x and y that a strut may reach in a plane and within a band; `None` if it does not reach them.
-    fn seen(&self, record: &Record, z: f64, [low, high]: [f64; 2]) -> Option<[[f64; 2]; 2]> {
+    fn seen(&self, record: &StrutRecord, z: f64, [low, high]: [f64; 2]) -> Option<[[f64; 2]; 2]> {
         let [a, b] = [record.a, record.b].map(|node| node.map(|x| f64::from(x) * self.quantum));
         let along_z = within(a[2], b[2], [z - 1.0, z + 1.0])?;
         let along_y = within(a[1], b[1], [low - 1.0, high + 1.0])?;

@@ -6,7 +6,7 @@
 //!
 //! `slice/body/lattice` draws with it if the blend is a union.
 
-use super::block::Record;
+use super::block::StrutRecord;
 use super::{Block, Cap, Grid, InstructionSet, Plane, Shape, Strip};
 
 /// A point is solid if it lies in any beam or ball.
@@ -83,7 +83,7 @@ fn sub_offset(index: u32, samples: u32) -> f64 {
 const EMPTY: Interval = [1.0, 0.0];
 
 impl UnionStrut {
-    fn new(record: Record, quantum: f64) -> Self {
+    fn new(record: StrutRecord, quantum: f64) -> Self {
         let (a, u, length) = record.axis(quantum);
         let radius = record.ends.map(|end| f64::from(end & ((1 << CAP_SHIFT) - 1)) * quantum);
         let caps = record.ends.map(|end| CAPS[(end >> CAP_SHIFT) as usize % CAPS.len()]);

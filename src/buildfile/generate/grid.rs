@@ -2,6 +2,7 @@
 
 use super::Kind;
 use crate::buildfile::model::{Caps, SUPPORT_FACTOR, Strut, node_key};
+use crate::random::mix;
 
 /// Largest distance of a node of [`Kind::Random`] from its grid point along each axis, in grid steps. Below a half, so that the struts
 /// of one layer of nodes begin below those of the next layer.
@@ -200,12 +201,4 @@ fn moved(place: [i64; 3], step: [i64; 3]) -> [i64; 3] {
 /// A number from 0 to below 1, made of the highest 32 bits.
 fn unit(bits: u64) -> f64 {
     (bits >> 32) as f64 / (1u64 << 32) as f64
-}
-
-/// The output function of SplitMix64 (Steele, Lea & Flood 2014).
-fn mix(state: u64) -> u64 {
-    let mut z = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ z >> 31
 }

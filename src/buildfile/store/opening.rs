@@ -212,11 +212,7 @@ impl<'a> IndexCheck<'a> {
         }
         self.counts_agree()?;
         if self.body + 1 < self.bodies.len() {
-            return Err(format!(
-                "it has chunks of {} bodies, but the header has {}",
-                self.body + 1,
-                self.bodies.len()
-            ));
+            return Err(format!("it has chunks of {} bodies, but the header has {}", self.body + 1, self.bodies.len()));
         }
         Ok(())
     }

@@ -3,6 +3,8 @@
 
 use std::str::FromStr;
 
+use crate::random::SplitMix;
+
 /// What `--fault` accepts, for help and errors.
 pub const FAULT_HELP: &str = "\
 drop=P         lose a frame with probability P (0 to 0.5), both ways, such as drop=0.01
@@ -84,23 +86,19 @@ pub(super) enum Incident {
     Reset,
 }
 
-/// A small generator (SplitMix64): the same seed gives the same faults on every machine.
+/// Random numbers: the same seed gives the same faults on every machine.
 #[derive(Clone, Debug)]
-pub(super) struct Dice(u64);
+pub(super) struct Dice(SplitMix);
 
 impl Dice {
     /// A sequence for a seed.
     pub(super) fn new(seed: u64) -> Self {
-        Self(seed)
+        Self(SplitMix::new(seed))
     }
 
-    /// The next number.
+    /// The next 64 bits.
     pub(super) fn next_u64(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut mixed = self.0;
-        mixed = (mixed ^ mixed >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        mixed = (mixed ^ mixed >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        mixed ^ mixed >> 31
+        self.0.next_u64()
     }
 
     /// A number from 0 to below `limit`, which is not 0.

@@ -1,11 +1,8 @@
 //! Cuts eight struts with one plane: the result is a quadratic about a base cell for each.
 
 use super::reach::{Reach, Window};
-use crate::solid::vector::{greater, lesser};
+use crate::solid::vector::{LANES, greater, lesser};
 use crate::solid::{Block, Plane};
-
-/// Struts cut at once.
-pub(super) const LANES: usize = 8;
 
 /// Eight struts as seen in a plane, each relative to a base cell. At i columns and j rows from it,
 /// `q = q_base − i (slope_x + curve_xy·j + curve_x·i) − j (slope_y + curve_y·j)`, and the ends of the strut are at
@@ -139,13 +136,13 @@ fn gather<T: Copy + Default>(column: &[T; Block::LEN], at: &[u8; LANES]) -> [T; 
     values
 }
 
-/// 1.5 · 2²³: here an `f32` holds integers only. It is the middle of an octave, so that sums with both signs stay within it.
-const INTEGERS: f32 = 12_582_912.0;
+/// 1.5 · 2²³: added and taken away again, it rounds, as an `f32` holds only integers there. It is the middle of an octave, so that sums with both signs stay within it.
+const NEAREST_SHIFT: f32 = 12_582_912.0;
 
 /// The nearest whole number, for numbers within ±2²². A cast would not compile to vector instructions.
 #[inline(always)]
 pub(super) fn nearest(x: f32) -> f32 {
-    (x + INTEGERS) - INTEGERS
+    (x + NEAREST_SHIFT) - NEAREST_SHIFT
 }
 
 /// Rounds down, within the same range.
@@ -165,5 +162,5 @@ pub(super) fn up(x: f32) -> f32 {
 /// Converts a whole number within the same range. The result for any other number is arbitrary.
 #[inline(always)]
 pub(super) fn integer(x: f32) -> i32 {
-    ((x + INTEGERS).to_bits() as i32).wrapping_sub(INTEGERS.to_bits() as i32)
+    ((x + NEAREST_SHIFT).to_bits() as i32).wrapping_sub(NEAREST_SHIFT.to_bits() as i32)
 }

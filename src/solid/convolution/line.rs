@@ -1,7 +1,7 @@
 //! Draws any strut or ball row by row. The values that a row shares are computed in `f64`, for eight rows at a time.
 
 use super::{ENDLESS, MARGIN, greater, lesser, reciprocal, whole};
-use crate::solid::block::Record;
+use crate::solid::block::StrutRecord;
 use crate::solid::vector::{self, BothEnds, LANES, NoEnd, Stretch};
 use crate::solid::{Plane, Strip};
 
@@ -22,7 +22,7 @@ const STRETCH_PX: f64 = 64.0;
 
 impl ConvolutionStrut {
     /// Prepares a record of a block.
-    pub(super) fn new(record: Record, plane: &Plane) -> Self {
+    pub(super) fn new(record: StrutRecord, plane: &Plane) -> Self {
         let (a, u, length) = record.axis(plane.quantum);
         let [weight_a, weight_b] = record.ends.map(f32::from_bits);
         let change = if length > 0.0 { (weight_b - weight_a) / length as f32 } else { 0.0 };

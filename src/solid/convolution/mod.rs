@@ -15,6 +15,7 @@ mod reach;
 
 use super::instruction_set::Work;
 use super::pixels::{Coverage, PackBits};
+use super::vector::LANES;
 use super::{Block, Cap, InstructionSet, Plane, Shape, Strip, weight};
 use cut::Footprints;
 use line::ConvolutionStrut;
@@ -81,10 +82,10 @@ impl<'a, Blocks: Iterator<Item = &'a Block>> Work for Draw<'_, Blocks> {
         for block in blocks {
             let count = reach.look(block, plane, &window, &mut chosen);
             strip.count(block.len(), count);
-            for first in (0..count).step_by(cut::LANES) {
-                let Some(chosen) = chosen[first..].first_chunk::<{ cut::LANES }>() else { return };
+            for first in (0..count).step_by(LANES) {
+                let Some(chosen) = chosen[first..].first_chunk::<{ LANES }>() else { return };
                 let footprints = Footprints::new(block, chosen, &reach, plane, &window);
-                for (lane, at) in chosen[..cut::LANES.min(count - first)].iter().enumerate() {
+                for (lane, at) in chosen[..LANES.min(count - first)].iter().enumerate() {
                     let at = usize::from(*at) % Block::LEN;
                     if reach.compact[at] == 0.0 {
                         ConvolutionStrut::new(block.get(at), plane).draw::<FUSED>(plane, strip);
@@ -97,13 +98,13 @@ impl<'a, Blocks: Iterator<Item = &'a Block>> Work for Draw<'_, Blocks> {
     }
 }
 
-/// 2⁵²: from here on an `f64` holds integers only.
-const INTEGERS: f64 = 4_503_599_627_370_496.0;
+/// 1.5 · 2⁵²: added and taken away again, it rounds, as an `f64` holds only integers there.
+const WHOLE_SHIFT: f64 = 6_755_399_441_055_744.0;
 
-/// Rounds a number of cells down, within ± half of [`INTEGERS`]. A cast would not compile to vector instructions.
+/// Rounds a number of cells down, within ±2⁵¹. A cast would not compile to vector instructions.
 #[inline(always)]
 fn whole(x: f64) -> f64 {
-    let rounded = (x + 1.5 * INTEGERS) - 1.5 * INTEGERS;
+    let rounded = (x + WHOLE_SHIFT) - WHOLE_SHIFT;
     rounded - if rounded > x { 1.0 } else { 0.0 }
 }
 

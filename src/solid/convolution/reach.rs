@@ -1,11 +1,8 @@
 //! Selects the struts of a block that may reach a band of rows in a plane, and bounds their cells. It is fast, in `f32`, and never too
 //! narrow.
 
-use crate::solid::vector::{greater, lesser};
+use crate::solid::vector::{LANES, greater, lesser};
 use crate::solid::{Block, Plane, Strip};
-
-/// Struts examined at once.
-const LANES: usize = 8;
 
 /// Added to the support on all sides, for rounding errors in q and in t.
 const MARGIN: f32 = super::MARGIN as f32;
