@@ -84,10 +84,8 @@ impl Script {
     }
 
     fn fill_queue(&mut self) {
-        while self.host.send_capacity_bytes() > 0 {
-            let piece = vec![9; self.host.largest_layer_data_bytes()];
-            self.host.send(&HostMessage::LayerData(piece)).expect("room");
-        }
+        let piece = HostMessage::LayerData(vec![9; self.host.largest_layer_data_bytes()]);
+        while link_pair::queue(&mut self.host, &piece) {}
     }
 
     fn request(&mut self, number: u32) {

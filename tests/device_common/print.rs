@@ -117,8 +117,8 @@ impl Printer {
             }
         }
         loop {
-            let room_bytes = session.send_capacity_bytes().min(session.largest_layer_data_bytes());
-            let Some(message) = self.unsent.take().or_else(|| driver.next_message(room_bytes, 0)) else { return };
+            let piece_bytes = session.largest_layer_data_bytes();
+            let Some(message) = self.unsent.take().or_else(|| driver.next_message(piece_bytes, 0)) else { return };
             match session.send(&message) {
                 Ok(()) => {}
                 Err(SendError::Full | SendError::NotConnected) => {

@@ -3,9 +3,11 @@
 
 use std::collections::VecDeque;
 
-use layerd::link::message::{Capabilities, DeviceState, Encoding, MachineCapabilities, Urgent, VatCapabilities};
+use layerd::link::message::{
+    Capabilities, DeviceState, Encoding, HostMessage, MachineCapabilities, Urgent, VatCapabilities,
+};
 use layerd::link::session::{HostEvent, HostSession, HostSettings};
-use layerd_wire::session::{DeviceEvent, DeviceSession, DeviceSettings, line_time_us};
+use layerd_wire::session::{DeviceEvent, DeviceSession, DeviceSettings, SendError, line_time_us};
 
 /// How often a frame suffers.
 #[derive(Clone, Copy, Debug, Default)]
@@ -43,6 +45,15 @@ impl Dice {
 
     fn chance(&mut self, rate: f64) -> bool {
         (self.next() >> 11) as f64 / (1_u64 << 53) as f64 <= rate && rate > 0.0
+    }
+}
+
+/// Queues a message; returns `false` if there is no room for it.
+pub(crate) fn queue(host: &mut HostSession, message: &HostMessage) -> bool {
+    match host.send(message) {
+        Ok(()) => true,
+        Err(SendError::Full) => false,
+        Err(error) => panic!("{error}"),
     }
 }
 

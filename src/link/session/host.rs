@@ -322,12 +322,6 @@ impl HostSession {
         watch.hindrance(endpoint.missing_credit(), self.now_us)
     }
 
-    /// Bytes of layer data that may be queued now, in pieces of [`Self::largest_layer_data_bytes`].
-    pub fn send_capacity_bytes(&self) -> usize {
-        let Phase::Open { endpoint, .. } = &self.phase else { return 0 };
-        endpoint.free_frames() * self.largest_layer_data_bytes()
-    }
-
     /// The longest `LayerData` that fits a frame; 0 while not connected.
     pub fn largest_layer_data_bytes(&self) -> usize {
         let Phase::Open { endpoint, .. } = &self.phase else { return 0 };

@@ -80,11 +80,6 @@ impl Endpoint {
         payload_limit(self.frame_bytes)
     }
 
-    /// Frames of full size that may be queued now.
-    pub fn free_frames(&self) -> usize {
-        self.queue_limit_bytes.saturating_sub(self.outgoing.queued_bytes()) / self.frame_bytes
-    }
-
     /// Whether data waits for credit or for the line.
     pub fn has_unsent(&self) -> bool {
         self.outgoing.has_unsent()
