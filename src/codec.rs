@@ -1,7 +1,7 @@
 //! Small values as bytes: little endian, integers of fixed width, decoded with a limit on length.
 //!
 //! Only this file uses bincode, which is unmaintained (RUSTSEC-2025-0141) and pinned, so that it can be replaced here.
-//! The header of a build file and the records of a journal are encoded with it.
+//! `buildfile/store/format.rs` and `job/journal` encode with it.
 
 use bincode::config::{Configuration, Fixint, LittleEndian};
 use bincode::error::DecodeError;

@@ -1,5 +1,5 @@
 //! A deadline for an answer. If the host itself stood still (SIGSTOP, suspend, overload), the deadline is extended, so that the host
-//! can first read the answers that arrived in the meantime. The device driver and the job engine wait for answers with it.
+//! can first read the answers that arrived in the meantime. `device/driver/framed.rs` and `job/engine` wait for answers with it.
 
 /// If a deadline is noticed this late, the host stood still. A loaded machine is some 10 ms late.
 const STANDSTILL_US: u64 = 500_000;

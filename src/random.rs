@@ -1,5 +1,5 @@
-//! Random numbers, not for secrets: unpredictable ones for keys of jobs and ids of sessions, and repeatable ones (SplitMix64), for
-//! which the unit test below has examples.
+//! Random numbers, not for secrets: unpredictable ones for keys of jobs and ids of sessions, and repeatable ones (SplitMix64).
+//! `device/sim/fault.rs` and `buildfile/generate/grid.rs` take those.
 
 use std::hash::{BuildHasher, Hasher, RandomState};
 

@@ -1,5 +1,5 @@
 //! Signals of a process that drives or simulates a machine: some make it end in an orderly way; the others do not kill it.
-//! `daemon/run.rs` and `layerctl simulate` call it first.
+//! `daemon/start/run.rs` and `layerctl simulate` call it first.
 
 use std::io;
 use std::task::Poll;

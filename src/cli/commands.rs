@@ -1,4 +1,4 @@
-//! `layerctl pause | resume | stop | abort [JOB]`. `tests/operator` tries them.
+//! `layerctl pause | resume | stop | abort [JOB]`. `tests/operator` tests them.
 
 use std::time::Duration;
 

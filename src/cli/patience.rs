@@ -1,5 +1,5 @@
 //! How long `layerctl` waits for the daemon's answer, and what it tells the operator meanwhile.
-//! `tests/operator` tries it on a daemon that hangs.
+//! `tests/operator` tests it on a daemon that hangs.
 
 use std::fmt;
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! `layerctl raise`. `tests/plate.rs` tries it.
+//! `layerctl raise`. `tests/plate.rs` tests it.
 
 use clap::Args;
 

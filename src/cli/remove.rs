@@ -1,4 +1,4 @@
-//! `layerctl remove JOB...`. `tests/orders.rs` tries it.
+//! `layerctl remove JOB...`. `tests/orders.rs` tests it.
 
 use clap::Args;
 

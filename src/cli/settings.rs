@@ -1,4 +1,4 @@
-//! `layerctl machines | recipes`: which machines and recipes there are. `tests/cli.rs` tries them.
+//! `layerctl machines | recipes`: which machines and recipes there are. `tests/cli.rs` tests them.
 
 use serde::Serialize;
 

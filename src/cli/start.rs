@@ -1,4 +1,4 @@
-//! `layerctl start`: hands a build file to the daemon and, if asked, waits for the end of the print. `tests/operator` tries it.
+//! `layerctl start`: hands a build file to the daemon and, if asked, waits for the end of the print. `tests/operator` tests it.
 
 use std::path::PathBuf;
 use std::time::{Duration, SystemTime};

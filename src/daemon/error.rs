@@ -1,4 +1,4 @@
-//! Why an order is not carried out. `docs/control-api.md` lists the statuses; `tests/control_api` tries them.
+//! Why an order is not carried out. `docs/control-api.md` lists the statuses; `tests/control_api` tests them.
 
 use crate::job::ResumeError;
 

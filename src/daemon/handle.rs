@@ -1,5 +1,5 @@
 //! What server and printer share: orders go to the printer, a snapshot and events come back. Every queue is bounded.
-//! `tests/control_api` and `tests/abort_crowd.rs` try the bounds.
+//! `tests/control_api` and `tests/abort_crowd.rs` test the bounds.
 
 use serde::Serialize;
 use tokio::sync::{broadcast, mpsc, oneshot, watch};

@@ -16,7 +16,8 @@
 //! | `http`       | the sockets, and HTTP on them                                                     |
 //! | `start`      | from the command line to a running daemon; the checks before that                 |
 //!
-//! Each module uses only those above it. `tests/print.rs` runs the whole of it; `tests/control_api.rs` its API alone.
+//! Each module uses only those above it, except `printer` and `orders`: both implement methods of `Printer` and call each other.
+//! `printer` reacts to events, `orders` to orders. `tests/print.rs` runs the whole of it; `tests/control_api/` its API alone.
 
 mod background;
 pub mod caller;

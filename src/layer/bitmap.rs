@@ -1,4 +1,4 @@
-//! A layer as pixels.
+//! A layer as pixels. `slice` draws it, `device/encoding.rs` encodes it.
 
 /// Bits a pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,5 +1,5 @@
 //! The layers of a part, computed ahead; restarted to go on from another layer.
-//! The daemon's running job takes its layers from it.
+//! `daemon/machine/running.rs` takes its layers from it.
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! Why a layer could not be computed.
+//! Why a layer could not be computed. `slicer` reports it.
 
 use crate::solid::MAX_RADIUS_SHARE;
 use crate::stream::BudgetExceeded;

@@ -1,4 +1,5 @@
 //! The threads of a slicer. They live as long as the slicer, because starting a thread takes longer than drawing a small layer.
+//! `slicer` owns them.
 
 use std::sync::{Mutex, PoisonError};
 

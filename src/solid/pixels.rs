@@ -97,7 +97,8 @@ impl Work for Coverage<'_> {
     }
 }
 
-/// 2²³: added, it moves a whole number to the lowest bits, as an `f32` holds only integers from there on. A cast would not compile to vector instructions.
+/// 2²³: added, it moves a whole number to the lowest bits, as an `f32` holds only integers from there on. A
+/// cast would not compile to vector instructions.
 const LOW_BITS_SHIFT: f32 = 8_388_608.0;
 
 /// Share of a unit square in which `value + major·x + minor·y ≥ 0`, with x and y within ±½ and `major ≥ minor ≥ 0`. The smaller part

@@ -2,7 +2,8 @@
 //!
 //! All forms below follow from the closed form in [`super::reference`], with R = 1. `convolution` draws footprints with them.
 
-/// Pixels evaluated, or struts cut, at once. Rows of a strut are often some 15 pixels wide, so most of a longer vector would be wasted.
+/// Pixels evaluated, or struts cut, at once. Rows of a strut are often some 15 pixels wide, so most of a longer vector
+/// would be wasted.
 pub(super) const LANES: usize = 8;
 
 /// The number of each lane.

@@ -1,4 +1,5 @@
-//! The memory budget: every buffer of the print path is charged here before it is allocated.
+//! The memory budget: every large buffer of the print path is charged here before it is allocated. `pipeline/memory.rs` counts what a
+//! part needs.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};

@@ -98,7 +98,8 @@ impl Welcome {
     /// Reads a payload. The version comes first in every version of the protocol.
     ///
     /// # Errors
-    /// [`WireError::OtherVersion`] if the version is not one of [`VERSIONS`], then nothing else is read; or another [`WireError`] that names the field that does not fit.
+    /// [`WireError::OtherVersion`] if the version is not one of [`VERSIONS`]; then nothing else is read. Else another [`WireError`],
+    /// which names the field that does not fit.
     pub fn decode(payload: &[u8]) -> Result<Self, WireError> {
         let mut reader = Reader::new(payload);
         let version = reader.u16("version")?;

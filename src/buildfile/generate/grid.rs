@@ -1,4 +1,5 @@
 //! The struts of a lattice. A hash of its grid position determines each node and each strut, so none has to be kept in memory.
+//! `fit` chooses its size; `tests/generate.rs` tests it.
 
 use super::Kind;
 use crate::buildfile::model::{Caps, SUPPORT_FACTOR, Strut, node_key};

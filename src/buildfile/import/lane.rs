@@ -1,4 +1,4 @@
-//! What one thread collects: beams and balls become struts, go to the sort, and are counted.
+//! What one thread collects: beams and balls become struts, go to the sort, and are counted. `collect` has one lane a thread.
 
 use std::path::{Path, PathBuf};
 

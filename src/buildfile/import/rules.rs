@@ -1,4 +1,5 @@
 //! From the numbers of a source to those of a build file: rotation, scale, quanta, and the checks of each coordinate and radius.
+//! `lane` applies them.
 
 use glam::{DMat3, DVec3};
 

@@ -1,4 +1,5 @@
 //! Triangles, the second kind of primitive: only tests use them, to show that sorting and chunks do not depend on struts.
+//! The unit tests of `sort` and `store/chunker.rs` use them.
 
 use super::columns::{self, Scratch, Unpacked};
 use super::{Key, Primitive};

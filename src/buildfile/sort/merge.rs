@@ -1,4 +1,4 @@
-//! Merges several sorted runs into one.
+//! Merges several sorted runs into one. `sort` calls it.
 
 use std::fs::File;
 use std::io;

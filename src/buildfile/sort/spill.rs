@@ -1,4 +1,4 @@
-//! Sorted runs, one after another, in a temporary file without a name.
+//! Sorted runs, one after another, in a temporary file without a name. `sort` writes them, `merge` reads them.
 
 use std::fs::File;
 use std::io;

@@ -1,4 +1,4 @@
-//! Chunks on their way into a file: primitives are collected, compressed on other threads, and written in order.
+//! Chunks on their way into a file: primitives are collected, compressed on other threads, and written in order. `writer` uses it.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};

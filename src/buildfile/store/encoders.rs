@@ -1,4 +1,4 @@
-//! Threads that lay out and compress chunks. Chunks come back in the order in which they were sent.
+//! Threads that lay out and compress chunks. Chunks come back in the order in which they were sent. `chunker` uses them.
 
 use std::io;
 use std::num::NonZero;

@@ -1,4 +1,5 @@
 //! The index: what each chunk holds. With it a reader can seek, and bound its memory, before it reads a chunk.
+//! `tests/buildfile_damage.rs` damages it.
 
 use bincode::{Decode, Encode};
 

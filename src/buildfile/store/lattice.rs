@@ -1,4 +1,4 @@
-//! The header of a lattice, found while its struts go by in file order.
+//! Builds the header of a lattice from its struts as they are written. `writer` adds it to the header of the file.
 
 use super::lowest::LowestOfUnion;
 use super::nodes::NodeCounter;

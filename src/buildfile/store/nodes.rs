@@ -1,4 +1,4 @@
-//! Counts distinct nodes while struts are written in file order.
+//! Counts distinct nodes while struts are written in file order. `lattice` counts with it.
 
 use std::collections::HashSet;
 use std::hash::{BuildHasher, Hasher, RandomState};

@@ -1,4 +1,4 @@
-//! What a writer must know before the first primitive, and why it may fail.
+//! What a writer must know before the first primitive, and why it may fail. `tests/buildfile.rs` shows both.
 
 use std::io;
 use std::path::PathBuf;

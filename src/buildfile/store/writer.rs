@@ -1,4 +1,5 @@
-//! Writing: struts go in in ascending order; the file appears complete or not at all.
+//! Writing: struts are added in ascending order; the file appears complete or not at all. [`buildfile`](crate::buildfile) has an
+//! example.
 
 use std::io;
 use std::num::NonZero;

@@ -1,5 +1,5 @@
 //! One connection to the daemon: HTTP over its Unix socket, one request a connection.
-//! The module above it uses one for each request.
+//! `cli/client.rs` uses one for each request.
 
 use std::path::Path;
 use std::time::Duration;

@@ -1,5 +1,5 @@
 //! The records of a journal in plain words. Layers exposed one after another share a line.
-//! The unit tests below show whole logs.
+//! The unit tests below show whole logs, `tests/operator/records.rs` that of a print.
 
 use crate::api::{LogEntry, LogRecord};
 use crate::cli::progress::{later_text, second_text};

@@ -1,4 +1,4 @@
-//! What the daemon takes from its host: a log, clocks, and systemd's attention. `start/run.rs` sets it up.
+//! What the daemon takes from its host: a log, clocks, and notifications to systemd. `start/run.rs` sets it up.
 
 pub(crate) mod clock;
 pub(crate) mod log;

@@ -1,5 +1,5 @@
 //! Writes a build file from a request into the spool, with at most one piece of it in memory.
-//! `tests/control_api/uploads.rs` tries it.
+//! `tests/control_api/uploads.rs` tests it.
 
 use std::fs::File;
 use std::io::Write;

@@ -77,7 +77,7 @@ impl Jobs {
         self.jobs.get_mut(&id)
     }
 
-    /// The job whose exposures bear this key.
+    /// The job whose exposures have this key.
     pub(crate) fn by_key(&self, key: u64) -> Option<&Job> {
         // A job whose journal cannot be read has the key 0.
         self.jobs.values().find(|job| job.key == key && key != 0)

@@ -39,7 +39,7 @@ pub(crate) enum Sign {
         position_um: i32,
         /// Where it would be clear.
         clear_um: i32,
-        /// The boot of the device.
+        /// Boot id of the device.
         boot_id: u32,
     },
     /// `layerctl raise` lifted a plate that was not clear of the resin.

@@ -1,4 +1,4 @@
-//! Orders that an engine carries out, and whose records are not on disk yet. `tests/orders.rs` and `tests/disk.rs` try it.
+//! Orders that an engine carries out, and whose records are not on disk yet. `tests/orders.rs` and `tests/disk.rs` test it.
 
 use crate::daemon::handle::Reply;
 use crate::job::EndOrder;

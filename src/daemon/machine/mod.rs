@@ -1,5 +1,5 @@
 //! The device and what it is doing: the line to it, the job that has it, and what is known of it while none has.
-//! The printer owns one of each.
+//! `Printer` owns one of each; `tests/print.rs` runs them.
 
 pub(crate) mod faults;
 pub(crate) mod idle;

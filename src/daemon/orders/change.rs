@@ -1,5 +1,5 @@
 //! Orders for a job that does not hold the machine are written to its journal in the background, and then carried out.
-//! `tests/orders.rs` tries it on a full disk and over a crash.
+//! `tests/orders.rs` tests it on a full disk and over a crash.
 
 use crate::daemon::background::Background;
 use crate::daemon::error::{OrderError, no_such_job};

@@ -1,5 +1,5 @@
 //! Operators' orders: which the state allows, and how they are carried out.
-//! `tests/orders.rs` and `tests/control_api/orders.rs` try them.
+//! `tests/orders.rs` and `tests/control_api/orders.rs` test them.
 
 pub(crate) mod again;
 pub(crate) mod change;

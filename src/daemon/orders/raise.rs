@@ -1,4 +1,4 @@
-//! `layerctl raise`: lifts the plate clear of the resin while no job runs. The plate only moves up. `tests/plate.rs` tries it.
+//! `layerctl raise`: lifts the plate clear of the resin while no job runs. The plate only moves up. `tests/plate.rs` tests it.
 
 use crate::api::RaiseView;
 use crate::config::{DlpRecipe, Recipe};

@@ -1,4 +1,4 @@
-//! `layerctl remove`: deletes a job that is over, to make room. `tests/orders.rs` tries it.
+//! `layerctl remove`: deletes a job that is over, to make room. `tests/orders.rs` tests it.
 
 use std::sync::{Arc, PoisonError};
 

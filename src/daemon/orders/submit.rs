@@ -1,5 +1,5 @@
 //! A new job: checked against machine, recipe and device, and put into the spool.
-//! `tests/control_api/uploads.rs` and `tests/strangers.rs` try it.
+//! `tests/control_api/uploads.rs` and `tests/strangers.rs` test it.
 
 use std::sync::{Arc, Mutex, PoisonError};
 

@@ -1,5 +1,5 @@
 //! Orders that an engine carries out. Each is answered once its record is on disk, so that a crash cannot undo it.
-//! `tests/orders.rs` tries it.
+//! `tests/orders.rs` tests it.
 
 use crate::daemon::handle::Reply;
 use crate::daemon::jobs::settle::{Change, UNWRITTEN};

@@ -1,5 +1,5 @@
 //! The device while no job runs: its state is queried, and light that was not commanded is switched off.
-//! `tests/interrupted.rs` and `tests/hostile/light.rs` try it.
+//! `tests/interrupted.rs` and `tests/hostile/light.rs` test it.
 
 use super::Printer;
 use crate::device::{DriverEvent, Light, LightWatch, STAYS_LIT};

@@ -1,5 +1,5 @@
 //! What the printer does with events of the line: sessions begin and end, the device sends messages.
-//! `tests/hostile` tries it with devices that lie.
+//! `tests/hostile` tests it with devices that lie.
 
 use super::Printer;
 use crate::api::{Event as News, LinkState, LinkView};

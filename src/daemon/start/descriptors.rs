@@ -1,4 +1,4 @@
-//! File descriptors: the daemon does not start unless it has enough for everything at once. `tests/check_start.rs` tries it.
+//! File descriptors: the daemon does not start unless it has enough for everything at once. `tests/check_start.rs` tests it.
 
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 

@@ -1,4 +1,4 @@
-//! One exposure: journal, command, compare, confirm. See it tried by `tests/job_lies/dose.rs`.
+//! One exposure: journal, command, compare, confirm. See it tested by `tests/job_lies/dose.rs`.
 
 use super::next::{Known, Sign};
 use super::track::PartState;

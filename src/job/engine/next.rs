@@ -1,4 +1,4 @@
-//! The next layer, and what is known of its exposure. Its doubts are tried by `tests/job_engine/doubt.rs`.
+//! The next layer, and what is known of its exposure. Its doubts are tested by `tests/job_engine/doubt.rs`.
 
 use super::super::{ResumeChoice, StartPoint, Unconfirmed};
 use crate::link::message::Refusal;

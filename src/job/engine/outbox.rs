@@ -9,7 +9,8 @@ use crate::link::message::Urgent;
 /// Notices kept if the caller does not fetch them; the oldest is dropped.
 const MAX_NOTICES: usize = 64;
 
-/// Urgent orders go first, then records. Everything else waits until the records are on disk, except an act that parks the machine when the disk is slow.
+/// Urgent orders go first, then records. Everything else waits until the records are on disk, except an act that parks the machine
+/// when the disk is slow.
 #[derive(Debug, Default)]
 pub(super) struct Outbox {
     pub(super) urgent: Option<Urgent>,

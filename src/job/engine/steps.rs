@@ -1,5 +1,5 @@
 //! The steps of the cycle: asks the cycle for them, carries them out, and reports their ends. See it
-//! tried by `tests/job_engine/printing.rs` and `tests/job_lies/plate.rs`.
+//! tested by `tests/job_engine/printing.rs` and `tests/job_lies/plate.rs`.
 
 use super::{Engine, Intent, LATE_LIMIT_US, Phase};
 use crate::device::Outcome;

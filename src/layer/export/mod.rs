@@ -1,4 +1,4 @@
-//! Layers as files that other programs read.
+//! Layers as files that other programs read. `layerctl slice` writes them.
 
 mod png;
 

@@ -1,4 +1,4 @@
-//! Cuts eight struts with one plane: the result is a quadratic about a base cell for each.
+//! Cuts eight struts with one plane: the result is a quadratic about a base cell for each. `footprint` and `patch` draw from it.
 
 use super::reach::{Reach, Window};
 use crate::solid::vector::{LANES, greater, lesser};
@@ -136,7 +136,8 @@ fn gather<T: Copy + Default>(column: &[T; Block::LEN], at: &[u8; LANES]) -> [T; 
     values
 }
 
-/// 1.5 · 2²³: added and taken away again, it rounds, as an `f32` holds only integers there. It is the middle of an octave, so that sums with both signs stay within it.
+/// 1.5 · 2²³: added and taken away again, it rounds, as an `f32` holds only integers there. It is the middle of an octave, so that
+/// sums with both signs stay within it.
 const NEAREST_SHIFT: f32 = 12_582_912.0;
 
 /// The nearest whole number, for numbers within ±2²². A cast would not compile to vector instructions.

@@ -1,5 +1,5 @@
 //! Draws a small footprint as a patch of one to three vectors in each row. All rows begin at the same column, so nothing has to be
-//! found for single rows.
+//! found for single rows. `footprint` chooses it.
 
 use super::cut::Footprints;
 use crate::solid::Strip;

@@ -1,4 +1,4 @@
-//! Converts between raw bytes and frames: escapes, delimiters, counts. Both ends of a session use it.
+//! Converts between raw bytes and frames: escapes, delimiters, counts. `endpoint` uses it at both ends of a session.
 
 use alloc::vec::Vec;
 

@@ -1,4 +1,4 @@
-//! One line of edge text: its numbers, and errors that repeat the line.
+//! One line of edge text: its numbers, and errors that repeat the line. `tests/pack_text.rs` shows them.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! The second pass: hands the beams and balls of every placed lattice to the collector.
+//! The second pass: hands the beams and balls of every placed lattice to the collector. `tests/pack_3mf.rs` tests it.
 
 use std::io::Read;
 

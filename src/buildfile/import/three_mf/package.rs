@@ -1,4 +1,5 @@
 //! The zip archive around a 3MF model: finds its parts and streams them, with a limit on their unpacked length.
+//! `tests/pack_3mf.rs` tests it.
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;

@@ -1,5 +1,5 @@
 //! The first pass: reads units, objects, components and build items of all parts, without vertices and beams, and finds out where each
-//! lattice is placed.
+//! lattice is placed. `tests/pack_assembly.rs` tests it.
 
 use std::collections::HashMap;
 use std::io::Read;

@@ -1,4 +1,5 @@
 //! The key of a strut: the whole strut in 32 bytes, whose order as a number is the order of struts in a file.
+//! `sort` compares them.
 
 use crate::buildfile::model::{Cap, Caps, Strut};
 use crate::buildfile::primitive::Key;

@@ -1,4 +1,4 @@
-//! Struts and balls as primitives.
+//! Struts and balls as primitives. `tests/buildfile.rs` writes and reads them.
 
 mod chunk;
 mod key;

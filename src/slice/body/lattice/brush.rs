@@ -1,4 +1,4 @@
-//! Draws the active struts of a band on a strip of rows that stays in the cache.
+//! Draws the active struts of a band on a strip of rows that stays in the cache. `tests/slice.rs` compares what it draws.
 
 use super::active::ActiveSet;
 use crate::layer::Depth;

@@ -1,4 +1,4 @@
-//! Sources of struts for the sweep: chunks in ascending order of their lowest z.
+//! Sources of struts for the sweep: chunks in ascending order of their lowest z. `sweep` reads from them.
 
 use std::sync::Arc;
 

@@ -1,5 +1,5 @@
 //! The sweep plane (Liu et al. 2021, §4 and Eq. 8). Struts are read in ascending order. A strut joins the active set when the plane comes
-//! within its reach, and leaves it when the plane has passed.
+//! within its reach, and leaves it when the plane has passed. `tests/slice.rs` tests it.
 
 use super::StrutSource;
 use super::active::ActiveSet;
