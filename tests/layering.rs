@@ -1,4 +1,5 @@
-//! Which module may know which. The table is the architecture; this test compares it with the imports in the sources.
+//! Which module may know which. The table is the architecture; this test compares it with the imports in the sources. And every source
+//! says where its subject is used or tested.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -158,4 +159,69 @@ fn a_planted_import_is_found_with_its_place() {
         violations("text", place, "use crate::solid::Beam;"),
         "src/solid/planted.rs:1: `text` must not know `solid`\n"
     );
+}
+
+/// The text of a file's `//!`.
+fn module_doc(source: &str) -> String {
+    source.lines().filter_map(|line| line.strip_prefix("//!")).map(|line| line.to_owned() + "\n").collect()
+}
+
+/// What stands between backticks in a text, code blocks left out.
+fn quoted(text: &str) -> Vec<&str> {
+    let prose = text.split("```").step_by(2);
+    prose.flat_map(|prose| prose.split('`').skip(1).step_by(2)).collect()
+}
+
+/// Whether a text has an example, or names a place where its subject is used or tested.
+fn says_where(doc: &str) -> bool {
+    doc.contains("```") || doc.contains("](") || !quoted(doc).is_empty()
+}
+
+/// Paths in the text of `file` that name no file: neither from its own folder nor from one above that, up to the root.
+fn missing_paths<'a>(doc: &'a str, file: &Path) -> Vec<&'a str> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let is_path = |name: &&str| {
+        let is_file = name.contains('/') && name.ends_with(".rs") && !name.contains([' ', ':', '*']);
+        is_file || ["tests/", "docs/"].iter().any(|folder| name.starts_with(folder))
+    };
+    let is_there = |name: &str| {
+        let mut folders = file.ancestors().skip(1).take_while(|folder| folder.starts_with(root));
+        folders.any(|folder| folder.join(name).exists())
+    };
+    quoted(doc).into_iter().filter(is_path).filter(|name| !is_there(name)).collect()
+}
+
+#[test]
+fn every_source_says_where_to_see_it_and_names_only_files_that_exist() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut told = String::new();
+    for file in [root.join("src"), root.join("wire/src")].iter().flat_map(|folder| sources(folder)) {
+        let source = std::fs::read_to_string(&file).expect("a source");
+        let short = file.strip_prefix(root).unwrap_or(&file).display();
+        // A crate whose documentation is its README.
+        if source.starts_with("#![doc = include_str!") {
+            continue;
+        }
+        let doc = module_doc(&source);
+        if !says_where(&doc) {
+            writeln!(told, "{short}: its `//!` has no example and names no place where it is used or tested")
+                .expect("a string");
+        }
+        for path in missing_paths(&doc, &file) {
+            writeln!(told, "{short}: its `//!` names `{path}`, which is not there").expect("a string");
+        }
+    }
+    assert!(told.is_empty(), "{told}");
+}
+
+#[test]
+fn a_source_that_says_nothing_and_a_missing_file_are_found() {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/solid/planted.rs");
+    assert!(!says_where(&module_doc("//! Struts.\n\n/// `tests/solid.rs` tests this item.\nstruct A;\n")));
+    assert!(says_where("Struts.\n```\nlet a = 1;\n```\n") && says_where("Struts. `tests/solid.rs` tests them."));
+    assert!(says_where("Struts. [`solid`](crate::solid) has an example.") && says_where("The [example](crate)."));
+    let doc =
+        "`tests/solid.rs`, `solid/union.rs`, `union.rs`, `convolution/cut.rs`, `tests/gone.rs` and `solid/gone.rs`";
+    assert_eq!(missing_paths(doc, &file), ["tests/gone.rs", "solid/gone.rs"]);
+    assert!(missing_paths("```\n`tests/gone.rs`\n```", &file).is_empty(), "an example is not prose");
 }
