@@ -200,6 +200,25 @@ fn an_exposure_that_has_not_left_can_be_taken_back() {
 }
 
 #[test]
+fn acts_and_their_requests_agree_on_what_is_an_exposure() {
+    let acts = [
+        (VatAct::Home, false),
+        (VatAct::Move { position_um: 500, speed_um_s: 100 }, false),
+        (VatAct::Expose { layer: 0, duration_ms: 10, light_pwm: 255 }, true),
+    ];
+    for (act, expected) in acts.map(|(act, expected)| (Act::Vat(act), expected)) {
+        let mut driver = driver();
+        driver.act(act, 0).expect("idle");
+        let Some(HostMessage::Request { request, .. }) = driver.next_message(0, 0) else { panic!("no request") };
+        assert_eq!((act.is_exposure(), request.is_exposure()), (expected, expected), "{act:?}");
+        assert_eq!(driver.take_back_exposure(true), expected, "{act:?}");
+    }
+    let layer =
+        Request::LayerBegin { slot: 0, id: id(0), encoding: Encoding::RawBit, encoded_bytes: 1, decoded_crc32: 0 };
+    assert!(!layer.is_exposure() && !Request::State.is_exposure());
+}
+
+#[test]
 fn a_new_sessions_driver_learns_of_an_exposure_that_goes_on() {
     let mut bench = Bench::new();
     bench.upload(0, id(4));
