@@ -297,7 +297,7 @@ fn orders_promise_nothing_while_the_device_does_not_answer() {
     }
     let told = bench.ok(&["pause"]);
     assert!(
-        told.contains("is taken; it is carried out when the device answers: the device does not answer now"),
+        told.contains("is accepted, and will be carried out when the device answers: the device does not answer now"),
         "{told}"
     );
     let told = bench.ok(&["abort"]);
