@@ -148,7 +148,7 @@ impl Spool {
             .prefix("again-")
             .suffix(".layerd")
             .make_in(self.incoming(), |name| fs::hard_link(&part, name));
-        named.map(tempfile::NamedTempFile::into_temp_path).map_err(io("link", &part))
+        named.map(tempfile::NamedTempFile::into_temp_path).map_err(|error| io("link", &part)(linking(error)))
     }
 
     /// Checks that `bytes` more fit.
@@ -310,6 +310,16 @@ fn empty(directory: &Path) -> Result<u64, SpoolError> {
         deleted.map_err(io("delete", &path))?;
     }
     Ok(bytes)
+}
+
+/// Says what it means if a file system refuses a hard link.
+fn linking(error: std::io::Error) -> std::io::Error {
+    use std::io::ErrorKind::{PermissionDenied, Unsupported};
+    if !matches!(error.kind(), PermissionDenied | Unsupported) {
+        return error;
+    }
+    let text = format!("{error}. If its file system has no hard links (FAT has none), start the build file instead");
+    std::io::Error::new(error.kind(), text)
 }
 
 fn io<'a>(what: &'static str, path: &'a Path) -> impl Fn(std::io::Error) -> SpoolError + use<'a> {

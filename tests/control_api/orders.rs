@@ -124,6 +124,10 @@ async fn a_part_again_takes_a_recipe_and_a_place_in_the_queue() {
     let answer =
         raw_async(daemon.socket(), "POST /v1/jobs/job-1/again HTTP/1.1\r\nhost: x\r\nconnection: close\r\n\r\n").await;
     assert!(answer.starts_with("HTTP/1.1 201 "), "{answer}");
+    let with_part =
+        "POST /v1/jobs/job-1/again HTTP/1.1\r\nhost: x\r\nconnection: close\r\ncontent-length: 3\r\n\r\nabc";
+    let answer = raw_async(daemon.socket(), with_part).await;
+    assert!(answer.starts_with("HTTP/1.1 400 ") && answer.contains("send no body"), "{answer}");
     for _ in 4..MAX_QUEUED_JOBS {
         daemon.submit("one").await;
     }

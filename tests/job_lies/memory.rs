@@ -82,7 +82,11 @@ fn a_layer_that_a_device_denies_whose_memory_went_back_is_in_doubt() {
     world.device.last_exposed = Some(ExposureId::first_pass(KEY, 1));
     world.finish();
     assert_stopped_safely(&world);
-    assert!(world.end().1.contains("layer 3 is in doubt: the device says that it did not expose it"), "{:?}", world.end());
+    assert!(
+        world.end().1.contains("layer 3 is in doubt: the device says that it did not expose it"),
+        "{:?}",
+        world.end()
+    );
     assert!(world.end().1.contains("named layer 2 of this job as exposed last, and now"), "{:?}", world.end());
 }
 

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-use axum::body::Body;
+use axum::body::{Body, HttpBody as _};
 use axum::extract::{Extension, Path as UrlPath, Request, State};
 use axum::http::{HeaderMap, Method, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
@@ -152,7 +152,12 @@ async fn again(
     Extension(caller): Extension<Caller>,
     UrlPath(id): UrlPath<String>,
     headers: HeaderMap,
+    body: Body,
 ) -> Answer {
+    if !body.is_end_stream() {
+        let message = "the part is already in the spool: send no body, or POST a build file to /v1/jobs";
+        return Err(OrderError::new(400, message));
+    }
     let (recipe_text, recipe_name) = upload::recipe(&headers)?;
     let jobs_ended = shared.handle.snapshot().jobs_ended;
     // Held until the job is in the queue, as for one that is uploaded.
