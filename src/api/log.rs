@@ -25,7 +25,8 @@ pub struct LogEntry {
     pub record: LogRecord,
 }
 
-/// What happened to a job.
+/// What happened to a job. The API's form of a [`crate::job::Record`]: the journal's own may change without breaking readers, and has
+/// fields that mean nothing to them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "record", rename_all = "snake_case")]
 pub enum LogRecord {
@@ -56,7 +57,7 @@ pub enum LogRecord {
         /// The layer.
         layer: u32,
     },
-    /// By the device's word the layer was not exposed.
+    /// The device says that it did not expose the layer.
     NotExposed {
         /// The layer.
         layer: u32,

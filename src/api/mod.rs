@@ -108,6 +108,33 @@ pub struct JobView {
     pub warning: Option<String>,
 }
 
+impl JobView {
+    /// A queued job of which only the id is known.
+    pub fn queued(id: String) -> Self {
+        Self {
+            id,
+            name: String::new(),
+            state: JobState::Queued,
+            recipe: String::new(),
+            layers_done: 0,
+            layers_total: 0,
+            layer: None,
+            eta_s: None,
+            late_layers: 0,
+            late_ms_total: 0,
+            submitted_ms: 0,
+            started_ms: None,
+            ended_ms: None,
+            duration_s: None,
+            resin_ml: None,
+            resin_done_ml: None,
+            reason: None,
+            in_doubt: None,
+            warning: None,
+        }
+    }
+}
+
 /// Answer of `POST /v1/raise`: the plate moves, or is already clear if both heights are equal.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RaiseView {

@@ -42,7 +42,7 @@ pub(super) fn stop_help() -> String {
 /// The end of `abort --help`.
 pub(super) const ABORT_HELP: &str = "\
 Examples:
-  layerctl abort            the job that holds the machine; without one the light goes off all the same
+  layerctl abort            the job that holds the machine; without one the light goes off anyway
   layerctl abort 7          job 7, whichever holds the machine; one that is queued leaves the queue
 
 The light goes off first, in the middle of a layer; then the plate lifts clear of the resin. Other jobs stay in the queue. A job that \

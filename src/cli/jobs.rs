@@ -116,11 +116,11 @@ mod tests {
             "1234567 interrupted 100000/100000   1 Jan 00:00   55 h 33 min  -",
             "it may go on"
         );
-        job.state = JobState::Completed;
+        (job.state, job.duration_s) = (JobState::Completed, Some(200_000));
         let long_ago = job_row(&job, now_ms + 400 * 86_400_000);
         assert_eq!(long_ago, "1234567 completed   100000/100000   1 Jan 2026    55 h 33 min   3 Jan 2026");
         assert!(long_ago.len() <= 80);
-        (job.started_ms, job.ended_ms, job.state) = (None, None, JobState::Queued);
+        (job.started_ms, job.ended_ms, job.duration_s, job.state) = (None, None, None, JobState::Queued);
         assert_eq!(job_row(&job, now_ms), "1234567 queued      100000/100000  -              -            -");
         assert!(part_line(&job).starts_with("a, recipe r, submitted "), "{}", part_line(&job));
     }

@@ -17,7 +17,7 @@ Examples:
   layerctl log 7 --json | jq -r 'select(.record == \"in_doubt\") | .why'
 
 It works for every job that `layerctl jobs` lists, during the print, too. Times are local ones. Orders to stop and abort are in it; \
-who gave an order stands in the daemon's log (journalctl -u layerd). If the job's journal is damaged, what can be read is shown, \
+the daemon's log says who gave them (journalctl -u layerd). If the job's journal is damaged, what can be read is shown, \
 then what is wrong, and the exit code is 1.")]
 pub(super) struct LogArgs {
     /// The job's id.

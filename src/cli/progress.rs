@@ -1,6 +1,6 @@
 //! Times, durations and the progress of a job as every command words them.
 //!
-//! Times are the local ones of whoever reads them, as `TZ` and `/etc/localtime` say, with their offset from UTC, whatever the locale.
+//! Times are local to the reader, as `TZ` and `/etc/localtime` say, with their offset from UTC, in every locale.
 //! The unit tests below show the words.
 
 use std::sync::OnceLock;
@@ -42,9 +42,7 @@ pub(super) fn progress_lines(job: &JobView, now: SystemTime) -> Vec<String> {
 
 /// How long ago a job began, or how long it took, pauses included, seconds; `None` if it has not begun.
 pub(super) fn took_s(job: &JobView, now_ms: u64) -> Option<u64> {
-    // An interrupted job has an end for now, but may go on.
-    let until_ms = job.ended_ms.filter(|_| job.state.is_final()).unwrap_or(now_ms);
-    job.started_ms.map(|started_ms| until_ms.saturating_sub(started_ms) / 1000)
+    job.duration_s.or_else(|| job.started_ms.map(|started_ms| now_ms.saturating_sub(started_ms) / 1000))
 }
 
 /// `about 12 ml of resin`, or `about 3.1 of 12 ml of resin` if the job has exposed a part of its layers; `None` if that is not known.
@@ -217,12 +215,12 @@ mod tests {
         // Interrupted or not, the time is counted in one way.
         (job.state, job.ended_ms) = (crate::job::JobState::Interrupted, Some(1_767_225_612_000));
         assert_eq!(progress_lines(&job, now), ["812 of 3000 layers done (27 %), begun 1 h 05 min ago"]);
-        (job.state, job.ended_ms) = (crate::job::JobState::Stopped, Some(1_767_225_612_000));
+        (job.state, job.duration_s) = (crate::job::JobState::Stopped, Some(12));
         assert_eq!(progress_lines(&job, now), ["812 of 3000 layers done (27 %) in 12 s"]);
         assert_eq!(resin_text(&job), None);
         (job.resin_ml, job.resin_done_ml) = (Some(12.44), Some(3.116));
         assert_eq!(resin_text(&job).as_deref(), Some("about 3.1 of 12 ml of resin"));
-        (job.layers_done, job.layers_total, job.started_ms) = (0, 1, None);
+        (job.layers_done, job.layers_total, job.started_ms, job.duration_s) = (0, 1, None, None);
         assert_eq!(progress_lines(&job, now), ["0 of 1 layer done (0 %)"]);
         assert_eq!(resin_text(&job).as_deref(), Some("about 12 ml of resin"));
         assert_eq!([123.4, 0.4567, 0.0123].map(ml_text), ["123", "0.46", "0.012"]);

@@ -34,7 +34,7 @@ pub enum Record {
         /// The layer.
         layer: u32,
     },
-    /// The layer was commanded, and by the device's word not exposed. Whether it had light rests on that word alone.
+    /// The layer was commanded, and the device says that it did not expose it. Nothing else shows that it had no light.
     NotExposed {
         /// The layer.
         layer: u32,

@@ -106,7 +106,7 @@ impl Part {
 /// The layers of a part, computed and encoded one after the other.
 pub struct EncodedLayers {
     slicer: Slicer,
-    /// Drawn anew for each layer.
+    /// Overwritten by each layer.
     layer: Layer,
     encoding: Choice,
     bytes: Vec<u8>,

@@ -139,27 +139,8 @@ pub(crate) fn carry_out(order: Order, snapshot: &mut Snapshot, directory: &Path)
 }
 
 pub(crate) fn queued(id: &str, name: &str, recipe: Option<String>) -> JobView {
-    JobView {
-        id: id.into(),
-        name: name.into(),
-        state: JobState::Queued,
-        recipe: recipe.unwrap_or_else(|| "default".into()),
-        layers_done: 0,
-        layers_total: 0,
-        layer: None,
-        eta_s: None,
-        late_layers: 0,
-        late_ms_total: 0,
-        submitted_ms: 1,
-        started_ms: None,
-        ended_ms: None,
-        duration_s: None,
-        resin_ml: None,
-        resin_done_ml: None,
-        reason: None,
-        in_doubt: None,
-        warning: None,
-    }
+    let recipe = recipe.unwrap_or_else(|| "default".into());
+    JobView { name: name.into(), recipe, submitted_ms: 1, ..JobView::queued(id.into()) }
 }
 
 /// One raw HTTP exchange; the connection is closed by the daemon.

@@ -86,7 +86,7 @@ impl Job {
         machine: Machine,
         recipe: Recipe,
     ) -> Self {
-        let mut view = blank_view(&directory);
+        let mut view = JobView::queued(directory.id.to_string());
         view.name = name;
         view.recipe = recipe.name().into();
         view.layers_total = layer_count;
@@ -117,7 +117,7 @@ impl Job {
 
     /// Reads a job of the spool.
     pub(crate) fn load(directory: JobDirectory, awaits_plate: bool) -> Self {
-        let mut view = blank_view(&directory);
+        let mut view = JobView::queued(directory.id.to_string());
         let (key, past) = match read_journal(&directory.journal()) {
             Ok((entries, history)) => {
                 fill_view(&mut view, &entries, &history);
@@ -266,30 +266,6 @@ impl Job {
     pub(crate) fn clear_told(&mut self) {
         let told = std::mem::take(&mut self.told);
         self.cleared.extend(told);
-    }
-}
-
-fn blank_view(directory: &JobDirectory) -> JobView {
-    JobView {
-        id: directory.id.to_string(),
-        name: String::new(),
-        state: JobState::Queued,
-        recipe: String::new(),
-        layers_done: 0,
-        layers_total: 0,
-        layer: None,
-        eta_s: None,
-        late_layers: 0,
-        late_ms_total: 0,
-        submitted_ms: 0,
-        started_ms: None,
-        ended_ms: None,
-        duration_s: None,
-        resin_ml: None,
-        resin_done_ml: None,
-        reason: None,
-        in_doubt: None,
-        warning: None,
     }
 }
 

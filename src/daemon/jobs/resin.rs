@@ -9,7 +9,7 @@ use crate::disk;
 use crate::job::JobDirectory;
 use crate::output::Output;
 
-/// Slabs of a part that are told apart: how much is printed is then known to a sixtieth.
+/// Slabs of a part with a volume of their own: the share that is printed is then known to about a sixtieth.
 const SLABS: usize = 64;
 /// The note of an estimate is shorter: 64 numbers of some twenty digits.
 const MAX_NOTE_BYTES: u64 = 4 << 10;

@@ -19,7 +19,7 @@
 //! ```
 //!
 //! After [`Step::Free`] the engine looks at light, line, orders and disk, and then asks for [`Cycle::prepare`] or [`Cycle::park`]
-//! anew. So a cycle never decides whether the print goes on. It decides what is safe for the machine: whether the machine may
+//! again. So a cycle never decides whether the print goes on. It decides what is safe for the machine: whether the machine may
 //! search its zero position, and where a part is safe while nothing is printed.
 //!
 //! A second kind of machine becomes a variant of [`Cycle`], [`super::Process`], [`Act`] and [`Outcome`]. [`Step::Wait`] also
@@ -46,7 +46,7 @@ pub(super) enum Cycle {
 /// What the engine must do next.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Step {
-    /// Nothing is under way: decide anew whether to print or to park.
+    /// Nothing is under way: decide again whether to print or to park.
     Free,
     /// Nothing is left to do for the layers before: the next layer may begin.
     Clear,

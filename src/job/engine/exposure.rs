@@ -133,7 +133,7 @@ impl Engine {
         self.failures.layer_printed();
     }
 
-    /// The commanded layer had no light, by the device's word.
+    /// The device says that the commanded layer had no light.
     pub(super) fn deny(&mut self) {
         if self.next.deny() {
             self.out.journal(Record::NotExposed { layer: self.next.number });

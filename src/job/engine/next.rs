@@ -17,7 +17,7 @@ pub(super) struct NextLayer {
 /// What is known of the light of a layer.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum Known {
-    /// It was not commanded, or by the device's word it had no light.
+    /// It was not commanded, or the device says that it had no light.
     Dark,
     /// It was commanded, and neither confirmed nor denied.
     Commanded {
@@ -35,7 +35,7 @@ pub(super) enum Sign {
     /// Nothing.
     #[default]
     None,
-    /// It refused the layer. Its state must tell whether there was light all the same.
+    /// It refused the layer. Its state must tell whether there was light nevertheless.
     Refused(Refusal),
     /// A state named the layer as exposed sooner than it can be; describes it.
     EndedEarly(String),
