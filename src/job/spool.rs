@@ -18,7 +18,7 @@
 //!
 //! The directory of a removed job is emptied and renamed; a rename needs no space on a full disk. Its name keeps what must still
 //! be known: the job's number, which is not used again; its key, which a device may report; and whether its part was left in
-//! the vat (`-left` or `-clear` after the key). Tested by `tests/job_journal.rs` and `tests/orders.rs`.
+//! the vat (`-left` or `-clear` after the key). Tested by `tests/job_spool.rs` and `tests/orders.rs`.
 
 mod directory;
 mod raised;

@@ -1,5 +1,5 @@
 //! The abort: light off before anything else, then the machine parks. While the device does not answer, is lit or moves, the abort
-//! is sent again, each time in a new session. Tried by `tests/job_engine/abort.rs` and `tests/job_lies/abort.rs`.
+//! is sent again, each time in a new session. Tested by `tests/job_engine/abort.rs` and `tests/job_lies/abort.rs`.
 
 use super::ending::URGENT_US;
 use super::phase::End;

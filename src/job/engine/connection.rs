@@ -1,4 +1,4 @@
-//! Sessions with the device: begun, lost, ended for an error, not coming back. Tried by `tests/job_lies/answers.rs`.
+//! Sessions with the device: begun, lost, ended for an error, not coming back. Tested by `tests/job_lies/answers.rs`.
 
 use super::track::Session;
 use super::{Engine, Phase, RECONNECT_US, SECOND_US};

@@ -1,5 +1,5 @@
 //! A disk that is slow to take the journal's records. No layer is exposed before its record is on disk. The act that parks the
-//! machine does not wait: a part may take harm meanwhile, and parking is safe whatever the records say. Tried by
+//! machine does not wait: a part may take harm meanwhile, and parking is safe whatever the records say. Tested by
 //! `tests/job_engine/disk.rs`.
 
 use super::{Engine, Intent, Phase, SECOND_US};

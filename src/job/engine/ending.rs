@@ -1,4 +1,4 @@
-//! Every way out of printing but the abort: pause, stop, failure, fault, shutdown. Tried by `tests/job_engine/orders.rs`.
+//! Every way out of printing but the abort: pause, stop, failure, fault, shutdown. Tested by `tests/job_engine/orders.rs`.
 
 use super::next::Known;
 use super::{Engine, Intent, Phase, SECOND_US};

@@ -1,5 +1,5 @@
 //! Light that was not commanded, or lasts longer than commanded. It is switched off, and nothing else is commanded until the
-//! device reports dark. Tried by `tests/job_lies/light.rs`.
+//! device reports dark. Tested by `tests/job_lies/light.rs`.
 
 use super::ending::URGENT_US;
 use super::{Engine, Phase};

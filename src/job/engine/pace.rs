@@ -1,4 +1,4 @@
-//! How fast the print goes: late layers, and the time that is left. Tried by `tests/job_lies/answers.rs`.
+//! How fast the print goes: late layers, and the time that is left. Tested by `tests/job_lies/answers.rs`.
 
 use crate::job::JobPlan;
 

@@ -1,4 +1,4 @@
-//! Finding out what the device did: at the start, after a lost line, after a crash of the host. Tried by
+//! Finding out what the device did: at the start, after a lost line, after a crash of the host. Tested by
 //! `tests/job_engine/disturbances.rs` and `tests/job_lies/memory.rs`.
 
 use super::next::{Known, Sign};

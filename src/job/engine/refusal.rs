@@ -1,4 +1,4 @@
-//! Refusals by the device: of a layer, of an act of the cycle, of an exposure. Tried by `tests/job_lies/dose.rs`.
+//! Refusals by the device: of a layer, of an act of the cycle, of an exposure. Tested by `tests/job_lies/dose.rs`.
 
 use super::Engine;
 use super::next::Sign;

@@ -1,4 +1,4 @@
-//! Reads a journal record by record, in little memory however long it is. Tried by `tests/job_journal.rs`.
+//! Reads a journal record by record, in little memory however long it is. Tested by `tests/job_journal.rs`.
 
 use std::fs::{File, OpenOptions};
 use std::io::Read;

@@ -1,5 +1,5 @@
 //! Directories of jobs: what they are called and what is in them, and what the name of a removed one still tells.
-//! [`Spool`](super::Spool) makes and removes them; `tests/job_journal.rs` shows that.
+//! [`Spool`](super::Spool) makes and removes them; `tests/job_spool.rs` shows that.
 
 use std::path::{Path, PathBuf};
 

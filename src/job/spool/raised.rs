@@ -1,5 +1,5 @@
 //! Remembers on disk that the plate was raised from below its clear height, until the operator confirms that it is empty.
-//! Tried by `tests/plate.rs`.
+//! Tested by `tests/plate.rs`.
 
 use std::fs;
 use std::io::{self, Write};

@@ -1,4 +1,4 @@
-//! What the operator reads about a machine with a vat. `tests/device_driver.rs` tries the remedies.
+//! What the operator reads about a machine with a vat. `tests/device_driver.rs` tests the remedies.
 
 use crate::job::cycle::Requested;
 use crate::link::message::Refusal;
