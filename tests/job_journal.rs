@@ -77,6 +77,7 @@ fn a_journal_cut_at_any_byte_keeps_every_whole_record_and_can_be_gone_on_with() 
             continue;
         }
         let (mut journal, history) = Journal::open(&path).expect("a torn tail is no damage");
+        assert_eq!(history.dropped, None, "half a record is no damage ({cut})");
         assert_eq!(fs::metadata(&path).expect("there").len() as usize, ends[kept - 1], "the torn record is cut off");
         assert!(!history.state.is_active());
         journal.append(Record::Paused, 5).expect("goes on");
@@ -157,10 +158,15 @@ fn a_flipped_bit_is_never_read_as_a_record() {
         bytes[bit / 8] ^= 1 << (bit % 8);
         fs::write(&path, &bytes).expect("write");
         match read_journal(&path) {
-            // Damage in the last record cannot be told from a write that did not end.
-            Ok((entries, _)) => {
+            // Damage in the last record can be a write that did not end. It is told, unless the length says that more was to come.
+            Ok((entries, history)) => {
                 assert!(bit / 8 >= last, "byte {}: damage before the last record was not seen", bit / 8);
                 assert_eq!(texts(&entries), records()[..records().len() - 1]);
+                let stated = u32::from_le_bytes(*bytes[last..].first_chunk().expect("a length")) as usize;
+                let is_longer = stated > bytes.len() - last - 8 && stated <= 16 << 10;
+                assert_eq!(history.dropped.is_none(), is_longer, "bit {bit}: {:?}", history.dropped);
+                let place = format!("is damaged and was dropped: record {} at byte {last}", records().len() - 1);
+                assert!(history.dropped.is_none_or(|text| text.contains(&place)));
             }
             Err(error) => {
                 assert!(bit / 8 < last, "byte {}: {error}", bit / 8);

@@ -47,6 +47,8 @@ pub struct History {
     pub traces: Vec<Trace>,
     /// The job ended with its machine parked, so that the part is safe.
     pub parked: bool,
+    /// What was dropped at the journal's end because it was damaged; the reader of the file sets it.
+    pub dropped: Option<String>,
     /// A layer was commanded, and it is not certain that it had no light.
     lit: bool,
     /// The device confirmed a layer.
@@ -149,6 +151,7 @@ impl History {
             plate_clear_on: None,
             traces: Vec::new(),
             parked: false,
+            dropped: None,
             lit: false,
             confirmed: false,
         };

@@ -23,8 +23,9 @@
 //! disk fills up, the print stops before its next layer, but confirmations, orders and the end can still be written. The record
 //! that ends the job for good releases the space.
 //!
-//! A crash can leave one half-written record at the end. It was never reported as written, so it is cut off. Damage anywhere
-//! else is an error: with a record missing, a layer could be exposed twice.
+//! A crash can leave one half-written record at the end. It was never reported as written, so it is cut off. A last record of full
+//! length with a wrong checksum may be such a write, too, if its blocks reached the disk out of order. It is dropped as well, and
+//! [`History::dropped`] says so. Damage anywhere else is an error: with a record missing, a layer could be exposed twice.
 
 mod entries;
 
@@ -167,7 +168,7 @@ impl Journal {
         Ok(journal)
     }
 
-    /// Opens a journal to continue it, and returns its history. A half-written record at its end is cut off.
+    /// Opens a journal to continue it, and returns its history. A half-written or damaged record at its end is cut off.
     ///
     /// # Errors
     /// [`JournalError`] if the file cannot be read, is damaged, or contradicts itself.
@@ -176,7 +177,7 @@ impl Journal {
         let mut file = disk::open_regular(path, OpenOptions::new().read(true).write(true)).map_err(io)?;
         let mut read = Entries::of(path, file.try_clone().map_err(io)?);
         let entries = read.by_ref().collect::<Result<Vec<_>, _>>()?;
-        let (history, length_bytes) = (replay(path, &entries)?, read.length_bytes());
+        let (history, length_bytes) = (replay(path, &entries, &read)?, read.length_bytes());
         if file.metadata().map_err(io)?.len() > length_bytes {
             file.set_len(length_bytes).and_then(|()| file.sync_all()).map_err(io)?;
         }
@@ -305,14 +306,16 @@ impl Journal {
 /// # Errors
 /// As [`Journal::open`].
 pub fn read_journal(path: &Path) -> Result<(Vec<Entry>, History), JournalError> {
-    let entries = Entries::open(path)?.collect::<Result<Vec<_>, _>>()?;
-    let history = replay(path, &entries)?;
+    let mut read = Entries::open(path)?;
+    let entries = read.by_ref().collect::<Result<Vec<_>, _>>()?;
+    let history = replay(path, &entries, &read)?;
     Ok((entries, history))
 }
 
-fn replay(path: &Path, entries: &[Entry]) -> Result<History, JournalError> {
-    History::replay(entries.iter().map(|entry| &entry.record))
-        .map_err(|source| JournalError::Contradiction { path: path.into(), source })
+fn replay(path: &Path, entries: &[Entry], read: &Entries) -> Result<History, JournalError> {
+    let history = History::replay(entries.iter().map(|entry| &entry.record))
+        .map_err(|source| JournalError::Contradiction { path: path.into(), source })?;
+    Ok(History { dropped: read.dropped().map(str::to_owned), ..history })
 }
 
 fn checksum(length: u32, payload: &[u8]) -> u32 {

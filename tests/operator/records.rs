@@ -177,3 +177,32 @@ fn the_log_tells_of_a_crash_and_of_a_damaged_journal() {
     let told = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(output.status.code() == Some(1) && told.contains("cannot open the journal"), "{told}");
 }
+
+#[test]
+fn a_damaged_last_record_is_told_and_the_others_count() {
+    let mut bench = Bench::start(Setup::default());
+    bench.ok(&PART);
+    let id = bench.start_job("part.layerd");
+    bench.wait_for(id, &["completed"]);
+    let exposed = bench.exposed_layers();
+    bench.terminate_daemon();
+    let journal = bench.path("spool/jobs/00000001/journal");
+    let mut bytes = fs::read(&journal).expect("a journal");
+    *bytes.last_mut().expect("a record") ^= 0x10;
+    fs::write(&journal, &bytes).expect("damaged");
+    bench.start_daemon();
+    let job = bench.wait_for(id, &["interrupted"]);
+    let output = bench.layerctl(&["log", "1"]);
+    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(1), "{told}");
+    let log = fs::read_to_string(bench.path("daemon.log")).expect("log");
+    for text in [told.as_str(), log.as_str(), job["reason"].as_str().expect("a reason")] {
+        assert!(text.contains("the last record of the journal "), "{text}");
+        assert!(text.contains("00000001/journal is damaged and was dropped: record "), "{text}");
+    }
+    wait_until("the device", || bench.json(&["status"])["link"]["state"] == "connected");
+    bench.ok(&["resume", "1"]);
+    bench.wait_for(id, &["completed"]);
+    assert_eq!(bench.exposed_layers(), exposed, "no layer is exposed again");
+    bench.ok(&["log", "1"]);
+}

@@ -32,23 +32,30 @@ pub(crate) async fn answer(journal: PathBuf, place: OwnedSemaphorePermit) -> Res
 }
 
 /// Sends all entries, and what is wrong with the journal; ends early if the reader is gone. Blocks.
-fn send(entries: Entries, pieces: &mpsc::Sender<Bytes>) {
+fn send(mut entries: Entries, pieces: &mpsc::Sender<Bytes>) {
     let mut piece = Vec::with_capacity(PIECE_BYTES);
-    for entry in entries {
+    for entry in entries.by_ref() {
         let line = match entry {
             Ok(entry) => LogLine::Entry(log_entry(entry)),
             Err(error) => LogLine::Problem(ErrorBody { error: error.to_string() }),
         };
-        serde_json::to_writer(&mut piece, &line).expect("a line is plain data, and a vector takes every byte");
-        piece.push(b'\n');
+        write(&line, &mut piece);
         if piece.len() >= PIECE_BYTES && pieces.blocking_send(std::mem::take(&mut piece).into()).is_err() {
             return;
         }
+    }
+    if let Some(dropped) = entries.dropped() {
+        write(&LogLine::Problem(ErrorBody { error: dropped.into() }), &mut piece);
     }
     if !piece.is_empty() {
         // Sending fails if the reader is gone.
         let _ = pieces.blocking_send(piece.into());
     }
+}
+
+fn write(line: &LogLine, piece: &mut Vec<u8>) {
+    serde_json::to_writer(&mut *piece, line).expect("a line is plain data, and a vector takes every byte");
+    piece.push(b'\n');
 }
 
 fn log_entry(Entry { at_unix_ms, record }: Entry) -> LogEntry {

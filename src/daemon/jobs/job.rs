@@ -121,6 +121,7 @@ impl Job {
         let (key, past) = match read_journal(&directory.journal()) {
             Ok((entries, history)) => {
                 fill_view(&mut view, &entries, &history);
+                tell_dropped(directory.id, &history);
                 (history.key, Past::from(&history))
             }
             Err(error) => {
@@ -275,6 +276,13 @@ fn duration_s(view: &JobView) -> Option<u64> {
     view.started_ms.map(|started_ms| ended_ms.saturating_sub(started_ms) / 1000)
 }
 
+/// Logs that a damaged record was dropped at the end of a job's journal.
+pub(crate) fn tell_dropped(job: u32, history: &History) {
+    if let Some(dropped) = &history.dropped {
+        tracing::warn!(job, "{dropped}");
+    }
+}
+
 fn fill_view(view: &mut JobView, entries: &[JournalEntry], history: &History) {
     let first_at = |wanted: fn(&Record) -> bool| entries.iter().find(|entry| wanted(&entry.record));
     view.name.clone_from(&history.name);
@@ -287,6 +295,8 @@ fn fill_view(view: &mut JobView, entries: &[JournalEntry], history: &History) {
         view.ended_ms = entries.last().map(|entry| entry.at_unix_ms);
     }
     view.duration_s = duration_s(view);
-    view.reason = Some(history.reason.clone()).filter(|reason| !reason.is_empty());
+    let reason = [history.reason.as_str(), history.dropped.as_deref().unwrap_or_default()];
+    view.reason = Some(reason.into_iter().filter(|text| !text.is_empty()).collect::<Vec<_>>().join("; "))
+        .filter(|reason| !reason.is_empty());
     view.in_doubt = history.in_doubt.is_some().then_some(history.next_layer);
 }

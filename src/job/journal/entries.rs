@@ -28,6 +28,7 @@ pub struct Entries {
     has_magic: bool,
     is_read: bool,
     is_over: bool,
+    dropped: Option<String>,
 }
 
 impl Entries {
@@ -53,12 +54,19 @@ impl Entries {
             has_magic: false,
             is_read: false,
             is_over: false,
+            dropped: None,
         }
     }
 
     /// Bytes of the whole records so far, the file's beginning included.
     pub(super) fn length_bytes(&self) -> u64 {
         self.at
+    }
+
+    /// What was dropped at the end of the journal because it was damaged, once all entries are read; `None` if nothing was, or
+    /// only a record whose writing was cut short.
+    pub fn dropped(&self) -> Option<&str> {
+        self.dropped.as_deref()
     }
 
     fn read(&mut self) -> Result<Option<Entry>, JournalError> {
@@ -75,10 +83,15 @@ impl Entries {
             return Ok(None);
         }
         let Some(payload) = frame(self.rest()) else {
-            if is_torn_tail(self.rest()) {
-                return Ok(None);
+            let place = format!("record {} at byte {} is not what was written", self.index, self.at);
+            if !is_torn_tail(self.rest()) {
+                return Err(self.damaged(place));
             }
-            return Err(self.damaged(format!("record {} at byte {} is not what was written", self.index, self.at)));
+            if !is_cut_short(self.rest()) {
+                let path = self.path.display();
+                self.dropped = Some(format!("the last record of the journal {path} is damaged and was dropped: {place}"));
+            }
+            return Ok(None);
         };
         let length = FRAME_BYTES + payload.len();
         let entry = codec::decode::<Entry, MAX_RECORD_BYTES>(payload)
@@ -148,6 +161,14 @@ fn frame(bytes: &[u8]) -> Option<&[u8]> {
     }
     let payload = rest.get(..length as usize)?;
     (checksum(length, payload) == u32::from_le_bytes(*crc)).then_some(payload)
+}
+
+/// Whether the file ends before the record at the start of `tail` does. A write that was torn out of order leaves a record that is
+/// whole in length; that looks like any other damage.
+fn is_cut_short(tail: &[u8]) -> bool {
+    let Some(length) = tail.first_chunk() else { return true };
+    let length = u32::from_le_bytes(*length) as usize;
+    (1..=MAX_RECORD_BYTES).contains(&length) && tail.len() < FRAME_BYTES + length
 }
 
 /// Whether `tail` can be a single unfinished write: it is short, and no valid record follows in it.
