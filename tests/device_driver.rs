@@ -110,7 +110,10 @@ fn a_layer_is_not_taken_for_uploaded_before_it_was_sent() {
     upload(&mut driver, 0, 0);
     let Some(HostMessage::Request { number, .. }) = driver.next_message(0, 0) else { panic!("no request") };
     let early = driver.handle(DeviceMessage::Reply { number, reply: Reply::Done });
-    assert!(matches!(&early, DriverEvent::Misbehaved(text) if text.contains("asked for layer 0")), "{early:?}");
+    assert!(
+        matches!(&early, DriverEvent::Misbehaved(text) if text.contains("asked to take layer 0, pass 0")),
+        "{early:?}"
+    );
     // The session ends with that; the next one's driver begins anew.
     let mut driver = self::driver();
     upload(&mut driver, 0, 0);
@@ -131,7 +134,7 @@ fn news_and_strange_numbers_are_not_taken_for_answers() {
     let strange = driver.handle(reply(number + 7, Reply::Vat(VatReply::Moved { position_um: 0 })));
     assert!(misbehaved(&strange, "request 8, which awaits no reply"), "{strange:?}");
     let other = driver.handle(reply(number, Reply::Done));
-    assert!(misbehaved(&other, "asked for Home (request 1) and replied with done"), "{other:?}");
+    assert!(misbehaved(&other, "asked to home (request 1) and replied with \"done\""), "{other:?}");
     assert!(driver.is_acting());
     let done = driver.handle(reply(number, Reply::Vat(VatReply::Moved { position_um: 0 })));
     assert_eq!(done, DriverEvent::ActDone(Outcome::Vat(VatOutcome::Arrived { position_um: 0 })));
@@ -140,7 +143,18 @@ fn news_and_strange_numbers_are_not_taken_for_answers() {
     driver.act(Act::Vat(VatAct::Expose { layer: 3, duration_ms: 10, light_pwm: 255 }), 0).expect("idle");
     let number = number + 2;
     let wrong = driver.handle(reply(number, Reply::Vat(VatReply::Exposed { id: id(4), duration_ms: 10 })));
-    assert!(misbehaved(&wrong, "replied with an exposure of 10 ms of layer 4"), "{wrong:?}");
+    let job = format!("{:016x}", id(3).job);
+    for words in [
+        format!("asked to expose layer 3, pass 0, of job {job} for 10 ms (request 3)"),
+        format!("replied with an exposure of 10 ms of layer 4, pass 0, of job {job}"),
+    ] {
+        assert!(misbehaved(&wrong, &words), "`{words}` is not in {wrong:?}");
+    }
+    let refused = driver.handle(reply(number + 1, Reply::Refused(Refusal::Busy)));
+    assert!(
+        misbehaved(&refused, "asked for its state (request 4) and replied with a refusal (reason 10)"),
+        "{refused:?}"
+    );
     let other_pass = ExposureId { pass: 1, ..id(3) };
     let wrong = driver.handle(reply(number, Reply::Vat(VatReply::Exposed { id: other_pass, duration_ms: 10 })));
     assert!(misbehaved(&wrong, "layer 3, pass 1"), "ids are compared whole: {wrong:?}");
@@ -281,6 +295,13 @@ fn a_recipe_that_the_device_cannot_print_is_named_with_its_limit() {
     device.encodings = vec![Encoding::RawGrey];
     let bits = check_fit(&machine, &recipe(400, false), &device).expect_err("no bits").to_string();
     assert!(bits.contains("black and white layers") && bits.contains("antialias = true"), "{bits}");
+    // Neither value of the setting helps.
+    device.encodings.clear();
+    for antialias in [false, true] {
+        let none = check_fit(&machine, &recipe(400, antialias), &device).expect_err("reads nothing").to_string();
+        assert!(none.contains("Update the device's firmware") && !none.contains("set `antialias"), "{none}");
+    }
+    device.encodings = vec![Encoding::RawGrey];
     device.layer_slots = 1;
     assert!(
         matches!(check_fit(&machine, &recipe(400, true), &device), Err(Misfit::Machine(_))),

@@ -209,7 +209,6 @@ fn a_version_that_the_host_did_not_offer_is_refused_whatever_follows() {
 fn without_a_common_version_the_operator_is_told_both_ranges_and_what_to_update() {
     for (lowest, highest, words) in [
         (2, 3, "the device speaks versions 2 to 3 of the protocol, this host speaks version 1: update layerd"),
-        (0, 0, "the device speaks version 0 of the protocol, this host speaks version 1: update the device's firmware"),
         (1, 4, "it refuses a version that both speak"),
     ] {
         let mut script = Script::greeting();
@@ -218,6 +217,33 @@ fn without_a_common_version_the_operator_is_told_both_ranges_and_what_to_update(
         let refusal = HelloRefusal::Version { host: VERSIONS, device };
         assert_eq!(script.host.event(), Some(HostEvent::Refused(refusal)));
         assert!(refusal.to_string().contains(words), "{refusal}");
+    }
+}
+
+#[test]
+fn a_refusal_that_makes_no_sense_is_told_as_that() {
+    let refused_by = |payload: &[u8]| {
+        let mut script = Script::greeting();
+        script.say(FrameKind::HelloRefused, 0, payload);
+        let Some(HostEvent::Refused(refusal)) = script.host.event() else { panic!("{payload:?} is a refusal") };
+        refusal
+    };
+    for (lowest, highest) in [(0, 0), (0, 1), (3, 2), (1, 0)] {
+        let device = VersionRange { lowest, highest };
+        let refusal = refused_by(&HelloRefused::Version { device }.encode());
+        assert_eq!(refusal, HelloRefusal::NoVersion { device });
+        let words = format!("states for itself the versions from {lowest} to {highest}, which is no range");
+        assert!(refusal.to_string().contains(&words), "{refusal}");
+    }
+    for payload in [&b""[..], &[1, 1, 0], &[9], &[2, 0]] {
+        let refusal = refused_by(payload);
+        assert!(matches!(refusal, HelloRefusal::BadRefusal(_)), "{payload:?}: {refusal:?}");
+        let text = refusal.to_string();
+        assert!(text.contains("its reason makes no sense") && !text.contains("welcome"), "{text}");
+    }
+    let text = refused_by(&HelloRefused::Limits.encode()).to_string();
+    for words in ["window of 8192 bytes", "frames of 1024 bytes", "only 640 of each", "update the device's firmware"] {
+        assert!(text.contains(words), "{text}");
     }
 }
 

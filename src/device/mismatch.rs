@@ -2,6 +2,7 @@
 
 use super::encoding::{self, Choice};
 use crate::config::{DlpMachine, Machine, Recipe};
+use crate::layer::Depth;
 use crate::link::message::{Capabilities, MachineCapabilities, VatCapabilities};
 
 /// One layer is exposed while the next one arrives.
@@ -49,9 +50,8 @@ pub enum Misfit {
     },
     /// The device reads no encoding of the recipe's depth.
     #[error(
-        "the recipe `{recipe}` has {} layers, but the device `{device}` reads none of their encodings: set `antialias = {}` in \
-         the recipe",
-        if *.antialias { "grey" } else { "black and white" }, !.antialias
+        "the recipe `{recipe}` has {} layers, but the device `{device}` reads none of their encodings: {}",
+        if *.antialias { "grey" } else { "black and white" }, encoding_remedy(!.antialias, *.reads_other)
     )]
     Encoding {
         /// The recipe's name.
@@ -60,7 +60,18 @@ pub enum Misfit {
         device: String,
         /// Whether its layers are grey.
         antialias: bool,
+        /// Whether the device reads an encoding of the other depth.
+        reads_other: bool,
     },
+}
+
+/// What to do if a device reads no encoding of the recipe's layers; `other` is the other value of `antialias`.
+fn encoding_remedy(other: bool, reads_other: bool) -> String {
+    if reads_other {
+        format!("set `antialias = {other}` in the recipe")
+    } else {
+        "it reads no encoding that layerd writes. Update the device's firmware".into()
+    }
 }
 
 /// Checks that a device is the configured machine and can print the recipe. Returns how layers are encoded for it.
@@ -77,9 +88,11 @@ pub fn check_fit(machine: &Machine, recipe: &Recipe, capabilities: &Capabilities
         return Err(Misfit::Exposure { recipe, device, longest_ms, allowed_ms });
     }
     let antialias = recipe.antialias;
+    let other = if antialias { Depth::Bit } else { Depth::Grey };
     encoding::choose(recipe.depth(), &capabilities.encodings).ok_or_else(|| {
         let (recipe, device) = names();
-        Misfit::Encoding { recipe, device, antialias }
+        let reads_other = encoding::choose(other, &capabilities.encodings).is_some();
+        Misfit::Encoding { recipe, device, antialias, reads_other }
     })
 }
 

@@ -313,9 +313,10 @@ pub fn read_journal(path: &Path) -> Result<(Vec<Entry>, History), JournalError> 
 }
 
 fn replay(path: &Path, entries: &[Entry], read: &Entries) -> Result<History, JournalError> {
-    let history = History::replay(entries.iter().map(|entry| &entry.record))
+    let mut history = History::replay(entries.iter().map(|entry| &entry.record))
         .map_err(|source| JournalError::Contradiction { path: path.into(), source })?;
-    Ok(History { dropped: read.dropped().map(str::to_owned), ..history })
+    history.dropped = read.dropped().map(str::to_owned);
+    Ok(history)
 }
 
 fn checksum(length: u32, payload: &[u8]) -> u32 {

@@ -13,6 +13,12 @@ fn with_resin(bench: &Bench, id: u64) -> Value {
     bench.job(id)
 }
 
+/// How often the log says that the note of job 1 is not used.
+fn warnings_of_resin(bench: &Bench) -> usize {
+    let log = fs::read_to_string(bench.path("daemon.log")).expect("log");
+    log.matches("the note of its resin, spool/jobs/00000001/resin, is not used: ").count()
+}
+
 /// The lines of a job's log without their times.
 fn story(bench: &Bench, arguments: &[&str]) -> Vec<String> {
     let told = bench.ok(&[&["log"], arguments].concat());
@@ -71,12 +77,19 @@ fn a_queued_job_tells_its_resin_and_a_running_one_how_much_of_it_is_printed() {
     let jobs = bench.ok(&["jobs"]);
     assert!(jobs.contains(" ml of resin, submitted ") && jobs.contains(" ago"), "{jobs}");
     assert!(bench.ok(&["status"]).contains("queued   1 part.layerd, about 0.0"), "{}", bench.ok(&["status"]));
-    // A lost note is no loss: the part is sampled again.
-    bench.kill_daemon();
-    fs::remove_file(bench.path("spool/jobs/00000001/resin")).expect("the note");
-    bench.start_daemon();
-    assert_eq!(with_resin(&bench, id)["resin_ml"], queued["resin_ml"]);
-    wait_until("a note of the estimate", || bench.path("spool/jobs/00000001/resin").exists());
+    // A lost or damaged note is no loss: the part is sampled again.
+    let note = bench.path("spool/jobs/00000001/resin");
+    let whole = fs::read(&note).expect("the note");
+    for damaged in [None, Some(&whole[..whole.len() / 2]), Some(b"{\"below_ml\":[1.0]}"), Some(b"")] {
+        bench.kill_daemon();
+        fs::remove_file(&note).expect("the note");
+        damaged.inspect(|bytes| fs::write(&note, bytes).expect("damaged"));
+        let warnings = warnings_of_resin(&bench);
+        bench.start_daemon();
+        assert_eq!(with_resin(&bench, id)["resin_ml"], queued["resin_ml"]);
+        wait_until("a note of the estimate", || fs::read(&note).is_ok_and(|bytes| bytes == whole));
+        assert_eq!(warnings_of_resin(&bench) - warnings, usize::from(damaged.is_some()));
+    }
     bench.start_device();
     wait_until("the device", || bench.json(&["status"])["link"]["state"] == "connected");
     bench.ok(&["resume", "1"]);

@@ -30,6 +30,12 @@ impl VersionRange {
         (highest >= self.lowest.max(other.lowest)).then_some(highest)
     }
 
+    /// Whether this end speaks no version at all.
+    #[must_use]
+    pub fn is_empty(self) -> bool {
+        self.lowest > self.highest
+    }
+
     /// Whether this end speaks the version.
     #[must_use]
     pub fn contains(self, version: u16) -> bool {

@@ -23,12 +23,26 @@ pub(crate) struct Resin {
 }
 
 impl Resin {
-    /// Reads the estimate of a job; `None` if there is none, or none that makes sense.
+    /// Reads the estimate of a job; `None` if there is none, or none that makes sense. The latter is logged. The part of a job
+    /// that is not over is sampled again then.
     pub(crate) fn load(job: &JobDirectory) -> Option<Self> {
-        let note = disk::read_small(&job.resin(), MAX_NOTE_BYTES).ok()?;
-        let resin: Self = serde_json::from_slice(&note).ok()?;
+        let read = disk::read_small(&job.resin(), MAX_NOTE_BYTES).and_then(|note| Self::parse(&note));
+        read.inspect_err(|error| {
+            if error.kind() != io::ErrorKind::NotFound {
+                let note = job.resin();
+                tracing::warn!(job = job.id, "the note of its resin, {}, is not used: {error}", note.display());
+            }
+        })
+        .ok()
+    }
+
+    fn parse(note: &[u8]) -> io::Result<Self> {
+        let resin: Self = serde_json::from_slice(note)?;
         let ascends = resin.below_ml.is_sorted() && resin.below_ml.iter().all(|ml| ml.is_finite() && *ml >= 0.0);
-        (ascends && resin.below_ml.len() == SLABS).then_some(resin)
+        if ascends && resin.below_ml.len() == SLABS {
+            return Ok(resin);
+        }
+        Err(io::Error::other(format!("it does not hold {SLABS} ascending volumes")))
     }
 
     /// Notes the estimate with its job.

@@ -248,7 +248,7 @@ impl FramedDriver {
                     let act_taken = self.act.is_some_and(|(act, _)| act < number);
                     DriverEvent::StateKnown { state, act_taken }
                 }
-                other => nonsense(&format!("its state (request {number})"), &other),
+                other => nonsense("for its state", number, &other),
             };
         }
         match self.upload.take_if(|upload| upload.number == number) {
@@ -256,7 +256,7 @@ impl FramedDriver {
                 Reply::Refused(refusal) => DriverEvent::UploadRefused { layer: upload.layer, refusal },
                 _ => DriverEvent::Uploaded { layer: upload.layer },
             },
-            Some(upload) => nonsense(&format!("layer {} (request {number})", upload.layer), &reply),
+            Some(upload) => nonsense(&format!("to take {}", exposure_text(self.id(upload.layer))), number, &reply),
             None => DriverEvent::Misbehaved(format!(
                 "the device replied to request {number}, which awaits no reply: check its firmware"
             )),
@@ -275,10 +275,21 @@ impl FramedDriver {
                 Outcome::Vat(VatOutcome::Exposed { layer, duration_ms: *duration_ms })
             }
             (_, Reply::Refused(refusal)) => Outcome::Refused(*refusal),
-            (vat, reply) => return nonsense(&format!("{vat:?} (request {number})"), reply),
+            (vat, reply) => return nonsense(&self.act_text(vat), number, reply),
         };
         self.act = None;
         DriverEvent::ActDone(outcome)
+    }
+
+    /// What an act asks of the device.
+    fn act_text(&self, act: VatAct) -> String {
+        match act {
+            VatAct::Home => "to home".into(),
+            VatAct::Move { position_um, .. } => format!("to move to {}", mm_text(position_um)),
+            VatAct::Expose { layer, duration_ms, .. } => {
+                format!("to expose {} for {duration_ms} ms", exposure_text(self.id(layer)))
+            }
+        }
     }
 
     fn id(&self, layer: u32) -> ExposureId {
@@ -315,16 +326,22 @@ impl Upload {
     }
 }
 
-/// A reply that does not belong to its request.
-fn nonsense(request: &str, reply: &Reply) -> DriverEvent {
+fn exposure_text(ExposureId { job, layer, pass }: ExposureId) -> String {
+    format!("layer {layer}, pass {pass}, of job {job:016x}")
+}
+
+/// A reply that does not belong to the request of this number, which asked the device for what `asked` says.
+fn nonsense(asked: &str, number: u32, reply: &Reply) -> DriverEvent {
     let reply = match reply {
-        Reply::Done => "done".into(),
+        Reply::Done => "\"done\"".into(),
         Reply::State(_) => "a state".into(),
         Reply::Vat(VatReply::Exposed { id, duration_ms }) => {
-            format!("an exposure of {duration_ms} ms of layer {}, pass {}, of job {:016x}", id.layer, id.pass, id.job)
+            format!("an exposure of {duration_ms} ms of {}", exposure_text(*id))
         }
         Reply::Vat(VatReply::Moved { position_um }) => format!("a move to {}", mm_text(*position_um)),
-        Reply::Refused(refusal) => format!("a refusal ({refusal:?})"),
+        Reply::Refused(refusal) => format!("a refusal (reason {})", *refusal as u8),
     };
-    DriverEvent::Misbehaved(format!("the device was asked for {request} and replied with {reply}: check its firmware"))
+    DriverEvent::Misbehaved(format!(
+        "the device was asked {asked} (request {number}) and replied with {reply}: check its firmware"
+    ))
 }

@@ -89,7 +89,8 @@ impl Entries {
             }
             if !is_cut_short(self.rest()) {
                 let path = self.path.display();
-                self.dropped = Some(format!("the last record of the journal {path} is damaged and was dropped: {place}"));
+                self.dropped =
+                    Some(format!("the last record of the journal {path} is damaged and was dropped: {place}"));
             }
             return Ok(None);
         };

@@ -127,11 +127,17 @@ impl HostSession {
                 Err(error) => self.refuse(HelloRefusal::BadWelcome(error)),
             },
             (Phase::Greeting { .. }, FrameKind::HelloRefused) => match HelloRefused::decode(payload) {
+                Ok(HelloRefused::Version { device }) if device.is_empty() || device.lowest == 0 => {
+                    self.refuse(HelloRefusal::NoVersion { device });
+                }
                 Ok(HelloRefused::Version { device }) => {
                     self.refuse(HelloRefusal::Version { host: VERSIONS, device });
                 }
-                Ok(HelloRefused::Limits) => self.refuse(HelloRefusal::Limits),
-                Err(error) => self.refuse(HelloRefusal::BadWelcome(error)),
+                Ok(HelloRefused::Limits) => {
+                    let (window_bytes, largest_frame_bytes) = (WINDOW_BYTES, MAX_FRAME_BYTES);
+                    self.refuse(HelloRefusal::Limits { window_bytes, largest_frame_bytes });
+                }
+                Err(error) => self.refuse(HelloRefusal::BadRefusal(error)),
             },
             (Phase::Open { .. }, FrameKind::NoSession) => self.lose(LostReason::DeviceForgot),
             (Phase::Open { endpoint, .. }, FrameKind::Data) => {

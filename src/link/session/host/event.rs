@@ -1,7 +1,7 @@
 //! What a host session reports to its owner, and why a session ends. `tests/link_causes.rs` shows most.
 
 use layerd_wire::message::{Capabilities, DeviceMessage, DeviceState};
-use layerd_wire::{MIN_FRAME_BYTES, VersionRange, WireError};
+use layerd_wire::{MIN_FRAME_BYTES, MIN_HOST_FRAME_BYTES, VersionRange, WireError};
 
 /// What happened.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -94,6 +94,15 @@ pub enum HelloRefusal {
         /// The versions that the device speaks.
         device: VersionRange,
     },
+    /// The device refuses the host's versions, and states a range of its own that holds no version.
+    #[error(
+        "the device refuses this host's version of the protocol, and states for itself the versions from {} to {}, which is no \
+         range of versions: its firmware does not follow the protocol", .device.lowest, .device.highest
+    )]
+    NoVersion {
+        /// The range that the device states.
+        device: VersionRange,
+    },
     /// The device chose a version that the host did not offer.
     #[error(
         "the device chose version {chosen} of the protocol, but this host offered {host}: its firmware does not follow the \
@@ -113,9 +122,20 @@ pub enum HelloRefusal {
         /// The kind's code.
         kind: u8,
     },
-    /// The device requires larger limits than this host's.
-    #[error("the device finds the host's window or frames too small")]
-    Limits,
+    /// The device requires larger limits than this host's, which are those of the protocol or above.
+    #[error(
+        "the device finds this host's window of {window_bytes} bytes or its frames of {largest_frame_bytes} bytes too small, although \
+         the protocol asks for only {MIN_HOST_FRAME_BYTES} of each: update the device's firmware"
+    )]
+    Limits {
+        /// The host's window.
+        window_bytes: u32,
+        /// The host's largest frame.
+        largest_frame_bytes: u16,
+    },
+    /// The device refuses, and the reason makes no sense.
+    #[error("the device refuses this host, and its reason makes no sense: {0}; check its firmware")]
+    BadRefusal(WireError),
     /// The welcome makes no sense.
     #[error("the device's welcome makes no sense: {0}")]
     BadWelcome(WireError),
