@@ -90,6 +90,11 @@ pub(super) fn named(request: VatRequest) -> (&'static str, Option<ExposureId>) {
 }
 
 impl DeviceCore {
+    /// The exposure under way, and its commanded time in milliseconds.
+    pub fn exposure(&self) -> Option<(ExposureId, u32)> {
+        self.vat.exposure.as_ref().map(|exposure| (exposure.id, exposure.duration_ms))
+    }
+
     /// Ends the acts that are due by `now_us`, each at its own time.
     pub(super) fn advance_vat(&mut self, now_us: u64) {
         if let Some(exposure) = self.vat.exposure.take_if(|exposure| exposure.ends_us() <= now_us) {

@@ -18,6 +18,28 @@ pub(super) struct Motion {
 }
 
 impl DeviceCore {
+    /// Where the plate is in truth, micrometres above the bottom of the vat. Unlike [`state`](Self::state), it tells the position
+    /// of a plate that is not homed, too. `now_us` is a time of the device's clock, not before that of the last call.
+    pub fn plate_um(&self, now_us: u64) -> i32 {
+        self.vat.motion.as_ref().map_or(self.vat.position_um, |motion| motion.position_um(now_us))
+    }
+
+    /// Where the motion under way ends, micrometres, and whether it is a homing; `None` while the plate rests.
+    pub fn plate_target(&self) -> Option<(i32, bool)> {
+        self.vat.motion.as_ref().map(|motion| (motion.to_um, motion.homing))
+    }
+
+    /// Somebody moves the plate by hand to a height above the bottom of the vat, micrometres. The device has an encoder and knows
+    /// the new position if it was homed. A motion under way holds the plate: then this does nothing and returns `false`.
+    pub fn push_plate(&mut self, to_um: i32, now_us: u64) -> bool {
+        self.advance(now_us);
+        let is_free = self.vat.motion.is_none();
+        if is_free {
+            self.vat.position_um = to_um;
+        }
+        is_free
+    }
+
     pub(super) fn begin_move(&mut self, number: u32, position_um: i32, speed_um_s: u32) -> Result<(), Refusal> {
         if !self.vat.homed {
             return Err(Refusal::NotHomed);
