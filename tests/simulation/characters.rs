@@ -5,7 +5,7 @@ use layerd::link::message::{
 };
 
 use crate::bench::{Bench, CLEAR_UM, EXPOSURE_MS, capabilities, id};
-use crate::machine::{Asked, Character, FactKind, Lie, all};
+use crate::machine::{Asked, Character, FactKind, Incident, Lie, all};
 use crate::rng::Rng;
 
 const SECOND_US: u64 = 1_000_000;
@@ -222,6 +222,28 @@ fn a_machine_reboots_by_itself() {
     let starts: Vec<_> = bench.facts.iter().filter(|fact| matches!(fact.what, FactKind::Started { .. })).collect();
     assert_eq!(starts.iter().map(|fact| fact.at_us).collect::<Vec<_>>(), [0, 8 * SECOND_US, 12 * SECOND_US]);
     assert_eq!(bench.welcomes.len(), 3);
+}
+
+#[test]
+fn a_machine_forgets_what_it_exposed_and_where_its_plate_is() {
+    let mut bench = Bench::lying(Lie::LosesMemory, 1, 1);
+    let lit = bench.expose(0);
+    assert_eq!(bench.answer(lit), exposed(0));
+    for (welcomes, last_exposed, position_um) in [(2, None, None), (3, Some(id(0)), Some(0))] {
+        bench.machine.strike(Incident::Reset, bench.now_us);
+        bench.run_until(|bench| bench.welcomes.len() == welcomes);
+        let (_, state) = &bench.welcomes[welcomes - 1];
+        assert_eq!((state.last_exposed, state.position_um), (last_exposed, position_um));
+        if welcomes == 2 {
+            assert_eq!(bench.machine.plate_um(), CLEAR_UM);
+            // Nothing keeps it from exposing the layer again.
+            bench.upload(0, 0);
+            let lit = bench.expose(0);
+            assert_eq!(bench.answer(lit), exposed(0));
+            bench.ask(Request::Vat(VatRequest::Home));
+            assert_eq!((bench.machine.plate_um(), bench.exposed()), (0, vec![0, 0]));
+        }
+    }
 }
 
 #[test]

@@ -200,3 +200,20 @@ fn an_open_cover_puts_the_light_off_and_is_reported_as_a_fault() {
     bench.machine.strike(Incident::InterlockCloses, bench.now_us);
     assert_eq!(bench.state().fault, None);
 }
+
+#[test]
+fn a_plate_can_be_pushed_only_while_it_rests() {
+    let mut bench = Bench::new(Character::Honest, 4);
+    bench.print(1);
+    let push = |bench: &mut Bench, to_um| bench.machine.strike(Incident::PlateMovedByHand { to_um }, bench.now_us);
+    push(&mut bench, 70_000);
+    assert_eq!((bench.machine.plate_um(), bench.state().position_um), (60_000, Some(60_000)), "the end of its travel");
+    let up = bench.move_to(0);
+    bench.run_until(|bench| bench.machine.plate_um() < 60_000);
+    push(&mut bench, 1000);
+    assert!(bench.machine.plate_um() > 59_000, "{}", bench.machine.plate_um());
+    bench.answer(up);
+    assert_eq!(bench.saw(|fact| matches!(fact, FactKind::PlatePushed { .. })), 1);
+    assert_eq!(bench.saw(|fact| *fact == FactKind::PlateLeaves { um: 60_000, to_um: 0, homing: false }), 1);
+    assert_eq!(bench.facts.last().map(|fact| &fact.what), Some(&FactKind::PlateAt { um: 0, homing: false }));
+}

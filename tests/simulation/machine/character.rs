@@ -123,6 +123,8 @@ pub enum Lie {
         /// Time between two.
         every_us: u64,
     },
+    /// Its memory does not survive a restart: it knows of no exposure, and is not homed. Occasions: restarts, of any cause.
+    LosesMemory,
     /// Its lamp is on when a session begins, until a light-off or an abort; it says so. Occasions: hellos.
     BackWithLight {
         /// How long at most.
@@ -182,6 +184,7 @@ const ALL: &[(&str, Draw)] = &[
     ("hasty", |rng| liar(Lie::WrongClock { percent: rng.range(1..=99) as u32 }, 20, 3, rng)),
     ("floods", |rng| liar(Lie::Floods { states: rng.chance(0.5), every_us: rng.range(200..=20_000) }, 20, 2_000, rng)),
     ("reboots", |rng| liar(Lie::Reboots { every_us: rng.range(1_000_000..=30_000_000) }, 3, 4, rng)),
+    ("loses memory", |rng| liar(Lie::LosesMemory, 2, 4, rng)),
     ("back with light", |rng| liar(Lie::BackWithLight { for_us: rng.range(100_000..=60_000_000) }, 3, 2, rng)),
     ("other geometry", |rng| {
         let (wider_px, higher_um) = rng.pick(&[(8, 0), (0, 5_000), (1, 1)]);
@@ -243,6 +246,7 @@ impl Character {
             Lie::WrongClock { .. } => "slow",
             Lie::Floods { .. } => "floods",
             Lie::Reboots { .. } => "reboots",
+            Lie::LosesMemory => "loses memory",
             Lie::BackWithLight { .. } => "back with light",
             Lie::OtherGeometry { .. } => "other geometry",
             Lie::IgnoresUrgent { .. } => "ignores urgent",

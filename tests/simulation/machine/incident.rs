@@ -1,5 +1,6 @@
 //! What happens to a machine from outside: power, cover, hands. Part of [`Machine`].
 
+use layerd::device::sim::DeviceCore;
 use layerd::link::message::Fault;
 use layerd_wire::session::DeviceSession;
 
@@ -86,6 +87,14 @@ impl Machine {
         self.boot_id = self.rng.next_u64() as u32;
         self.core.reset(self.boot_id, self.clock.machine_us(now_us));
         self.drain(now_us);
+        let lie = self.liar.due(|lie| lie == Lie::LosesMemory);
+        self.note_lie(lie, now_us);
+        if lie.is_some() {
+            let plate_um = self.plate_um();
+            self.core = DeviceCore::new(self.core.capabilities().clone(), self.boot_id);
+            // The plate stays where it is.
+            self.core.push_plate(plate_um, self.clock.machine_us(now_us));
+        }
         self.forget_messages();
         self.stray = None;
         self.truth.lamp_off(now_us);

@@ -170,7 +170,7 @@ impl Machine {
         self.truth.is_lit()
     }
 
-    /// Where its plate is, above the bottom of the vat, also before homing.
+    /// Where its plate was when it was last called with a time, micrometres above the bottom of the vat, also before homing.
     pub fn plate_um(&self) -> i32 {
         self.core.plate_um(self.clock.machine_us(self.now_us))
     }
