@@ -5,10 +5,13 @@ use layerd::link::message::{
 };
 
 use crate::bench::{Bench, CLEAR_UM, EXPOSURE_MS, capabilities, id};
+use crate::line::LineFault;
 use crate::machine::{Asked, Character, FactKind, Incident, Lie, all};
 use crate::rng::Rng;
 
 const SECOND_US: u64 = 1_000_000;
+/// Seeds for each character.
+const SEEDS: u64 = 6;
 const EXPOSURE_US: u64 = EXPOSURE_MS as u64 * 1000;
 
 fn exposed(layer: u32) -> Reply {
@@ -45,31 +48,54 @@ fn every_character_draws_itself_under_its_name() {
     assert_eq!(names.len(), all().len());
 }
 
-/// Whatever it does, the time goes on, and the lamp of a machine that nobody asks for light for long is dark.
+/// Whatever it does and whatever happens to it and its line, the time goes on, light ends as it began, and in the end it is dark.
 #[test]
 fn every_character_comes_to_rest() {
     for (name, draw) in all() {
-        for seed in 0..8 {
-            let mut bench = Bench::new(draw(&mut Rng::new(seed)), seed);
+        let mut lights = 0;
+        for seed in 0..SEEDS {
+            let mut rng = Rng::new(seed);
+            let mut bench = Bench::new(draw(&mut rng), seed);
             for round in 0..6 {
                 bench.run_for(SECOND_US);
                 bench.request(Request::Vat(VatRequest::Home));
                 bench.upload(0, round);
-                bench.run_for(2 * SECOND_US);
+                bench.run_for(rng.below(3 * SECOND_US));
                 bench.expose(round);
                 bench.request(Request::State);
-                bench.run_for(2 * SECOND_US);
+                bench.run_for(rng.below(SECOND_US));
+                harm(&mut bench, &mut rng);
+                bench.run_for(rng.below(4 * SECOND_US));
                 bench.urgent(if round == 3 { Urgent::Abort } else { Urgent::LightOff });
             }
             bench.run_for(90 * SECOND_US);
             assert!(!bench.machine.is_lit(), "{name}, seed {seed}");
             let ons = bench.saw(|fact| matches!(fact, FactKind::LightOn { .. }));
             assert_eq!(ons, bench.lights_us().len(), "{name}, seed {seed}");
+            lights += ons;
             assert!(bench.facts.is_sorted_by_key(|fact| fact.at_us), "{name}, seed {seed}");
             let lied = bench.saw(|fact| matches!(fact, FactKind::Lied(_)));
             assert!(lied <= bench.machine.lies_told() as usize, "{name}, seed {seed}");
             assert!(!bench.machine.is_honest() || lied == 0);
         }
+        assert!(lights >= SEEDS as usize, "{name}: only {lights} lights");
+    }
+}
+
+/// Something happens to the machine or its line.
+fn harm(bench: &mut Bench, rng: &mut Rng) {
+    let (now_us, for_us) = (bench.now_us, rng.below(3 * SECOND_US));
+    match rng.below(10) {
+        0 => bench.machine.strike(Incident::Reset, now_us),
+        1 => bench.machine.strike(Incident::PowerCut { off_us: for_us }, now_us),
+        2 => bench.machine.strike(Incident::InterlockOpens, now_us),
+        3 => bench.machine.strike(Incident::InterlockCloses, now_us),
+        4 => bench.machine.strike(Incident::PlateMovedByHand { to_um: rng.below(70_000) as i32 }, now_us),
+        5 => bench.line.fault(LineFault::Unplugged { for_us }, now_us),
+        6 => bench.line.fault(LineFault::Stall { for_us }, now_us),
+        7 => bench.line.fault(LineFault::Merge { hold_us: rng.range(1..=50_000), for_us }, now_us),
+        8 => bench.line.fault(LineFault::Delay { extra_us: rng.below(SECOND_US), for_us }, now_us),
+        _ => bench.renew(),
     }
 }
 
