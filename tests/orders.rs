@@ -169,6 +169,28 @@ fn an_order_that_changes_nothing_names_its_job() {
 }
 
 #[test]
+fn a_pause_right_after_the_start_takes_effect_before_the_first_layer() {
+    // Large layers, sixteen of which are checked while the job is opened: the order comes long before that ends.
+    let (size_px, pixel_um, memory_budget) = ([8000, 6000], 2.5, "256MiB");
+    let mut bench = Bench::prepare(Setup { size_px, pixel_um, memory_budget, ..Setup::default() });
+    let recipe = fs::read_to_string(bench.path("recipe.toml")).expect("recipe");
+    fs::write(bench.path("recipe.toml"), recipe.replace("bottom_layers = 0", "bottom_layers = 16")).expect("recipe");
+    bench.start_device();
+    bench.start_daemon();
+    bench.ok(&SMALL);
+    let id = bench.start_job("part.layerd");
+    let told = bench.ok(&["pause", &id.to_string()]);
+    assert!(told.contains("is being checked; then it pauses before its first layer"), "{told}");
+    let job = bench.wait_for(id, &["paused", "completed", "failed"]);
+    assert_eq!((&job["state"], &job["layers_done"]), (&"paused".into(), &0.into()), "{job}");
+    assert!(!has(&bench.acts(), "light_on"), "{:?}", bench.acts());
+    bench.ok(&["resume", &id.to_string()]);
+    wait_until("light", || has(&bench.acts(), "light_on"));
+    bench.ok(&["abort"]);
+    bench.wait_for(id, &["aborted"]);
+}
+
+#[test]
 fn a_layer_that_the_device_settles_is_in_no_doubt() {
     let (mut bench, id) = under_light();
     bench.kill_daemon();

@@ -217,6 +217,7 @@ pub(super) fn answer(order: &str, job: &JobView, absence: Option<&str>) -> Strin
         ("pause", JobState::Pausing) => {
             format!("job {id} pauses after the layer under way; then the plate lifts clear of the resin")
         }
+        ("pause", JobState::Checking) => format!("job {id} is being checked; then it pauses before its first layer"),
         ("resume", JobState::Queued) if job.started_ms.is_none() => {
             format!("job {id} begins: the plate is confirmed to be empty")
         }

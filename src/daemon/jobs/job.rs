@@ -31,6 +31,8 @@ pub(crate) struct Job {
     pub past: Past,
     /// What it gets the machine for.
     pub take_up: TakeUp,
+    /// Whether it is to pause before its first layer: the order came while it was opened.
+    pub pauses: bool,
     /// Whether the operator must confirm first that the plate is empty, whatever device and spool show.
     pub awaits_plate: bool,
     /// Whether it gets the machine only once a device answers: to carry out an order to end from before a crash or a lost device.
@@ -105,6 +107,7 @@ impl Job {
             resin: None,
             past,
             take_up: TakeUp::Print(ResumeChoice::None),
+            pauses: false,
             awaits_plate,
             awaits_device: false,
             told: Vec::new(),
@@ -185,8 +188,9 @@ impl Job {
         view.late_ms_total = progress.late_ms_total;
         view.in_doubt = progress.in_doubt;
         view.reason = Some(progress.reason.clone()).filter(|reason| !reason.is_empty());
-        // While it is checked, nothing is commanded.
-        if view.started_ms.is_none() && progress.state.is_active() && progress.state != JobState::Checking {
+        // While it is checked, nothing is commanded, and a job that ends then has not begun.
+        let prints = matches!(progress.state, JobState::Printing | JobState::Pausing | JobState::Paused);
+        if view.started_ms.is_none() && prints {
             view.started_ms = Some(unix_ms());
         }
         if !progress.state.is_active() && view.ended_ms.is_none() {

@@ -112,6 +112,11 @@ impl Printer {
         let (is_opening, holder) = (self.opening == Some(id), self.holder());
         let job = self.known(id)?;
         let state = job.view.state;
+        if is_opening && job.is_to_print() && command == Command::Pause {
+            // Its engine gets the order first of all.
+            job.pauses = true;
+            return Ok(Step::Done(id));
+        }
         let ends = match command {
             Command::Abort => !state.is_final(),
             Command::Stop => !state.is_final() && state != JobState::Aborting,

@@ -45,25 +45,28 @@ impl Printer {
     /// Handles a job that was opened, or could not be.
     pub(crate) fn opened(&mut self, id: u32, result: Result<Box<Opened>, Unopened>, now_us: u64) {
         self.opening = None;
-        // An order to end may have come while the job was opened.
-        let end = self.jobs.get(id).and_then(|job| match job.take_up {
-            TakeUp::Print(_) => None,
-            TakeUp::End(command) => Some(command),
+        // An order may have come while the job was opened.
+        let order = self.jobs.get_mut(id).and_then(|job| {
+            let pauses = std::mem::take(&mut job.pauses);
+            match job.take_up {
+                TakeUp::Print(_) => pauses.then_some(Command::Pause),
+                TakeUp::End(command) => Some(command),
+            }
         });
         match result {
-            Ok(opened) => self.begin(id, *opened, end, now_us),
-            Err(unopened) => self.refuse_unopened(id, unopened, end),
+            Ok(opened) => self.begin(id, *opened, order, now_us),
+            Err(unopened) => self.refuse_unopened(id, unopened, order),
         }
     }
 
     /// Gives an opened job the machine.
-    fn begin(&mut self, id: u32, mut opened: Opened, end: Option<Command>, now_us: u64) {
+    fn begin(&mut self, id: u32, mut opened: Opened, order: Option<Command>, now_us: u64) {
         tracing::info!(job = id, "job begins");
         // The present value, not the one stored with the job: correcting it lets an interrupted job go on.
         opened.machine.set_time_scale(self.setting.machine.time_scale());
         let light = std::mem::take(&mut self.idle).light;
         let mut running = Running::new(id, opened, light, self.background.clone(), now_us);
-        if let Some(command) = end {
+        if let Some(command) = order {
             running.command(command, now_us);
         }
         if self.shutting_down {
@@ -76,7 +79,7 @@ impl Printer {
     }
 
     /// Ends a job that could not be opened, and answers the orders for it.
-    fn refuse_unopened(&mut self, id: u32, Unopened { text, state }: Unopened, end: Option<Command>) {
+    fn refuse_unopened(&mut self, id: u32, Unopened { text, state }: Unopened, order: Option<Command>) {
         self.notice(format!("job {id} cannot be printed: {text}"));
         if let Some(job) = self.jobs.get_mut(id) {
             job.end(state, Some(text.clone()));
@@ -84,7 +87,7 @@ impl Printer {
         self.jobs_ended += 1;
         self.publish_job(id);
         let mut replies = self.take_unwritten(id);
-        if let (Some(Command::Abort), JobState::Interrupted) = (end, state) {
+        if let (Some(Command::Abort), JobState::Interrupted) = (order, state) {
             let reply = replies.pop().unwrap_or_else(|| tokio::sync::oneshot::channel().0);
             self.change(id, Change::Close, reply);
         }
