@@ -44,6 +44,24 @@ async fn a_job_is_submitted_and_obeys_every_order() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_path_that_is_no_text_is_refused_with_json() {
+    let daemon = Daemon::start().await;
+    for (socket, request) in [
+        (daemon.socket(), "GET /v1/jobs/%ff"),
+        (daemon.socket(), "GET /v1/jobs/%ff/log"),
+        (daemon.socket(), "POST /v1/jobs/1/%ff"),
+        (daemon.abort_socket(), "POST /v1/jobs/%ff/abort"),
+    ] {
+        let head = format!("{request} HTTP/1.1\r\nhost: x\r\nconnection: close\r\ncontent-length: 0\r\n\r\n");
+        let answer = raw_async(socket, head).await;
+        let (head, body) = answer.split_once("\r\n\r\n").unwrap();
+        assert!(head.starts_with("HTTP/1.1 400 ") && head.contains("application/json"), "{answer}");
+        let error = serde_json::from_str::<serde_json::Value>(body).unwrap()["error"].as_str().unwrap().to_owned();
+        assert!(error.contains("the path /v1/jobs/") && error.contains("%ff") && error.contains("UTF-8"), "{error}");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn abort_needs_no_id_and_says_when_nothing_prints() {
     let daemon = Daemon::start().await;
     let client = daemon.client();

@@ -6,11 +6,13 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use axum::body::{Body, HttpBody as _};
-use axum::extract::{Extension, Path as UrlPath, Request, State};
+use axum::extract::{Extension, FromRequestParts, Path as UrlPath, Request, State};
+use axum::http::request::Parts;
 use axum::http::{HeaderMap, Method, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
 use axum::{Json, Router};
+use serde::de::DeserializeOwned;
 use tokio::net::UnixListener;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, broadcast, mpsc, watch};
 use tokio::time::timeout;
@@ -125,6 +127,24 @@ impl IntoResponse for OrderError {
     }
 }
 
+/// What the path names. A path that is not UTF-8 is refused with JSON, as every other mistake is.
+struct Named<T>(T);
+
+impl<T: DeserializeOwned + Send, S: Send + Sync> FromRequestParts<S> for Named<T> {
+    type Rejection = OrderError;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, OrderError> {
+        let UrlPath(named) = UrlPath::from_request_parts(parts, state).await.map_err(|rejection| {
+            let path = parts.uri.path();
+            OrderError::new(
+                rejection.status().as_u16(),
+                format!("the path {path} cannot be read: {}", rejection.body_text()),
+            )
+        })?;
+        Ok(Self(named))
+    }
+}
+
 async fn status(State(shared): App) -> Response {
     Json(shared.handle.snapshot().status()).into_response()
 }
@@ -133,12 +153,12 @@ async fn jobs(State(shared): App) -> Response {
     Json(JobList { jobs: shared.handle.snapshot().jobs.clone() }).into_response()
 }
 
-async fn job(State(shared): App, UrlPath(id): UrlPath<String>) -> Answer {
+async fn job(State(shared): App, Named(id): Named<String>) -> Answer {
     let found = shared.handle.snapshot().job(&id).cloned();
     found.map(|job| Json(job).into_response()).ok_or_else(|| no_such_job(&id))
 }
 
-async fn log(State(shared): App, UrlPath(id): UrlPath<String>) -> Answer {
+async fn log(State(shared): App, Named(id): Named<String>) -> Answer {
     let number = shared.handle.snapshot().job(&id).and_then(|job| job.id.parse().ok());
     let number = number.ok_or_else(|| no_such_job(&id))?;
     let place = Arc::clone(&shared.logs)
@@ -150,7 +170,7 @@ async fn log(State(shared): App, UrlPath(id): UrlPath<String>) -> Answer {
 async fn again(
     State(shared): App,
     Extension(caller): Extension<Caller>,
-    UrlPath(id): UrlPath<String>,
+    Named(id): Named<String>,
     headers: HeaderMap,
     body: Body,
 ) -> Answer {
@@ -202,7 +222,7 @@ async fn submit(
 async fn order_job(
     State(shared): App,
     Extension(caller): Extension<Caller>,
-    UrlPath((id, order)): UrlPath<(String, String)>,
+    Named((id, order)): Named<(String, String)>,
     request: Request,
 ) -> Answer {
     let order = match order.as_str() {
@@ -229,7 +249,7 @@ async fn abort_active(State(handle): State<Handle>, Extension(caller): Extension
 async fn abort_job(
     State(handle): State<Handle>,
     Extension(caller): Extension<Caller>,
-    UrlPath(id): UrlPath<String>,
+    Named(id): Named<String>,
 ) -> Answer {
     Ok(Json(handle.order(Order::Abort(Some(id)), caller).await?).into_response())
 }
@@ -245,7 +265,7 @@ async fn only_aborts(mut body: Body) -> OrderError {
     OrderError::new(404, message)
 }
 
-async fn remove(State(shared): App, Extension(caller): Extension<Caller>, UrlPath(id): UrlPath<String>) -> Answer {
+async fn remove(State(shared): App, Extension(caller): Extension<Caller>, Named(id): Named<String>) -> Answer {
     Ok(Json(shared.handle.order(Order::Remove(id), caller).await?).into_response())
 }
 
