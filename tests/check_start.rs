@@ -118,6 +118,36 @@ fn all_that_is_wrong_in_machine_and_recipe_is_told() {
 }
 
 #[test]
+fn a_name_in_place_of_a_path_is_told_as_that_and_other_faults_of_a_file_are_not() {
+    let bench = Bench::prepare(Setup { time_scale: 1, ..Setup::default() });
+    edit(&bench, "layerd.toml", "machine = \"machine.toml\"", "machine = \"sim-dlp\"");
+    edit(&bench, "layerd.toml", "recipe = \"recipe.toml\"", "recipe = \"none.toml\"");
+    let (output, told) = run(&bench, &["--check"]);
+    assert_eq!(output.status.code(), Some(1), "{told}");
+    let lines: Vec<&str> = told.lines().filter(|line| line.starts_with("error: ")).collect();
+    let path = "it is a path, counted from the directory of the file that names it";
+    assert!(
+        lines[0].contains(&format!("{path}, not a name: write the path of its file, such as `machines/sim-dlp.toml`"))
+    );
+    assert!(lines[0].contains("`layerctl machines` shows the files"), "{told}");
+    assert!(lines[1].contains("none.toml") && lines[1].ends_with(path), "{told}");
+    fs::create_dir(bench.path("none.toml")).expect("a directory");
+    let (_, told) = run(&bench, &["--check"]);
+    let line = told.lines().find(|line| line.contains("none.toml")).expect("a line");
+    assert!(line.contains("not a regular file") && !line.contains("it is a path"), "{told}");
+}
+
+#[test]
+fn names_with_control_characters_are_shown_escaped() {
+    let bench = Bench::prepare(Setup { time_scale: 1, ..Setup::default() });
+    edit(&bench, "machine.toml", "name = \"bench\"", "name = \"be\\u001b[31mnch\"");
+    let (output, told) = run(&bench, &["--check"]);
+    assert!(output.status.success(), "{told}");
+    let told = String::from_utf8_lossy(&output.stdout);
+    assert!(told.contains("machine `be\\u{1b}[31mnch`, recipe `bench`: fine") && !told.contains('\u{1b}'), "{told}");
+}
+
+#[test]
 fn a_path_too_long_for_a_socket_is_named_with_the_limit() {
     let bench = Bench::prepare(Setup { time_scale: 1, ..Setup::default() });
     edit(&bench, "layerd.toml", "control.sock", &"s".repeat(150));

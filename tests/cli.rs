@@ -78,6 +78,34 @@ fn without_a_daemon_every_command_tells_the_remedy() {
 }
 
 #[test]
+fn a_start_without_a_part_names_both_ways_to_give_one() {
+    let told = stderr(&layerctl(&["start"], Path::new("/nonexistent")));
+    assert!(told.contains("<FILE|--again <JOB>>"), "{told}");
+}
+
+/// A daemon that ends while it takes a job leaves open whether it took it.
+#[test]
+fn a_connection_that_breaks_while_a_job_is_handed_over_sends_the_operator_to_the_list_of_jobs() {
+    let directory = tempfile::tempdir().unwrap();
+    let part = &part_in(directory.path());
+    let socket = directory.path().join("control.sock");
+    let listener = std::os::unix::net::UnixListener::bind(&socket).unwrap();
+    for arguments in [&["start", part][..], &["start", "--again", "7"]] {
+        let output = std::thread::scope(|scope| {
+            scope.spawn(|| {
+                let (mut connection, _) = listener.accept().unwrap();
+                std::io::Read::read(&mut connection, &mut [0; 64 << 10]).unwrap();
+            });
+            layerctl(arguments, &socket)
+        });
+        let told = stderr(&output);
+        assert_eq!(output.status.code(), Some(1), "{told}");
+        assert!(told.contains("broke off") && told.contains("look at `layerctl "), "{told}");
+        assert!(told.contains("jobs` before you start the part again") && told.lines().count() == 1, "{told}");
+    }
+}
+
+#[test]
 fn a_daemon_started_by_hand_is_as_likely_as_a_service_where_no_socket_was_named() {
     let mut command = Command::new(env!("CARGO_BIN_EXE_layerctl"));
     let output = command.args(["status"]).env_remove("LAYERD_SOCKET").output().unwrap();
@@ -265,6 +293,19 @@ fn machines_and_recipes_are_listed_with_their_figures_and_what_is_wrong() {
     let names: Vec<_> = recipes.as_array().unwrap().iter().map(|recipe| recipe["name"].as_str().unwrap()).collect();
     assert!(["default", "demo", "fine"].iter().all(|name| names.contains(name)), "{names:?}");
     assert!(recipes[0]["figures"].as_str().unwrap().contains("layers of"), "{recipes}");
+}
+
+#[test]
+fn a_recipe_that_is_no_regular_file_is_told_as_that() {
+    let directory = tempfile::tempdir().unwrap();
+    let part = part_in(directory.path());
+    std::fs::create_dir(directory.path().join("recipes")).unwrap();
+    let pipe = directory.path().join("recipes/mine.toml");
+    assert!(Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    let mut command = Command::new(env!("CARGO_BIN_EXE_layerctl"));
+    let output = command.args(["start", &part, "--recipe", "mine"]).env("LAYERD_CONFIG_DIR", directory.path()).output();
+    let told = stderr(&output.unwrap());
+    assert!(told.contains("mine.toml: it is not a regular file") && !told.contains("no recipe named"), "{told}");
 }
 
 #[test]

@@ -108,7 +108,11 @@ fn mistakes_in_machine_and_daemon_files_are_told() {
             vec!["m.toml", "line 4, column 8", "unknown kind `fdm`, expected `dlp`"],
         ),
         (machine.replace("kind = ", "# kind = "), vec!["m.toml", "missing field `kind`"]),
-        (format!("kind = 7\n{}", machine.replace("kind = ", "# kind = ")), vec!["m.toml", "line 1, column 8"]),
+        (String::new(), vec!["m.toml", "missing field `kind`", "kind = \"dlp\""]),
+        (
+            format!("kind = 7\n{}", machine.replace("kind = ", "# kind = ")),
+            vec!["m.toml", "line 1, column 8", "expected a kind in quotes, as in `kind = \"dlp\"`"],
+        ),
         (machine.replace("\"dlp\"", "\"slm\""), vec!["m.toml", "line 4", "kind", "cannot drive", "`slm`", "`dlp`"]),
         (
             machine.replace("pixel_um = ", "pixel_um = [0.5, 40.0] # "),

@@ -29,6 +29,12 @@ fn report(config: &Path, findings: &Findings) -> ExitCode {
     if !errors.is_empty() {
         return ExitCode::FAILURE;
     }
-    println!("{}: {}: fine", config.display(), summary.as_deref().unwrap_or_default());
-    ExitCode::SUCCESS
+    let told = format!("{}: {}: fine", config.display(), summary.as_deref().unwrap_or_default());
+    match layerd::cli::print(&told) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            layerd::cli::report(&error);
+            ExitCode::FAILURE
+        }
+    }
 }

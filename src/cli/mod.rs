@@ -189,6 +189,8 @@ pub fn run() -> ExitCode {
     }
     match dispatch(arguments.command) {
         Ok(ending) => ending.into(),
+        // As in shells: 128 plus the number of SIGPIPE, which ends other programs here.
+        Err(error) if error.is::<ClosedPipe>() => ExitCode::from(141),
         Err(error) => {
             report(&error);
             // A wrong value of an option is wrong usage, even if it is found later than clap's checks.
@@ -271,15 +273,26 @@ fn print_json(value: &impl serde::Serialize) -> anyhow::Result<()> {
     write_line(&line)
 }
 
+/// Nobody reads stdout any more, as after `layerctl status | head -1`. The command ends without a word.
+#[derive(Debug, thiserror::Error)]
+#[error("nobody reads stdout")]
+struct ClosedPipe;
+
 /// Writes a text to stdout, with hidden characters escaped.
-fn print(text: &str) -> anyhow::Result<()> {
+///
+/// # Errors
+/// Nobody reads stdout, or it cannot be written.
+pub fn print(text: &str) -> anyhow::Result<()> {
     write_line(&plain(&with_socket(text)))
 }
 
-/// Writes to stdout. A closed pipe is an error, not a panic as with `println!`.
+/// Writes to stdout. A closed pipe is an error of its own, not a panic as with `println!`.
 fn write_line(text: &str) -> anyhow::Result<()> {
     use std::io::Write;
-    writeln!(std::io::stdout().lock(), "{text}").map_err(|error| anyhow::anyhow!("cannot write to stdout: {error}"))
+    writeln!(std::io::stdout().lock(), "{text}").map_err(|error| match error.kind() {
+        std::io::ErrorKind::BrokenPipe => ClosedPipe.into(),
+        _ => anyhow::anyhow!("cannot write to stdout: {error}"),
+    })
 }
 
 /// Adds to a help text where names of machines and recipes are looked up.

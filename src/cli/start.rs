@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::{Duration, SystemTime};
 
 use anyhow::Context;
-use clap::Args;
+use clap::{ArgGroup, Args};
 use indicatif::ProgressBar;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::time::{Instant, timeout};
@@ -27,6 +27,8 @@ pub(super) const BAR: &str = "{msg:10} [{wide_bar}] {pos} of {len} {prefix}";
 
 /// Print a build file, or the part of an earlier job again: give it to the daemon as a new job.
 #[derive(Debug, Args)]
+// Without either, clap names both.
+#[command(group(ArgGroup::new("part").required(true).args(["file", "again"])))]
 #[command(after_help = super::with_names("\
 Examples:
   layerctl start part.layerd                       prints the job's id and returns
@@ -45,10 +47,9 @@ command, and the print goes on.
 Exit codes with --wait: 0 completed, 1 failed, 3 aborted or stopped, 4 interrupted or the daemon is gone, 130 ended by Ctrl-C."))]
 pub(super) struct StartArgs {
     /// The build file, as `layerctl pack` writes it.
-    #[arg(required_unless_present = "again")]
     file: Option<PathBuf>,
     /// Print the part of this job, which is over, once more.
-    #[arg(long, value_name = "JOB", conflicts_with = "file")]
+    #[arg(long, value_name = "JOB")]
     again: Option<String>,
     /// Recipe, a name or a path; without it the daemon's default, or with --again that of the earlier job.
     #[arg(long, value_name = "NAME|PATH")]
@@ -142,11 +143,21 @@ async fn submit(
         bar.set_position(sent);
     };
     let job = match source {
-        Source::File(new) => client.submit(new, progress).await?,
-        Source::Again { job, recipe } => client.again(job, recipe.as_ref()).await?,
+        Source::File(new) => client.submit(new, progress).await,
+        Source::Again { job, recipe } => client.again(job, recipe.as_ref()).await,
     };
     bar.finish_and_clear();
-    Ok((job, events))
+    Ok((job.map_err(not_answered)?, events))
+}
+
+/// Why a job was not submitted. If the connection broke, the daemon may have taken the job before.
+fn not_answered(error: ClientError) -> anyhow::Error {
+    match error {
+        ClientError::Broken(_) => anyhow::anyhow!(
+            "{error}. It may have taken the job all the same: look at `layerctl jobs` before you start the part again"
+        ),
+        error => error.into(),
+    }
 }
 
 /// Says on stderr what a new job waits for: stdout holds only the job's id.

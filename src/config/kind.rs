@@ -39,6 +39,7 @@ pub(super) fn named_in(path: &Path, text: &str) -> Result<Option<(Kind, usize)>,
     let head: Head = toml::from_str(text).map_err(|error| {
         let message = in_words(&error.to_string())
             .replace("unknown variant", "unknown kind")
+            .replace("wanted string or table", "expected a kind in quotes, as in `kind = \"dlp\"`")
             // The other kind would be refused as well.
             .replace("expected `dlp` or `slm`", "expected `dlp`");
         ConfigError::Parse { path: path.into(), message }

@@ -85,7 +85,8 @@ pub fn find(folder: Folder, name: &str) -> Result<ConfigText, FindError> {
         return read(as_path.into());
     }
     let looked: Vec<PathBuf> = folders(folder).map(|folder| folder.join(format!("{name}.toml"))).collect();
-    if let Some(path) = looked.iter().find(|path| path.is_file()) {
+    // If it is no regular file, reading it says so.
+    if let Some(path) = looked.iter().find(|path| path.exists()) {
         return read(path.clone());
     }
     match SHIPPED.iter().find(|(of, called, _)| (*of, *called) == (folder, name)) {

@@ -76,8 +76,12 @@ impl Machine {
     pub fn parse(path: &Path, text: &str) -> Result<Self, ConfigError> {
         let mut machine = match kind::named_in(path, text)? {
             Some((kind @ Kind::Slm, line)) => return Err(ConfigError::Undriven { path: path.into(), line, kind }),
-            // A file without a kind is refused here.
-            Some((Kind::Dlp, _)) | None => Self::Dlp(parse(path, text, DlpMachine::check)?),
+            None => {
+                let message =
+                    "missing field `kind`: a machine file says which kind of machine it is for, as in `kind = \"dlp\"`";
+                return Err(ConfigError::Parse { path: path.into(), message: message.into() });
+            }
+            Some((Kind::Dlp, _)) => Self::Dlp(parse(path, text, DlpMachine::check)?),
         };
         // A path in a file is relative to the file's directory.
         let Self::Dlp(DlpMachine { link, .. }) = &mut machine;

@@ -1,10 +1,11 @@
 //! The daemon's configuration, read and checked before it starts. `start/check.rs` and `start/run.rs` begin with it.
 
+use std::io::ErrorKind;
 use std::path::Path;
 
 use anyhow::Context;
 
-use crate::config::{ConfigError, DaemonConfig, Machine, Recipe, read_text};
+use crate::config::{ConfigError, DaemonConfig, Folder, Machine, Recipe, names, read_text};
 use crate::pipeline::default_threads;
 
 /// The configuration; it does not change while the daemon runs.
@@ -45,7 +46,7 @@ impl Setting {
         // Read once: what is checked is what is kept with each job.
         let machine = read_text(&config.machine)
             .and_then(|text| Ok((Machine::parse(&config.machine, &text)?, text)))
-            .map_err(located)
+            .map_err(|error| located(error, Folder::Machines))
             .with_context(|| named("machine"));
         let parse_recipe = |text: &str| match &machine {
             Ok((machine, _)) => Recipe::parse_for(machine, &config.machine, &config.recipe, text),
@@ -54,7 +55,7 @@ impl Setting {
         };
         let recipe = read_text(&config.recipe)
             .and_then(|text| Ok((parse_recipe(&text)?, text)))
-            .map_err(located)
+            .map_err(|error| located(error, Folder::Recipes))
             .with_context(|| named("recipe"));
         let threads = config.threads.unwrap_or_else(default_threads);
         match (machine, recipe) {
@@ -66,12 +67,20 @@ impl Setting {
     }
 }
 
-/// Adds how the path of a file that cannot be read was resolved. The result is plain text, so that its cause is not repeated.
-fn located(error: ConfigError) -> anyhow::Error {
-    match error {
-        ConfigError::Read { .. } => {
-            anyhow::anyhow!("{error}; it is a path, counted from the directory of the file that names it")
-        }
-        error => error.into(),
+/// Adds how the path of a file that is not there was resolved. The result is plain text, so that its cause is not repeated.
+fn located(error: ConfigError, folder: Folder) -> anyhow::Error {
+    let ConfigError::Read { path, source } = &error else { return error.into() };
+    if source.kind() != ErrorKind::NotFound {
+        return error.into();
     }
+    let (list, example) = match folder {
+        Folder::Machines => ("layerctl machines", "machines/"),
+        Folder::Recipes => ("layerctl recipes", "recipes/"),
+    };
+    let name =
+        path.file_name().map(|name| name.to_string_lossy().into_owned()).filter(|name| names(folder).contains(name));
+    let remedy = name.map_or_else(String::new, |name| {
+        format!(", not a name: write the path of its file, such as `{example}{name}.toml`; `{list}` shows the files")
+    });
+    anyhow::anyhow!("{error}; it is a path, counted from the directory of the file that names it{remedy}")
 }
