@@ -178,7 +178,7 @@ fn a_build_file_is_never_written_over_its_source() {
 }
 
 #[test]
-fn a_closed_stdout_is_an_error_and_no_panic() {
+fn a_closed_stdout_ends_a_command_quietly_and_a_full_one_is_an_error() {
     let bench = Bench::prepare(Setup::default());
     bench.ok(&SMALL);
     let (reader, writer) = std::io::pipe().expect("pipe");
@@ -187,6 +187,11 @@ fn a_closed_stdout_is_an_error_and_no_panic() {
     for arguments in commands {
         let mut command = bench.layerctl_command(arguments);
         let output = command.stdout(writer.try_clone().expect("pipe")).output().expect("layerctl runs");
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(141), "as other programs end by SIGPIPE: {arguments:?}: {text}");
+        assert!(!text.contains("error") && !text.contains("panicked"), "{arguments:?}: {text}");
+        let full = fs::OpenOptions::new().write(true).open("/dev/full").expect("/dev/full");
+        let output = bench.layerctl_command(arguments).stdout(full).output().expect("layerctl runs");
         let text = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(1), "{arguments:?}: {text}");
         assert!(text.contains("cannot write to stdout"), "{arguments:?}: {text}");

@@ -288,6 +288,9 @@ pub struct DeviceStateView {
     pub cut_short: Option<CutShortView>,
     /// Its fault, if it has one.
     pub fault: Option<String>,
+    /// The device's own number for that fault.
+    #[serde(default)]
+    pub fault_code: Option<u16>,
 }
 
 /// Names an exposure.

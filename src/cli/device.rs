@@ -68,5 +68,6 @@ fn print_state(state: &DeviceStateView, is_connected: bool) -> anyhow::Result<()
             cut.exposure.layer, cut.exposure.job, cut.light_ms
         ))?;
     }
-    state.fault.as_ref().map_or(Ok(()), |fault| print(&format!("FAULT      {fault}")))
+    let code = state.fault_code.map_or_else(String::new, |code| format!(" (code {code})"));
+    state.fault.as_ref().map_or(Ok(()), |fault| print(&format!("FAULT      {fault}{code}")))
 }

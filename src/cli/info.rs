@@ -196,15 +196,23 @@ impl From<Volume> for VolumeFigures {
     }
 }
 
+/// A value and its error, with as many decimals as the two first digits of the error have: further digits mean nothing.
+fn with_error(value: f64, error: f64) -> String {
+    let decimals = if error > 0.0 { (1.0 - error.log10().floor()).clamp(0.0, 6.0) as usize } else { 2 };
+    format!("{value:.decimals$} ± {error:.decimals$}")
+}
+
 impl fmt::Display for VolumeFigures {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             out,
-            "volume        {:.2} ± {:.2} mm³ (two standard errors, from {} planes), {:.3} ml of resin",
-            self.volume_mm3, self.volume_error_mm3, self.volume_planes, self.resin_ml
+            "volume        {} mm³ (two standard errors, from {} planes), {} ml of resin",
+            with_error(self.volume_mm3, self.volume_error_mm3),
+            self.volume_planes,
+            with_error(self.resin_ml, self.resin_error_ml)
         )?;
         let (Some(union), Some(error)) = (self.union_volume_mm3, self.union_volume_error_mm3) else { return Ok(()) };
-        write!(out, "exact union   {union:.2} ± {error:.2} mm³, as 3MF defines it for the same beams")?;
+        write!(out, "exact union   {} mm³, as 3MF defines it for the same beams", with_error(union, error))?;
         if let (Some(excess), Some(error)) = (self.excess_percent, self.excess_error_percent) {
             let verb = if excess < 0.0 { "falls short of" } else { "exceeds" };
             write!(out, "; the convolution {verb} it by {:.1} ± {error:.1} %", excess.abs())?;
@@ -257,5 +265,17 @@ impl fmt::Display for Summary {
         writeln!(out, "stands on     z {:.3} mm, its lowest solid point", self.bottom_mm)?;
         write!(out, "{}", self.volume)?;
         write!(out, "source        {}, SHA-256 {}", self.source, self.source_sha256)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_value_has_the_digits_that_its_error_leaves() {
+        let told = [(1234.567, 12.3), (63.2812, 0.0951), (0.0632812, 0.0000951), (98765.4, 1234.5), (5.0, 0.0)]
+            .map(|(value, error)| with_error(value, error));
+        assert_eq!(told, ["1235 ± 12", "63.281 ± 0.095", "0.063281 ± 0.000095", "98765 ± 1234", "5.00 ± 0.00"]);
     }
 }

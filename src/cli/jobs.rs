@@ -74,11 +74,11 @@ fn lines(job: &JobView, link: LinkState, now: SystemTime) -> Vec<String> {
     std::iter::once(part_line(&job)).chain(progress).chain(notes(&job)).collect()
 }
 
-/// Name, recipe and resin of a job, and how long ago it was submitted if it has not begun.
+/// Name, recipe and resin of a job, and how long ago it was submitted if it has not begun and is not over.
 fn part_line(job: &JobView) -> String {
     // Empty, or 0, if the journal cannot be read.
     let recipe = Some(short_name(&job.recipe)).filter(|name| !name.is_empty()).map(|name| format!("recipe {name}"));
-    let submitted = (job.started_ms.is_none() && job.submitted_ms > 0)
+    let submitted = (job.started_ms.is_none() && !job.state.is_final() && job.submitted_ms > 0)
         .then(|| format!("submitted {} ago", age_text(job.submitted_ms)));
     let name = if job.name.is_empty() { "name unknown".into() } else { short_name(&job.name) };
     [Some(name), recipe, resin_text(job), submitted].into_iter().flatten().collect::<Vec<_>>().join(", ")

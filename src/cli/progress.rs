@@ -47,11 +47,16 @@ pub(super) fn took_s(job: &JobView, now_ms: u64) -> Option<u64> {
 
 /// `about 12 ml of resin`, or `about 3.1 of 12 ml of resin` if the job has exposed a part of its layers; `None` if that is not known.
 pub(super) fn resin_text(job: &JobView) -> Option<String> {
+    about_ml_text(job).map(|ml| format!("{ml} of resin"))
+}
+
+/// The same where a label says already that it is resin: `about 12 ml`.
+pub(super) fn about_ml_text(job: &JobView) -> Option<String> {
     let all = ml_text(job.resin_ml?);
     let done_ml = job.resin_done_ml.filter(|_| job.layers_done > 0 && job.layers_done < job.layers_total);
     Some(match done_ml {
-        Some(done_ml) => format!("about {} of {all} ml of resin", ml_text(done_ml)),
-        None => format!("about {all} ml of resin"),
+        Some(done_ml) => format!("about {} of {all} ml", ml_text(done_ml)),
+        None => format!("about {all} ml"),
     })
 }
 

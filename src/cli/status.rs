@@ -6,7 +6,7 @@ use clap::Args;
 
 use super::client::Client;
 use super::jobs::notes;
-use super::progress::{age_text, progress_lines, resin_text, time_text, without_eta};
+use super::progress::{about_ml_text, age_text, progress_lines, resin_text, time_text, without_eta};
 use super::{block_on, print, print_json};
 use crate::api::{JobView, Status};
 use crate::text::{count_text, short_name, size_text};
@@ -113,7 +113,7 @@ fn job_lines(job: &JobView, now: SystemTime) -> Vec<String> {
         short_name(&job.recipe)
     )];
     lines.extend(progress_lines(job, now).into_iter().map(|line| format!("         {line}")));
-    lines.extend(resin_text(job).map(|resin| format!("resin    {resin}")));
+    lines.extend(about_ml_text(job).map(|ml| format!("resin    {ml}")));
     if job.late_layers > 0 {
         let late = count_text(job.late_layers.into(), "layer");
         lines.push(format!("late     {late}, {} ms in all", job.late_ms_total));

@@ -99,11 +99,28 @@ fn a_queued_job_tells_its_resin_and_a_running_one_how_much_of_it_is_printed() {
     assert!(done > 0.0 && done < all, "{job}");
     let status = bench.ok(&["status"]);
     assert!(status.contains("resin    about 0.0") && status.contains(" of 0.0"), "{status}");
+    assert!(!status.contains(" of resin"), "the label says it: {status}");
     let output = bench.layerctl_command(&["status"]).env("TZ", "HERE-02:30").output().expect("runs");
     let status = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(status.contains("until about 20") && status.contains(" +02:30"), "the reader's own time: {status}");
     bench.ok(&["abort"]);
     bench.wait_for(id, &["aborted"]);
+}
+
+#[test]
+fn a_job_that_never_began_took_no_time() {
+    let mut bench = Bench::prepare(slowly());
+    bench.start_daemon();
+    bench.ok(&PART);
+    let id = bench.start_job("part.layerd");
+    bench.wait_for(id, &["checking"]);
+    bench.ok(&["abort"]);
+    let job = bench.wait_for(id, &["aborted"]);
+    assert!(job["started_ms"].is_null() && job["duration_s"].is_null(), "{job}");
+    let jobs = bench.ok(&["jobs"]);
+    let row = jobs.lines().nth(1).expect("a row");
+    assert!(row.starts_with("1       aborted              0/24  -              -            "), "{jobs}");
+    assert!(jobs.contains("before it began") && !jobs.contains("submitted"), "{jobs}");
 }
 
 #[test]

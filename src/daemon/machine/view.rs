@@ -67,7 +67,10 @@ pub(crate) fn device_told(view: &mut DeviceView, event: &DriverEvent, jobs: &Job
             state.light_on = false;
             state.last_exposed = holder.map(|job| ExposureView { job: job.to_string(), layer: *layer });
         }
-        DriverEvent::Fault(fault) => state.fault = fault.as_ref().map(|fault| plain_line(&fault.text)),
+        DriverEvent::Fault(fault) => {
+            state.fault = fault.as_ref().map(|fault| plain_line(&fault.text));
+            state.fault_code = fault.as_ref().map(|fault| fault.code);
+        }
         // The next state shows where it stands. Every outcome is listed, so that a new one is not overlooked here.
         DriverEvent::ActDone(Outcome::Refused(_) | Outcome::TakenBack)
         | DriverEvent::Uploaded { .. }
@@ -84,6 +87,7 @@ fn state_view(state: &DeviceState, jobs: &Jobs) -> DeviceStateView {
         last_exposed: state.last_exposed.map(|id| exposure(id, jobs)),
         cut_short: state.cut_short.map(|(id, light_ms)| CutShortView { exposure: exposure(id, jobs), light_ms }),
         fault: state.fault.as_ref().map(|fault| plain_line(&fault.text)),
+        fault_code: state.fault.as_ref().map(|fault| fault.code),
     }
 }
 
