@@ -67,6 +67,8 @@ fn the_plate_moves_only_homed_inside_its_travel_and_in_the_dark() {
     let number = bench.request(go(1000, 1000));
     assert_eq!(bench.reply(number), Some(Reply::Refused(Refusal::NotHomed)));
     let home = bench.request(Request::Vat(VatRequest::Home));
+    let state = bench.core.state();
+    assert_eq!((state.position_um, state.moving), (None, true), "before its end the first homing knows no position");
     bench.advance(10_000_000);
     assert_eq!(bench.reply(home), Some(Reply::Vat(VatReply::Moved { position_um: 0 })));
     let MachineCapabilities::Vat(VatCapabilities { max_position_um, .. }) = capabilities().machine;
@@ -119,6 +121,20 @@ fn a_damaged_or_misplaced_layer_is_refused() {
         assert_eq!(bench.reply(number), Some(Reply::Refused(refusal)), "{request:?}");
         assert_eq!(bench.core.state().slots, [None, None]);
     }
+    // A raw layer of a wrong length is refused where that shows: by what goes beyond the picture, or at its end.
+    let mut raw = Vec::new();
+    encode(&picture(0), Encoding::RawBit, &mut raw).expect("bits");
+    let whole = raw.len() as u32;
+    let long = bench.request(begin(0, Encoding::RawBit, whole + 9, crc32));
+    bench.data(&raw);
+    assert_eq!(bench.reply(long), None, "all of it is within the picture");
+    bench.data(&[0]);
+    assert_eq!(bench.reply(long), Some(Reply::Refused(Refusal::BadLayer)));
+    let short = bench.request(begin(0, Encoding::RawBit, whole - 1, crc32));
+    bench.data(&raw[..raw.len() - 2]);
+    assert_eq!(bench.reply(short), None, "it is not over");
+    bench.data(&raw[raw.len() - 2..raw.len() - 1]);
+    assert_eq!(bench.reply(short), Some(Reply::Refused(Refusal::BadLayer)));
     // A layer that is given up for another is not whole; the other one is taken.
     let first = bench.request(begin(0, Encoding::Group4, length, crc32));
     bench.data(&bytes[..3]);

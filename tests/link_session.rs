@@ -8,6 +8,7 @@ use layerd::link::session::{HostEvent, HostSession, HostSettings, LostReason};
 use layerd_wire::session::{DeviceEvent, DeviceSession, DeviceSettings};
 use layerd_wire::{
     FrameDecoder, FrameKind, Hello, HelloRefused, VERSIONS, VersionRange, Welcome, decode_device_message, encode_frame,
+    encode_urgent,
 };
 use link_pair::{Faults, Pair, capabilities, queue};
 use proptest::prelude::*;
@@ -411,6 +412,35 @@ fn a_device_answers_a_hello_with_the_highest_version_that_both_speak() {
         assert_eq!(answer.kind, FrameKind::HelloRefused);
         assert_eq!(HelloRefused::decode(&answer.payload), Ok(HelloRefused::Version { device: VERSIONS }));
     }
+}
+
+#[test]
+fn an_urgent_frame_outside_the_session_is_not_carried_out() {
+    let settings = DeviceSettings { baud: 115_200, escaped: false };
+    let mut device = DeviceSession::new(capabilities(4096, 1024), settings, 0);
+    let hello = Hello { versions: VERSIONS, window_bytes: 8192, largest_frame_bytes: 1024 };
+    let answered = |device: &mut DeviceSession, now_us| {
+        let mut answers = Vec::new();
+        while let Some(bytes) = device.transmit(now_us) {
+            let decoded = FrameDecoder::new(1024).next_frame(&mut &bytes[..]).expect("a frame").expect("a good one");
+            answers.push((decoded.frame.kind, decoded.frame.session_id));
+        }
+        answers
+    };
+    for urgent in [Urgent::Abort, Urgent::LightOff] {
+        let now_us = 100_000 * urgent as u64;
+        device.receive(&encode_frame(FrameKind::Urgent, 9, 1, &encode_urgent(urgent)), now_us);
+        assert_eq!(device.event(), None, "{urgent:?}");
+        assert_eq!(answered(&mut device, now_us), [(FrameKind::NoSession, 9)], "{urgent:?} without a session");
+    }
+    device.receive(&encode_frame(FrameKind::Hello, 7, 0, &hello.encode()), 300_000);
+    while device.event().is_some() {
+        device.welcome(&DeviceState::default(), 300_000);
+    }
+    assert_eq!(answered(&mut device, 300_000)[0], (FrameKind::Welcome, 7));
+    device.receive(&encode_frame(FrameKind::Urgent, 9, 1, &encode_urgent(Urgent::Abort)), 300_000);
+    assert_eq!(device.event(), None);
+    assert!(answered(&mut device, 300_000).contains(&(FrameKind::NoSession, 9)), "of another session");
 }
 
 #[test]

@@ -12,7 +12,8 @@ use std::time::{Duration, Instant};
 
 use layerd::device::sim::{CoreAction, DeviceCore, SimulateOptions, run};
 use layerd::link::message::{
-    Capabilities, DeviceMessage, DeviceState, Encoding, HostMessage, MachineCapabilities, Report, VatCapabilities,
+    Capabilities, DeviceMessage, DeviceState, Encoding, Fault, HostMessage, MachineCapabilities, Report,
+    VatCapabilities,
 };
 use layerd::link::session::SendError;
 use layerd_wire::session::{DeviceEvent, DeviceSession, DeviceSettings};
@@ -222,8 +223,30 @@ fn a_machine_of_an_unknown_kind_is_named_in_the_status() {
     );
 }
 
+#[test]
+fn a_fault_is_shown_with_the_number_that_the_device_gives_it() {
+    let fault = Some(Fault { code: 17, text: "door open".into() });
+    let state = DeviceState { fault, ..DeviceState::default() };
+    let welcome = Welcome { version: 1, capabilities: bench_device(), state }.encode();
+    answering_hellos(FrameKind::Welcome, welcome, |bench| {
+        wait_until("the fault", || bench.json(&["device"])["state"]["fault"] == "door open");
+        assert_eq!(bench.json(&["device"])["state"]["fault_code"], 17);
+        let told = bench.ok(&["device"]);
+        assert!(told.contains("FAULT      door open (code 17)\n"), "{told}");
+    });
+}
+
 /// The daemon's reason for not using a device that answers every hello with this frame.
 fn refused_hello(kind: FrameKind, payload: Vec<u8>) -> String {
+    answering_hellos(kind, payload, |bench| {
+        let reason = || bench.json(&["status"])["link"]["reason"].as_str().unwrap_or_default().to_owned();
+        wait_until("the refusal", || reason().contains("the device"));
+        reason()
+    })
+}
+
+/// Runs a daemon on a device that answers every hello with this frame, and says nothing else.
+fn answering_hellos<T>(kind: FrameKind, payload: Vec<u8>, look: impl FnOnce(&Bench) -> T) -> T {
     let mut bench = Bench::prepare(Setup::default());
     let (mut master, slave) = TTYPort::pair().expect("a pseudo-terminal");
     symlink(slave.name().expect("its name"), bench.path("device")).expect("link");
@@ -246,12 +269,11 @@ fn refused_hello(kind: FrameKind, payload: Vec<u8>) -> String {
         }
     });
     bench.start_daemon();
-    let reason = || bench.json(&["status"])["link"]["reason"].as_str().unwrap_or_default().to_owned();
-    wait_until("the refusal", || reason().contains("the device"));
+    let found = look(&bench);
     stop.store(true, Ordering::Relaxed);
     device.join().expect("no panic");
     drop(slave);
-    reason()
+    found
 }
 
 /// A device of the bench's size on a pseudo-terminal of its own, whose every message passes through the test's hands.
