@@ -94,6 +94,11 @@ pub enum LogRecord {
     },
     /// The machine rests: the plate was lifted clear of the resin at the end.
     Parked,
+    /// The last record was damaged when the journal was opened to be continued, and was dropped.
+    Dropped {
+        /// Which record, and where.
+        what: String,
+    },
     /// The job ended, or was interrupted.
     Ended {
         /// Its state then.

@@ -258,7 +258,7 @@ impl History {
             }
             Record::Paused => self.state = JobState::Paused,
             Record::Resumed => self.state = JobState::Printing,
-            Record::LightOff => {}
+            Record::LightOff | Record::Dropped { .. } => {}
             // An abort outranks a stop, whatever the order.
             Record::Ordered(order) => {
                 self.ordered = self.ordered.filter(|known| *known == EndOrder::Abort).or(Some(*order));

@@ -82,6 +82,11 @@ pub enum Record {
         /// The layer.
         layer: u32,
     },
+    /// The last record was damaged when the journal was opened to be continued, and was dropped.
+    Dropped {
+        /// Which record, and where.
+        what: String,
+    },
 }
 
 impl Record {
@@ -94,7 +99,8 @@ impl Record {
             | Self::Commanded { .. }
             | Self::Paused
             | Self::Resumed
-            | Self::PlateClear { .. } => false,
+            | Self::PlateClear { .. }
+            | Self::Dropped { .. } => false,
             Self::Confirmed { .. }
             | Self::NotExposed { .. }
             | Self::Withdrawn { .. }

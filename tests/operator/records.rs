@@ -234,5 +234,7 @@ fn a_damaged_last_record_is_told_and_the_others_count() {
     bench.ok(&["resume", "1"]);
     bench.wait_for(id, &["completed"]);
     assert_eq!(bench.exposed_layers(), exposed, "no layer is exposed again");
-    bench.ok(&["log", "1"]);
+    let told = story(&bench, &["1"]);
+    let dropped = told.iter().filter(|line| line.contains("00000001/journal is damaged and was dropped: record "));
+    assert_eq!(dropped.count(), 1, "it is kept: {told:?}");
 }

@@ -124,6 +124,7 @@ impl Story {
                 self.ordered = Some(*order);
                 format!("ordered to {}", order.verb())
             }
+            LogRecord::Dropped { what } => plain_line(what),
             LogRecord::Parked => "the plate is lifted clear of the resin".into(),
             LogRecord::Ended { state, reason } => {
                 self.runs = false;

@@ -76,6 +76,7 @@ fn log_entry(Entry { at_unix_ms, record }: Entry) -> LogEntry {
         Record::LightOff => LogRecord::LightOff,
         Record::Ordered(order) => LogRecord::Ordered { order },
         Record::Parked => LogRecord::Parked,
+        Record::Dropped { what } => LogRecord::Dropped { what },
         Record::Ended { state, reason } => LogRecord::Ended { state, reason },
     };
     LogEntry { at_ms: at_unix_ms, record }

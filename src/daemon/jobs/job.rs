@@ -8,7 +8,7 @@ use crate::config::{Machine, Recipe};
 use crate::daemon::handle::Reply;
 use crate::daemon::host::clock::unix_ms;
 use crate::job::{
-    Command, EndOrder, Entry as JournalEntry, Forgotten, History, JobDirectory, JobState, Progress, Record,
+    Command, EndOrder, Entry as JournalEntry, Forgotten, History, JobDirectory, JobState, Journal, Progress, Record,
     ResumeChoice, read_journal,
 };
 
@@ -281,9 +281,19 @@ fn duration_s(view: &JobView) -> Option<u64> {
 }
 
 /// Logs that a damaged record was dropped at the end of a job's journal.
-pub(crate) fn tell_dropped(job: u32, history: &History) {
+fn tell_dropped(job: u32, history: &History) {
     if let Some(dropped) = &history.dropped {
         tracing::warn!(job, "{dropped}");
+    }
+}
+
+/// Logs and records that a damaged record was dropped at the end of a journal that was opened to be continued.
+pub(crate) fn record_dropped(job: u32, journal: &mut Journal, history: &History) {
+    tell_dropped(job, history);
+    if let Some(dropped) = &history.dropped
+        && let Err(error) = journal.append(Record::Dropped { what: dropped.clone() }, unix_ms())
+    {
+        tracing::warn!(job, "that cannot be recorded: {error}");
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::job::{TakeUp, tell_dropped};
+use super::job::{TakeUp, record_dropped};
 use crate::config::{Machine, Recipe, load_pair};
 use crate::daemon::host::clock::unix_ms;
 use crate::job::{JobDirectory, JobState, Journal, Record, StartPoint};
@@ -52,7 +52,7 @@ impl Opened {
             let state = if has_begun && error.may_be_mended() { JobState::Interrupted } else { JobState::Failed };
             Unopened { text: error.to_string(), state }
         })?;
-        tell_dropped(job.id, &history);
+        record_dropped(job.id, &mut journal, &history);
         // A job whose part is on the plate stays resumable: the fault may be mended.
         let state = if history.touched() { JobState::Interrupted } else { JobState::Failed };
         let start = match take_up {

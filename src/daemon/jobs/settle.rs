@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use super::job::{TakeUp, tell_dropped};
+use super::job::{TakeUp, record_dropped};
 use super::past::Past;
 use crate::daemon::error::{OrderError, refused};
 use crate::daemon::host::clock::unix_ms;
@@ -60,12 +60,15 @@ pub(crate) fn settle_in_journal(id: u32, path: &Path, past: &Past, change: Chang
         Ok((_, history)) => history,
         Err(error) => return settle_unreadable(id, &error, past, change),
     };
-    tell_dropped(id, &history);
     if history.state.is_final() {
         // The journal could not be read when the daemon started, and can be now.
         return Ok(ended(history.state, history.reason));
     }
-    let write = |record| Journal::open(path).and_then(|(mut journal, _)| journal.append(record, unix_ms()));
+    let write = |record| {
+        let (mut journal, history) = Journal::open(path)?;
+        record_dropped(id, &mut journal, &history);
+        journal.append(record, unix_ms())
+    };
     let warning =
         |written: Result<(), JournalError>| written.err().map(|error| format!("the order {UNWRITTEN} ({error})"));
     let (order, reason) = match change {
