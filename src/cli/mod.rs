@@ -1,5 +1,5 @@
 //! `layerctl`, the operator's command. Exit codes: 0 done, 1 failed, 2 wrong usage; `start --wait`: 3 aborted or stopped,
-//! 4 interrupted and resumable; 130 `start` was ended by Ctrl-C.
+//! 4 interrupted and resumable; 130 `start` was ended by Ctrl-C; 141 nobody reads stdout any more.
 //!
 //! Layers are numbered from 0 in files, protocol and texts: "layer 812" is that of `layer_000812.png`. Progress is a count:
 //! "812 of 3000 layers done" means that layers 0 to 811 are done and layer 812 is next.
@@ -65,7 +65,8 @@ does not answer, a command says so after 2 s. It gives up a query after 5 s, an 
 \"Layer 812\" is always the layer of the file layer_000812.png: the first is layer 0. \"812 of 3000 layers done\" is a count: \
 layers 0 to 811 are done, and layer 812 is next.
 
-Exit codes: 0 done, 1 failed, 2 wrong usage; start --wait: 3 aborted or stopped, 4 interrupted (resumable), 130 ended by Ctrl-C.";
+Exit codes: 0 done, 1 failed, 2 wrong usage; start --wait: 3 aborted or stopped, 4 interrupted (resumable), 130 ended by Ctrl-C; \
+141 nobody reads the output any more.";
 
 #[derive(Debug, Subcommand)]
 enum Command {
