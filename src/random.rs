@@ -1,12 +1,11 @@
 //! Random numbers, not for secrets: unpredictable ones for keys of jobs and ids of sessions, and repeatable ones (SplitMix64).
 //! `device/sim/fault.rs` and `buildfile/generate/grid.rs` take those.
 
-use std::hash::{BuildHasher, Hasher, RandomState};
+use crate::system::{self, System};
 
 /// 64 random bits.
 pub(crate) fn bits() -> u64 {
-    // The standard library seeds these from random numbers of the system.
-    RandomState::new().build_hasher().finish()
+    system::with(|system: &dyn System| system.random_bits())
 }
 
 /// What SplitMix64 adds to its state from one number to the next.

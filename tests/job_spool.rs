@@ -141,7 +141,10 @@ fn a_part_that_two_jobs_print_stays_until_both_are_removed() {
     assert_eq!(fs::read_dir(spool.incoming()).expect("a directory").count(), 0);
     // What a crash leaves between the two steps is deleted.
     create(&spool);
-    let left = spool.part_again(&spool.jobs().expect("listed").remove(0)).expect("linked").keep().expect("kept");
+    let again = spool.part_again(&spool.jobs().expect("listed").remove(0)).expect("linked");
+    let left = again.to_path_buf();
+    // As if the process had been killed.
+    std::mem::forget(again);
     drop(spool);
     let spool = Spool::open(directory.path()).expect("opened again");
     assert!(!left.exists() && spool.jobs().expect("listed")[0].part().exists());

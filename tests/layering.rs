@@ -39,7 +39,7 @@ const MAY_KNOW: &[(&str, &[&str])] = &[
 ];
 
 /// Small tools that know none of the above; every module may use them.
-const BASE: &[&str] = &["codec", "deadline", "disk", "output", "random", "signals", "text"];
+const BASE: &[&str] = &["codec", "deadline", "disk", "output", "random", "signals", "system", "text"];
 
 /// An import: the line it stands on, counted from 1, and the module it names.
 type Import = (usize, String);

@@ -3,13 +3,14 @@
 
 use serde::Serialize;
 use tokio::sync::{broadcast, mpsc, oneshot, watch};
-use tokio::task::spawn_blocking;
 
 use crate::api::{BudgetView, DeviceView, Event, InDoubt, JobView, LineView, LinkView, RaiseView, RemovedView, Status};
 use crate::daemon::caller::Caller;
 pub use crate::daemon::error::OrderError;
 use crate::daemon::fit::Fit;
+use crate::disk::TempPath;
 use crate::job::JobState;
+use crate::system::spawn_blocking;
 use crate::text::short_name;
 
 /// Orders that wait for the printer. People and scripts send a few a second; a full queue means that the printer hangs.
@@ -167,9 +168,8 @@ impl std::fmt::Display for Order {
 /// A new job.
 #[derive(Debug)]
 pub struct Submission {
-    /// The build file, complete and flushed, in the spool's `incoming`. It is deleted when dropped; accepting the job renames it
-    /// (`TempPath::persist`).
-    pub part: tempfile::TempPath,
+    /// The build file, complete and flushed, in the spool's `incoming`. It is deleted when dropped; accepting the job renames it.
+    pub part: TempPath,
     /// For people.
     pub name: String,
     /// The recipe's TOML text; `None` for the daemon's default recipe.

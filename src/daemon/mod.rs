@@ -36,4 +36,5 @@ mod start;
 pub use fit::Fit;
 pub use start::arguments::Arguments;
 pub use start::check::{Findings, check};
+pub use start::daemon::Daemon;
 pub use start::run::run;

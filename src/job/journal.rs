@@ -29,18 +29,15 @@
 
 mod entries;
 
-use std::fs::{File, OpenOptions};
-use std::io::{Seek, SeekFrom, Write};
-use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
 use bincode::{Decode, Encode};
-use rustix::fs::FallocateFlags;
 use rustix::io::Errno;
 
 pub use self::entries::Entries;
 use super::{Contradiction, History, JobState, Record};
-use crate::{codec, disk};
+use crate::codec;
+use crate::disk::{self, File, How};
 
 /// A record and when it was written.
 #[derive(Clone, Debug, PartialEq, Eq, Encode, Decode)]
@@ -156,13 +153,13 @@ impl Journal {
     /// [`JournalError::Io`]; nothing is left behind then.
     pub fn create(path: &Path, first: Record, at_unix_ms: u64) -> Result<Self, JournalError> {
         let io = |source| JournalError::Io { what: "create", path: path.into(), source };
-        let file = OpenOptions::new().write(true).create_new(true).open(path).map_err(io)?;
+        let file = File::open(path, How::CreateNew).map_err(io)?;
         let mut journal = Self::new(path, file, 0);
         let written = journal.write(&MAGIC).and_then(|()| journal.append(first, at_unix_ms));
-        let synced = written.and_then(|()| sync_parent(path).map_err(io));
+        let synced = written.and_then(|()| disk::sync_parent(path).map_err(io));
         if let Err(error) = synced {
             // Best effort: the error that matters is the first one.
-            let _ = std::fs::remove_file(path);
+            let _ = disk::remove_file(path);
             return Err(error);
         }
         Ok(journal)
@@ -174,14 +171,13 @@ impl Journal {
     /// [`JournalError`] if the file cannot be read, is damaged, or contradicts itself.
     pub fn open(path: &Path) -> Result<(Self, History), JournalError> {
         let io = |source| JournalError::Io { what: "open", path: path.into(), source };
-        let mut file = disk::open_regular(path, OpenOptions::new().read(true).write(true)).map_err(io)?;
-        let mut read = Entries::of(path, file.try_clone().map_err(io)?);
+        let mut read = Entries::of(path, File::open(path, How::ReadWrite).map_err(io)?);
         let entries = read.by_ref().collect::<Result<Vec<_>, _>>()?;
         let (history, length_bytes) = (replay(path, &entries, &read)?, read.length_bytes());
-        if file.metadata().map_err(io)?.len() > length_bytes {
+        let file = read.into_file();
+        if file.metadata().map_err(io)?.length_bytes > length_bytes {
             file.set_len(length_bytes).and_then(|()| file.sync_all()).map_err(io)?;
         }
-        file.seek(SeekFrom::Start(length_bytes)).map_err(io)?;
         let mut journal = Self::new(path, file, length_bytes);
         if !history.state.is_final() {
             // If the disk is full, the next record reports it.
@@ -240,13 +236,13 @@ impl Journal {
         if self.unreserved || self.length_bytes + bytes <= self.reserved_bytes {
             return Ok(());
         }
-        let set_aside = |bytes| {
-            rustix::fs::fallocate(&self.file, FallocateFlags::KEEP_SIZE, self.length_bytes, bytes).map(|()| bytes)
-        };
+        let set_aside = |bytes| self.file.reserve(self.length_bytes, bytes).map(|()| bytes);
         match set_aside(bytes + STEP_BYTES).or_else(|_| set_aside(bytes)) {
             Ok(bytes) => self.reserved_bytes = self.length_bytes + bytes,
-            Err(Errno::OPNOTSUPP | Errno::NOSYS | Errno::INVAL | Errno::NODEV) => self.unreserved = true,
-            Err(error) => return Err(self.io_error(error.into())),
+            Err(error) => match Errno::from_io_error(&error) {
+                Some(Errno::OPNOTSUPP | Errno::NOSYS | Errno::INVAL | Errno::NODEV) => self.unreserved = true,
+                _ => return Err(self.io_error(error)),
+            },
         }
         Ok(())
     }
@@ -254,7 +250,7 @@ impl Journal {
     /// Checks that nothing else cut or extended the file since the last record: a record behind a gap cannot be read.
     fn check_length(&mut self) -> Result<(), JournalError> {
         let found_bytes = match self.file.metadata() {
-            Ok(metadata) => metadata.len(),
+            Ok(metadata) => metadata.length_bytes,
             Err(error) => return Err(self.broken_by(error)),
         };
         if found_bytes == self.length_bytes {
@@ -266,9 +262,9 @@ impl Journal {
 
     /// Checks that the file is still the one at its path. A deleted file takes records without an error, but they are lost.
     fn check_place(&mut self) -> Result<(), JournalError> {
-        let place = std::fs::metadata(&self.path).and_then(|there| self.file.metadata().map(|open| (there, open)));
+        let place = disk::metadata(&self.path).and_then(|there| self.file.metadata().map(|open| (there, open)));
         match place {
-            Ok((there, open)) if (there.dev(), there.ino()) == (open.dev(), open.ino()) => Ok(()),
+            Ok((there, open)) if there.identity == open.identity => Ok(()),
             Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(self.broken_by(error)),
             _ => {
                 self.broken = true;
@@ -287,7 +283,7 @@ impl Journal {
         if self.broken {
             return Err(self.io_error(std::io::Error::other("an earlier write failed")));
         }
-        if let Err(source) = self.file.write_all(bytes).and_then(|()| self.file.sync_data()) {
+        if let Err(source) = self.file.write_all_at(bytes, self.length_bytes).and_then(|()| self.file.sync_data()) {
             // Best effort: the next opening cuts a torn record off as well.
             let _ = self.file.set_len(self.length_bytes).and_then(|()| self.file.sync_data());
             return Err(self.broken_by(source));
@@ -326,16 +322,11 @@ fn checksum(length: u32, payload: &[u8]) -> u32 {
     hasher.finalize()
 }
 
-/// Flushes the directory of a file, so that the file's name survives a power cut.
-pub(super) fn sync_parent(path: &Path) -> std::io::Result<()> {
-    match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => File::open(parent)?.sync_all(),
-        _ => File::open(".")?.sync_all(),
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use std::fs::OpenOptions;
+    use std::io::Write;
+
     use super::*;
 
     /// `/dev/full` answers every write with "no space left on device".
@@ -344,7 +335,7 @@ mod tests {
         let Ok(file) = OpenOptions::new().write(true).open("/dev/full") else {
             return writeln!(std::io::stderr(), "skipped: no /dev/full").expect("stderr");
         };
-        let mut journal = Journal::new(Path::new("/dev/full"), file, 0);
+        let mut journal = Journal::new(Path::new("/dev/full"), file.into(), 0);
         let full = journal.append(Record::Paused, 0).expect_err("no space").to_string();
         assert!(full.contains("/dev/full") && full.contains("No space left"), "{full}");
         let after = journal.append(Record::Paused, 0).expect_err("broken").to_string();

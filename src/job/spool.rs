@@ -23,16 +23,13 @@
 mod directory;
 mod raised;
 
-use std::fs::{self, File, OpenOptions};
-use std::io::Write;
-use std::os::unix::fs::MetadataExt;
+use std::fs::TryLockError;
 use std::path::{Path, PathBuf};
 
 pub use self::directory::{Forgotten, JobDirectory, PlateAfter};
 use self::directory::{JOURNAL, MACHINE, PART, RECIPE};
-use super::journal::sync_parent;
 use super::{Journal, JournalError, Record};
-use crate::disk;
+use crate::disk::{self, File, How, TempPath, sync_parent};
 use crate::text::size_text;
 
 /// Finished jobs whose records are kept: some months of a busy machine, a few kilobytes to megabytes each.
@@ -112,15 +109,14 @@ impl Spool {
     /// [`SpoolError`]: no access, or in use by another process.
     pub fn open(root: &Path) -> Result<Self, SpoolError> {
         for directory in [root.to_path_buf(), root.join("jobs"), root.join("incoming")] {
-            fs::create_dir_all(&directory).map_err(io("create", &directory))?;
+            disk::create_directories(&directory).map_err(io("create", &directory))?;
         }
         let lock_path = root.join("lock");
-        let lock = disk::open_regular(&lock_path, OpenOptions::new().write(true).create(true).truncate(false))
-            .map_err(io("open", &lock_path))?;
+        let lock = File::open(&lock_path, How::Create).map_err(io("open", &lock_path))?;
         match lock.try_lock() {
             Ok(()) => {}
-            Err(fs::TryLockError::WouldBlock) => return Err(SpoolError::InUse(root.into())),
-            Err(fs::TryLockError::Error(source)) => return Err(io("lock", &lock_path)(source)),
+            Err(TryLockError::WouldBlock) => return Err(SpoolError::InUse(root.into())),
+            Err(TryLockError::Error(source)) => return Err(io("lock", &lock_path)(source)),
         }
         let spool = Self { root: root.into(), _lock: lock };
         spool.delete_leftovers()?;
@@ -142,13 +138,10 @@ impl Spool {
     ///
     /// # Errors
     /// [`SpoolError::Io`]: the part is no longer there, or the file system has no hard links.
-    pub fn part_again(&self, job: &JobDirectory) -> Result<tempfile::TempPath, SpoolError> {
+    pub fn part_again(&self, job: &JobDirectory) -> Result<TempPath, SpoolError> {
         let part = job.part();
-        let named = tempfile::Builder::new()
-            .prefix("again-")
-            .suffix(".layerd")
-            .make_in(self.incoming(), |name| fs::hard_link(&part, name));
-        named.map(tempfile::NamedTempFile::into_temp_path).map_err(|error| io("link", &part)(linking(error)))
+        let named = TempPath::link_in(&self.incoming(), "again-", &part);
+        named.map_err(|error| io("link", &part)(linking(error)))
     }
 
     /// Checks that `bytes` more fit.
@@ -177,13 +170,13 @@ impl Spool {
         let hidden = jobs.join(format!(".{}", JobDirectory::name(id)));
         let part = job.part.to_path_buf();
         let filled = self.fill(&hidden, job).and_then(|()| {
-            fs::rename(&hidden, directory.path()).map_err(io("rename", &hidden))?;
+            disk::rename(&hidden, directory.path()).map_err(io("rename", &hidden))?;
             sync_parent(directory.path()).map_err(io("flush", &jobs))
         });
         if let Err(error) = filled {
             // Best effort: the next opening deletes what is left.
-            let _ = fs::rename(hidden.join(PART), part);
-            let _ = fs::remove_dir_all(&hidden);
+            let _ = disk::rename(&hidden.join(PART), &part);
+            let _ = disk::remove_tree(&hidden);
             return Err(error);
         }
         let (journal, _) = Journal::open(&directory.journal())?;
@@ -191,20 +184,20 @@ impl Spool {
     }
 
     fn fill(&self, hidden: &Path, job: NewJob<'_>) -> Result<(), SpoolError> {
-        fs::create_dir(hidden).map_err(io("create", hidden))?;
+        disk::create_directory(hidden).map_err(io("create", hidden))?;
         for (name, text) in [(RECIPE, job.recipe), (MACHINE, job.machine)] {
             let path = hidden.join(name);
             let write = || {
-                let mut file = File::create_new(&path)?;
-                file.write_all(text.as_bytes())?;
+                let file = File::open(&path, How::CreateNew)?;
+                file.write_all_at(text.as_bytes(), 0)?;
                 file.sync_all()
             };
             write().map_err(io("write", &path))?;
         }
         Journal::create(&hidden.join(JOURNAL), job.accepted, job.at_unix_ms)?;
-        let flush_part = File::open(job.part).and_then(|file| file.sync_all());
+        let flush_part = File::open(job.part, How::Read).and_then(|file| file.sync_all());
         flush_part.map_err(io("flush", job.part))?;
-        fs::rename(job.part, hidden.join(PART)).map_err(io("move", job.part))?;
+        disk::rename(job.part, &hidden.join(PART)).map_err(io("move", job.part))?;
         sync_parent(&hidden.join(PART)).map_err(io("flush", hidden))
     }
 
@@ -230,8 +223,7 @@ impl Spool {
 
     fn entries(&self) -> Result<Vec<PathBuf>, SpoolError> {
         let jobs = self.root.join("jobs");
-        let entries = fs::read_dir(&jobs).map_err(io("list", &jobs))?;
-        entries.map(|entry| Ok(entry.map_err(io("list", &jobs))?.path())).collect()
+        disk::list(&jobs).map_err(io("list", &jobs))
     }
 
     /// Deletes the parts and records of jobs that are over, beyond [`MAX_PARTS`] and [`MAX_RECORDS`]. `over` lists those jobs.
@@ -247,8 +239,8 @@ impl Spool {
             if age >= MAX_RECORDS {
                 self.remove(*over)?;
                 forgotten.push(job.id);
-            } else if age >= MAX_PARTS && job.part().exists() {
-                fs::remove_file(job.part()).map_err(io("delete", &job.part()))?;
+            } else if age >= MAX_PARTS && disk::exists(&job.part()) {
+                disk::remove_file(&job.part()).map_err(io("delete", &job.part()))?;
             }
         }
         Ok(forgotten)
@@ -262,8 +254,8 @@ impl Spool {
         let jobs = self.root.join("jobs");
         let (from, to) = (jobs.join(JobDirectory::name(job.id)), jobs.join(job.name()));
         // Atomic. If an earlier try stopped after the rename, this one continues from there.
-        if !to.is_dir() {
-            fs::rename(&from, &to).map_err(io("remove", &from))?;
+        if !disk::is_directory(&to) {
+            disk::rename(&from, &to).map_err(io("remove", &from))?;
         }
         let bytes = empty(&to)?;
         sync_parent(&to).map_err(io("flush", &jobs))?;
@@ -271,7 +263,7 @@ impl Spool {
         forgotten.truncate(forgotten.len().saturating_sub(MAX_FORGOTTEN));
         for old in forgotten {
             let path = jobs.join(old.name());
-            fs::remove_dir(&path).map_err(io("delete", &path))?;
+            disk::remove_directory(&path).map_err(io("delete", &path))?;
         }
         Ok(bytes)
     }
@@ -279,8 +271,7 @@ impl Spool {
     fn delete_leftovers(&self) -> Result<(), SpoolError> {
         let jobs = self.root.join("jobs");
         for directory in [self.incoming(), jobs.clone()] {
-            for entry in fs::read_dir(&directory).map_err(io("list", &directory))? {
-                let path = entry.map_err(io("list", &directory))?.path();
+            for path in disk::list(&directory).map_err(io("list", &directory))? {
                 let hidden = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
                 if directory == jobs && !hidden {
                     if Forgotten::of(&path).is_some() {
@@ -288,8 +279,7 @@ impl Spool {
                     }
                     continue;
                 }
-                let deleted = if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
-                deleted.map_err(io("delete", &path))?;
+                disk::remove_tree(&path).map_err(io("delete", &path))?;
             }
         }
         Ok(())
@@ -298,16 +288,11 @@ impl Spool {
 
 /// Deletes the contents of a directory and returns the number of bytes freed. A job's directory is flat.
 fn empty(directory: &Path) -> Result<u64, SpoolError> {
-    /// Unit of [`MetadataExt::blocks`].
-    const BLOCK_BYTES: u64 = 512;
     let mut bytes = 0;
-    for entry in fs::read_dir(directory).map_err(io("list", directory))? {
-        let path = entry.map_err(io("list", directory))?.path();
+    for path in disk::list(directory).map_err(io("list", directory))? {
         // A part that another job prints, too, stays on the disk.
-        bytes += fs::symlink_metadata(&path)
-            .map_or(0, |file| if file.nlink() > 1 { 0 } else { file.blocks() * BLOCK_BYTES });
-        let deleted = if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
-        deleted.map_err(io("delete", &path))?;
+        bytes += disk::freed_bytes(&path);
+        disk::remove_tree(&path).map_err(io("delete", &path))?;
     }
     Ok(bytes)
 }

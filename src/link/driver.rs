@@ -2,8 +2,6 @@
 //! `tests/link_port.rs` runs it on a pseudo-terminal.
 
 use std::io;
-use std::os::unix::fs::MetadataExt;
-use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -19,7 +17,7 @@ use super::message::{HostMessage, Urgent};
 use super::pacing::Pacing;
 use super::session::{HELLO_REPEAT_US, Hindrance, HostEvent, HostSession, HostSettings, SendError, Statistics};
 use super::spacing::Spacing;
-use super::transport::{OpenError, SerialLine};
+use super::transport::{OpenError, Ports, SerialLine};
 
 /// Events that the owner has not taken. When the queue is full, credit holds the device back.
 const EVENT_QUEUE: usize = 64;
@@ -128,6 +126,7 @@ impl LinkHandle {
 #[derive(Debug)]
 pub struct LinkDriver {
     settings: LinkSettings,
+    ports: Arc<dyn Ports>,
     start: Instant,
     session: HostSession,
     messages: mpsc::Receiver<(u32, HostMessage)>,
@@ -141,7 +140,7 @@ pub struct LinkDriver {
 }
 
 /// Makes a line: its handle, its events, and its driver. [`LinkDriver::run`] moves the bytes.
-pub fn link(settings: LinkSettings) -> (LinkHandle, mpsc::Receiver<LinkEvent>, LinkDriver) {
+pub fn link(settings: LinkSettings, ports: Arc<dyn Ports>) -> (LinkHandle, mpsc::Receiver<LinkEvent>, LinkDriver) {
     let (message_sender, messages) = mpsc::channel(1);
     let (urgent_sender, urgents) = mpsc::channel(MAX_URGENTS);
     let (events, event_receiver) = mpsc::channel(EVENT_QUEUE);
@@ -151,6 +150,7 @@ pub fn link(settings: LinkSettings) -> (LinkHandle, mpsc::Receiver<LinkEvent>, L
     let driver = LinkDriver {
         pacing: Pacing::new(settings.baud),
         settings,
+        ports,
         start: Instant::now(),
         session: HostSession::new(random_id(), host_settings, 0),
         messages,
@@ -167,11 +167,6 @@ pub fn link(settings: LinkSettings) -> (LinkHandle, mpsc::Receiver<LinkEvent>, L
 fn random_id() -> u32 {
     let bits = random::bits();
     (bits ^ (bits >> 32)) as u32
-}
-
-/// Device number of the port that a path leads to now, through symbolic links; `None` if there is none.
-fn port_at(path: &Path) -> Option<u64> {
-    std::fs::metadata(path).ok().map(|metadata| metadata.rdev())
 }
 
 /// Why the inner loop ended.
@@ -192,7 +187,7 @@ impl LinkDriver {
     pub async fn run(mut self) {
         let mut last_reason = String::new();
         loop {
-            let line = match SerialLine::open(&self.settings) {
+            let line = match self.ports.open(&self.settings) {
                 Ok(line) => line,
                 Err(error) => {
                     let reason = error.to_string();
@@ -209,7 +204,7 @@ impl LinkDriver {
             last_reason.clear();
             self.pacing.reset();
             self.renew();
-            let port = port_at(&self.settings.path);
+            let port = self.ports.at(&self.settings.path);
             match self.run_line(line, port).await {
                 Left::Elsewhere => {}
                 Left::Owner | Left::Session | Left::Renewed => return,
@@ -232,7 +227,7 @@ impl LinkDriver {
                     if self.rest_after_failure().await {
                         return Left::Owner;
                     }
-                    if port_at(&self.settings.path).is_some_and(|now| port != Some(now)) {
+                    if self.ports.at(&self.settings.path).is_some_and(|now| port != Some(now)) {
                         return Left::Elsewhere;
                     }
                     self.renew();
@@ -285,6 +280,7 @@ impl LinkDriver {
         let mut end = Instant::now() + Duration::from_micros(pause_us);
         loop {
             tokio::select! {
+                biased;
                 () = sleep_until(end) => return self.events.is_closed(),
                 message = self.messages.recv() => if message.is_none() {
                     return true;

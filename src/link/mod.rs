@@ -19,3 +19,4 @@ pub mod transport;
 
 pub use layerd_wire::message;
 pub use settings::{FlowControl, LinkSettings};
+pub use transport::{Ports, SystemPorts};

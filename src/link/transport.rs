@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use nix::errno::Errno;
 use nix::sys::termios::{ControlFlags, InputFlags, SetArg, tcgetattr, tcsetattr};
 use serialport::{ErrorKind, SerialPort};
-use tokio::io::{AsyncReadExt, AsyncWriteExt, ReadHalf, WriteHalf};
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio_serial::{SerialPortBuilderExt, SerialStream};
 
 use super::settings::{FlowControl, LinkSettings};
@@ -77,8 +77,33 @@ pub enum OpenError {
     },
 }
 
+/// Where ports come from: the operating system, or a simulation.
+pub trait Ports: std::fmt::Debug + Send + Sync {
+    /// Opens the port that the settings name; a symbolic link is followed anew each time. Called inside a tokio runtime.
+    ///
+    /// # Errors
+    /// [`OpenError`] names the port and what to do.
+    fn open(&self, settings: &LinkSettings) -> Result<SerialLine, OpenError>;
+
+    /// Device number of the port that a path leads to now, through symbolic links; `None` if there is none.
+    fn at(&self, path: &Path) -> Option<u64>;
+}
+
+/// The ports of the operating system.
+#[derive(Clone, Copy, Debug)]
+pub struct SystemPorts;
+
+impl Ports for SystemPorts {
+    fn open(&self, settings: &LinkSettings) -> Result<SerialLine, OpenError> {
+        SerialLine::open(settings)
+    }
+
+    fn at(&self, path: &Path) -> Option<u64> {
+        std::fs::metadata(path).ok().map(|metadata| metadata.rdev())
+    }
+}
+
 /// An open port. Dropping it closes it. Both halves work at the same time: a device that accepts no data must still be heard.
-#[derive(Debug)]
 pub struct SerialLine {
     /// From the device.
     pub reader: LineReader,
@@ -86,13 +111,17 @@ pub struct SerialLine {
     pub writer: LineWriter,
 }
 
+impl std::fmt::Debug for SerialLine {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("SerialLine")
+    }
+}
+
 /// The half that reads.
-#[derive(Debug)]
-pub struct LineReader(ReadHalf<SerialStream>);
+pub struct LineReader(Box<dyn AsyncRead + Send + Unpin>);
 
 /// The half that writes.
-#[derive(Debug)]
-pub struct LineWriter(WriteHalf<SerialStream>);
+pub struct LineWriter(Box<dyn AsyncWrite + Send + Unpin>);
 
 impl SerialLine {
     /// Opens the port; a symbolic link is followed anew each time. Must be called inside a tokio runtime.
@@ -117,7 +146,15 @@ impl SerialLine {
         let flow_control = stream.flow_control().map_err(|error| port_error(config, major, &error))?;
         check_taken(config, baud, flow_control)?;
         let (reader, writer) = tokio::io::split(stream);
-        Ok(Self { reader: LineReader(reader), writer: LineWriter(writer) })
+        Ok(Self::new(reader, writer))
+    }
+
+    /// A line of two streams.
+    pub fn new(
+        reader: impl AsyncRead + Send + Unpin + 'static,
+        writer: impl AsyncWrite + Send + Unpin + 'static,
+    ) -> Self {
+        Self { reader: LineReader(Box::new(reader)), writer: LineWriter(Box::new(writer)) }
     }
 }
 

@@ -8,6 +8,7 @@ use tokio::task::JoinHandle;
 use super::{EncodedLayer, Part, PartError};
 use crate::device::encoding::Choice;
 use crate::stream::{Ahead, Finished, MemoryBudget};
+use crate::system::spawn_blocking;
 
 /// The sweep that computes layers; at first there is none.
 #[derive(Debug, Default)]
@@ -39,7 +40,7 @@ impl Layers {
         self.0 = Sweep::Starting(tokio::spawn(async move {
             before.stop().await;
             let start = move || part.ahead(from, encoding, &budget, explain).map_err(|error| explain(&error));
-            tokio::task::spawn_blocking(start).await.unwrap_or_else(|panic| Err(panic.to_string()))
+            spawn_blocking(start).await.unwrap_or_else(|panic| Err(panic.to_string()))
         }));
     }
 

@@ -1,4 +1,5 @@
-//! A thread that computes layers ahead of the printer, and the bounded queue of those it has finished.
+//! A task that computes layers ahead of the printer, and the bounded queue of those it has finished. It waits as a task, and computes
+//! each layer on a thread for work that may block.
 //!
 //! The queue is limited in bytes, which are charged to the memory budget, and in layers. The bytes of a layer become free when its
 //! [`Room`] is dropped, so a layer that is being uploaded still counts. One more layer may wait for room; the producer charges it
@@ -6,13 +7,13 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
-use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use tokio::runtime::Handle;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc};
+use tokio::task::JoinHandle;
 
 use super::{BudgetExceeded, Charge, MemoryBudget};
+use crate::system::spawn_blocking;
 use crate::text::size_text;
 
 /// Most finished layers in the queue: enough to bridge any delay, few enough that a resumed or aborted job discards little work. Without
@@ -47,9 +48,6 @@ pub enum StreamError {
     /// The queue does not fit the memory budget.
     #[error(transparent)]
     Budget(#[from] BudgetExceeded),
-    /// The operating system gave no thread; the text is its reason.
-    #[error("cannot start a thread to compute layers: {0}")]
-    Thread(String),
     /// The computation failed; the text says why.
     #[error("{0}")]
     Failed(String),
@@ -77,14 +75,14 @@ pub type Produced<T> = Result<Option<(T, u64)>, String>;
 pub struct Ahead<T> {
     finished: mpsc::Receiver<Result<Finished<T>, StreamError>>,
     room: Arc<Semaphore>,
-    thread: Option<JoinHandle<()>>,
+    task: JoinHandle<()>,
 }
 
 impl<T: Send + 'static> Ahead<T> {
-    /// Starts computing. `produce` is called on its own thread until it returns `None` or an error, or until `Ahead` is dropped.
+    /// Starts computing. `produce` is called, on other threads, until it returns `None` or an error, or until `Ahead` is dropped.
     ///
     /// # Errors
-    /// [`StreamError::Budget`] if `queue_bytes` are not free in the budget, [`StreamError::Thread`] if no thread can be started.
+    /// [`StreamError::Budget`] if `queue_bytes` are not free in the budget.
     ///
     /// # Panics
     /// Outside a tokio runtime.
@@ -97,13 +95,9 @@ impl<T: Send + 'static> Ahead<T> {
         let permits = u32::try_from(queue_bytes / PERMIT_BYTES).unwrap_or(u32::MAX);
         let room = Arc::new(Semaphore::new(permits as usize));
         let (sender, finished) = mpsc::channel(MAX_QUEUE_LAYERS);
-        let worker =
-            Worker { sender, room: Arc::clone(&room), permits, runtime: Handle::current(), charge: Arc::new(charge) };
-        let thread = std::thread::Builder::new()
-            .name("layers ahead".into())
-            .spawn(move || worker.run(produce))
-            .map_err(|error| StreamError::Thread(error.to_string()))?;
-        Ok(Self { finished, room, thread: Some(thread) })
+        let worker = Worker { sender, room: Arc::clone(&room), permits, charge: Arc::new(charge) };
+        let task = tokio::spawn(worker.run(produce));
+        Ok(Self { finished, room, task })
     }
 
     /// Waits for the next layer; `None` after the last. Cancel safe.
@@ -114,22 +108,20 @@ impl<T: Send + 'static> Ahead<T> {
         self.finished.recv().await.transpose()
     }
 
-    /// Stops computing and waits until the thread has freed its memory, at most for the time of one layer.
+    /// Stops computing and waits until the memory is free, at most for the time of one layer.
     pub async fn stop(mut self) {
         self.room.close();
         self.finished.close();
         // Layers in the queue hold room; drop them.
         while self.finished.recv().await.is_some() {}
-        if let Some(thread) = self.thread.take() {
-            // Its panic, if any, was reported when it happened.
-            let _ = tokio::task::spawn_blocking(move || thread.join()).await;
-        }
+        // Its panic, if any, was reported when it happened.
+        let _ = (&mut self.task).await;
     }
 }
 
 impl<T> Drop for Ahead<T> {
     fn drop(&mut self) {
-        // Wakes a thread that waits for room. It then ends by itself.
+        // Wakes the task if it waits for room. It then ends by itself.
         self.room.close();
     }
 }
@@ -137,39 +129,51 @@ impl<T> Drop for Ahead<T> {
 struct Worker<T> {
     room: Arc<Semaphore>,
     permits: u32,
-    runtime: Handle,
     charge: Arc<Charge>,
     /// Dropped last, so that the memory is free when the receiver sees the end of the queue.
     sender: mpsc::Sender<Result<Finished<T>, StreamError>>,
 }
 
 impl<T: Send + 'static> Worker<T> {
-    fn run(self, mut produce: impl FnMut() -> Produced<T>) {
+    async fn run(self, mut produce: impl FnMut() -> Produced<T> + Send + 'static) {
         loop {
-            let began = Instant::now();
-            // After a panic `produce` is not used again.
-            let step = match catch_unwind(AssertUnwindSafe(&mut produce)) {
-                Ok(Ok(None)) => return,
-                Ok(Ok(Some((layer, bytes)))) => self.queue(layer, bytes, began.elapsed()),
-                Ok(Err(text)) => Err(StreamError::Failed(text)),
-                Err(_) => Err(StreamError::Panicked),
+            let work = move || {
+                let began = Instant::now();
+                let step = catch_unwind(AssertUnwindSafe(&mut produce));
+                (produce, step, began.elapsed())
+            };
+            let step = match spawn_blocking(work).await {
+                Ok((same, step, compute_time)) => {
+                    produce = same;
+                    match step {
+                        Ok(Ok(None)) => return,
+                        Ok(Ok(Some((layer, bytes)))) => self.queue(layer, bytes, compute_time).await,
+                        Ok(Err(text)) => Err(StreamError::Failed(text)),
+                        // `produce` is not used again.
+                        Err(_) => Err(StreamError::Panicked),
+                    }
+                }
+                // The daemon ends.
+                Err(_) => return,
             };
             let failed = step.is_err();
-            let Some(message) = step.transpose() else { return };
-            if self.sender.blocking_send(message).is_err() || failed {
-                return;
+            let Some(message) = step.transpose() else { break };
+            if self.sender.send(message).await.is_err() || failed {
+                break;
             }
         }
+        // The slicer's threads end with it, which may take a moment.
+        let _ = spawn_blocking(move || drop(produce)).await;
     }
 
     /// Waits for room; `None` if the receiver is gone.
-    fn queue(&self, layer: T, bytes: u64, compute_time: Duration) -> Result<Option<Finished<T>>, StreamError> {
+    async fn queue(&self, layer: T, bytes: u64, compute_time: Duration) -> Result<Option<Finished<T>>, StreamError> {
         let needed = u32::try_from(bytes.div_ceil(PERMIT_BYTES)).unwrap_or(u32::MAX);
         if needed > self.permits {
             let queue_bytes = u64::from(self.permits) * PERMIT_BYTES;
             return Err(StreamError::LayerTooLarge { layer_bytes: bytes, queue_bytes });
         }
-        let room = self.runtime.block_on(Arc::clone(&self.room).acquire_many_owned(needed));
+        let room = Arc::clone(&self.room).acquire_many_owned(needed).await;
         Ok(room.ok().map(|permit| Finished {
             layer,
             compute_time,
@@ -222,7 +226,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn stop_gives_the_memory_back_while_the_thread_waits_for_room() {
+    async fn stop_gives_the_memory_back_while_a_layer_waits_for_room() {
         let budget = MemoryBudget::new(4 << 10);
         let made = Arc::new(AtomicU32::new(0));
         let ahead = Ahead::start(&budget, 4 << 10, counting(u32::MAX, 1 << 10, Arc::clone(&made))).expect("fits");

@@ -103,7 +103,7 @@ pub(crate) fn carry_out(order: Order, snapshot: &mut Snapshot, directory: &Path)
             let id = format!("job-{}", snapshot.jobs.len() + 1);
             let text = new.recipe_text.unwrap_or_default();
             std::fs::write(directory.join(format!("{id}.toml")), text).unwrap();
-            new.part.persist(directory.join(format!("{id}.layerd"))).unwrap();
+            std::fs::rename(&*new.part, directory.join(format!("{id}.layerd"))).unwrap();
             snapshot.jobs.push(queued(&id, &new.name, new.recipe_name));
             return Ok(snapshot.jobs[snapshot.jobs.len() - 1].clone().into());
         }

@@ -1,11 +1,10 @@
 //! One chunk: up to [`MAX_CHUNK_PRIMITIVES`] primitives of one body, compressed together.
 
-use std::fs::File;
 use std::io;
-use std::os::unix::fs::FileExt;
 
 use super::index::ChunkEntry;
 use crate::buildfile::primitive::{Primitive, Scratch};
+use crate::disk::File;
 
 /// Most primitives in one chunk. Few enough that a chunk is decoded within a level-2 cache and the index bounds the active set closely;
 /// enough that the fixed cost of a chunk (40 bytes of index, a head, the compressor's tables) is small.

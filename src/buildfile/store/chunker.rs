@@ -151,6 +151,7 @@ mod tests {
         assert_eq!([index[1].z_low_min, index[1].z_low_max], [z(&sorted[8192])[0], z(&sorted[16_383])[0]]);
         assert_eq!(Some(index[2].z_high_max), sorted[16_384..].iter().map(|triangle| z(triangle)[1]).max());
 
+        let file = crate::disk::File::from(file);
         let (mut reader, mut read) = (ChunkReader::default(), Vec::<Triangle>::new());
         for entry in &index {
             reader.read(&file, entry, &-1000, &mut read).expect("is whole");

@@ -1,9 +1,7 @@
 //! Opens a build file: reads header, index and profile, and compares them with one another and with the length of the file.
 //! `reader` uses it.
 
-use std::fs::File;
 use std::ops::Range;
-use std::os::unix::fs::FileExt;
 use std::path::Path;
 
 use super::chunk::{MAX_CHUNK_PRIMITIVES, MAX_PACKED_BYTES, MAX_UNPACKED_BYTES};
@@ -13,6 +11,7 @@ use super::index::ChunkEntry;
 use super::profile;
 use crate::buildfile::model::{BodyHeader, Header, Lattice};
 use crate::codec;
+use crate::disk::File;
 
 /// What index and profile say about one body.
 #[derive(Debug)]

@@ -2,7 +2,6 @@
 //! checked. [`buildfile`](crate::buildfile) has an example.
 
 use std::cell::RefCell;
-use std::fs::{File, OpenOptions};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -14,7 +13,8 @@ use super::opening::{Opening, Stored};
 use super::profile::ProfileBuilder;
 use crate::buildfile::model::{Blend, BodyHeader, Bounds, Header, Lattice, Strut};
 use crate::buildfile::primitive::Primitive;
-use crate::disk;
+use crate::disk::{self, File, How};
+use crate::system::FileKind;
 
 /// An open build file. Several threads may read at once: every read states its offset.
 #[derive(Debug)]
@@ -39,20 +39,20 @@ impl BuildFile {
     pub fn open(path: &Path) -> Result<Self, BuildFileError> {
         let read_error = |source| BuildFileError::Read { path: path.into(), source };
         // Before opening, so that a directory or a pipe gets a better message than a failure to read.
-        let metadata = std::fs::metadata(path).map_err(read_error)?;
-        if !metadata.is_file() {
+        let metadata = disk::metadata(path).map_err(read_error)?;
+        if metadata.kind != FileKind::File {
             return Err(BuildFileError::Foreign { path: path.into(), problem: "it is not a regular file".into() });
         }
-        Self::of(path, disk::open_regular(path, OpenOptions::new().read(true)).map_err(read_error)?)
+        Self::of(path, File::open(path, How::Read).map_err(read_error)?)
     }
 
     /// As [`BuildFile::open`], of an open file. `path` names it in errors.
     pub(super) fn of(path: &Path, file: File) -> Result<Self, BuildFileError> {
         let metadata = file.metadata().map_err(|source| BuildFileError::Read { path: path.into(), source })?;
-        let mut opening = Opening::new(path, &file, metadata.len());
+        let mut opening = Opening::new(path, &file, metadata.length_bytes);
         let header = opening.header()?;
         let (chunks, bodies) = opening.index(&header)?;
-        Ok(Self { path: path.into(), file, file_bytes: metadata.len(), header, chunks, bodies })
+        Ok(Self { path: path.into(), file, file_bytes: metadata.length_bytes, header, chunks, bodies })
     }
 
     /// The path that was opened.

@@ -133,7 +133,7 @@ impl Writer {
         chunks.complete(&front, &profiles).map_err(io_error)?;
         if header.bodies.iter().any(|BodyHeader::Lattice(lattice)| lattice.blend != Blend::Union) {
             let refused = |problem: String| WriteError::Refused { path: path.clone(), problem };
-            let whole = BuildFile::of(&path, output.file().try_clone().map_err(io_error)?);
+            let whole = BuildFile::of(&path, output.file().try_clone().map_err(io_error)?.into());
             let found = whole.and_then(|file| find_bottoms(&file, &mut bottoms_um));
             found.map_err(|error| refused(error.to_string()))?;
             header.bottom_um = lowest(&bottoms_um);

@@ -1,7 +1,9 @@
-//! The daemon's two clocks: a monotonic one for decisions, and the wall clock for people.
-//! `printer/event_loop.rs` decides by the one and journals with the other.
+//! The daemon's clock for decisions; `printer/event_loop.rs` decides by it. It is tokio's, so that a simulation can pause it and move
+//! it on. The wall clock, for people, is in `system`.
 
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
+
+use tokio::time::Instant;
 
 /// Microseconds since the daemon's start; monotonic.
 #[derive(Clone, Copy, Debug)]
@@ -21,13 +23,7 @@ impl Clock {
     }
 
     /// The time as tokio's instant.
-    pub(crate) fn at(self, time_us: u64) -> tokio::time::Instant {
-        tokio::time::Instant::from_std(self.start + Duration::from_micros(time_us))
+    pub(crate) fn at(self, time_us: u64) -> Instant {
+        self.start + Duration::from_micros(time_us)
     }
-}
-
-/// Unix time in milliseconds; 0 if the wall clock is before 1970.
-pub(crate) fn unix_ms() -> u64 {
-    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-    u64::try_from(since.as_millis()).unwrap_or(u64::MAX)
 }

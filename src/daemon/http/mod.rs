@@ -4,4 +4,4 @@ pub(crate) mod connections;
 pub(crate) mod job_log;
 pub mod server;
 pub mod socket;
-pub(crate) mod upload;
+pub mod upload;

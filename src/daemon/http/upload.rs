@@ -1,17 +1,13 @@
 //! Writes a build file from a request into the spool, with at most one piece of it in memory.
 //! `tests/control_api/uploads.rs` tests it.
 
-use std::fs::File;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use axum::body::Body;
 use axum::http::{HeaderMap, header};
 use http_body_util::BodyExt;
-use tempfile::TempPath;
 use tokio::sync::OwnedSemaphorePermit;
-use tokio::task::spawn_blocking;
 use tokio::time::timeout;
 
 use crate::api::percent;
@@ -19,8 +15,9 @@ use crate::api::{MAX_NAME_BYTES, MAX_RECIPE_BYTES, NAME_HEADER, RECIPE_HEADER, R
 use crate::daemon::error::OrderError;
 use crate::daemon::fit::Fit;
 use crate::daemon::handle::Submission;
-use crate::disk;
+use crate::disk::{self, File, TempPath};
 use crate::pipeline::{BEGINNING_BYTES, check_beginning};
+use crate::system::spawn_blocking;
 use crate::text::size_text;
 
 /// A sender that is silent for longer is gone; the incomplete file is removed.
@@ -39,7 +36,7 @@ const MAX_DRAIN_TIME: Duration = Duration::from_secs(10);
 ///
 /// # Errors
 /// What is wrong with the request, or why it cannot be stored.
-pub(crate) async fn receive(
+pub async fn receive(
     incoming: &Path,
     headers: &HeaderMap,
     body: &mut Body,
@@ -137,6 +134,7 @@ struct Target {
 
 struct TargetFile {
     file: File,
+    written_bytes: u64,
     path: TempPath,
     place: OwnedSemaphorePermit,
 }
@@ -149,9 +147,8 @@ impl Target {
             if announced.is_some_and(|length| length > space.for_parts()) {
                 return Err(space.too_little(&incoming, announced));
             }
-            let named = tempfile::Builder::new().prefix("upload-").suffix(".layerd").tempfile_in(&incoming);
-            let (file, path) = named.map_err(|error| failed(&incoming, &error))?.into_parts();
-            Ok(Self { incoming, space, file: Some(TargetFile { file, path, place }) })
+            let (path, file) = TempPath::file_in(&incoming, "upload-").map_err(|error| failed(&incoming, &error))?;
+            Ok(Self { incoming, space, file: Some(TargetFile { file, written_bytes: 0, path, place }) })
         })
         .await
     }
@@ -161,7 +158,9 @@ impl Target {
         let Some(mut target) = self.file.take() else { return Err(OrderError::new(500, "the upload has ended")) };
         let incoming = self.incoming.clone();
         let (target, piece) = on_disk(move || {
-            target.file.write_all(&piece).map_err(|error| failed(&incoming, &error))?;
+            let written = target.file.write_all_at(&piece, target.written_bytes);
+            written.map_err(|error| failed(&incoming, &error))?;
+            target.written_bytes += piece.len() as u64;
             piece.clear();
             Ok((target, piece))
         })
@@ -220,7 +219,14 @@ struct Space {
 impl Space {
     fn of(directory: &Path) -> Result<Self, OrderError> {
         let free_bytes = disk::free_bytes(directory).map_err(|error| {
-            OrderError::new(500, format!("cannot tell the free space of {}: {error}", directory.display()))
+            // It was there when the daemon started.
+            let remedy = match error.kind() {
+                std::io::ErrorKind::NotFound => {
+                    ": the spool was moved or deleted while layerd ran; put it back, or restart layerd"
+                }
+                _ => "",
+            };
+            OrderError::new(500, format!("cannot tell the free space of {}: {error}{remedy}", directory.display()))
         })?;
         Ok(Self { free_bytes })
     }

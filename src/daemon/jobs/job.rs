@@ -6,11 +6,11 @@ use super::sign::{MAX_SIGNS, Sign};
 use crate::api::JobView;
 use crate::config::{Machine, Recipe};
 use crate::daemon::handle::Reply;
-use crate::daemon::host::clock::unix_ms;
 use crate::job::{
     Command, EndOrder, Entry as JournalEntry, Forgotten, History, JobDirectory, JobState, Journal, Progress, Record,
     ResumeChoice, read_journal,
 };
+use crate::system::unix_ms;
 
 /// One job.
 #[derive(Debug)]

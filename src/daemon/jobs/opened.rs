@@ -4,9 +4,9 @@ use std::sync::Arc;
 
 use super::job::{TakeUp, record_dropped};
 use crate::config::{Machine, Recipe, load_pair};
-use crate::daemon::host::clock::unix_ms;
 use crate::job::{JobDirectory, JobState, Journal, Record, StartPoint};
 use crate::pipeline::{Part, PartError, Placed, Resolution};
+use crate::system::unix_ms;
 
 /// A job read from the spool, ready to run.
 #[derive(Debug)]

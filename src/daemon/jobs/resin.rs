@@ -7,7 +7,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::disk;
 use crate::job::JobDirectory;
-use crate::output::Output;
 
 /// Slabs of a part with a volume of their own: the share that is printed is then known to about a sixtieth.
 const SLABS: usize = 64;
@@ -50,9 +49,7 @@ impl Resin {
     /// # Errors
     /// The note cannot be written; an earlier one is unchanged then.
     pub(crate) fn save(&self, job: &JobDirectory) -> io::Result<()> {
-        let output = Output::create(&job.resin())?;
-        serde_json::to_writer(output.file(), self)?;
-        output.persist()
+        disk::replace(&job.resin(), &serde_json::to_vec(self)?)
     }
 
     /// Adds up slabs of equal height, mm³ each, the lowest first.

@@ -6,8 +6,8 @@ use std::path::Path;
 use super::job::{TakeUp, record_dropped};
 use super::past::Past;
 use crate::daemon::error::{OrderError, refused};
-use crate::daemon::host::clock::unix_ms;
 use crate::job::{EndOrder, JobState, Journal, JournalError, PlateAfter, Record, ResumeChoice, read_journal};
+use crate::system::unix_ms;
 
 /// An order for a job that does not hold the machine.
 #[derive(Clone, Copy, Debug)]

@@ -1,12 +1,14 @@
 //! The printer's end of the line to the device. `printer/session.rs` takes its events.
 
+use std::sync::Arc;
+
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 
-use crate::link::LinkSettings;
 use crate::link::driver::{LinkEvent, LinkHandle, link};
 use crate::link::message::{HostMessage, Urgent};
 use crate::link::session::{Hindrance, HostEvent, LostReason, Statistics};
+use crate::link::{LinkSettings, Ports};
 
 /// Events from the line, and messages to it.
 pub(crate) struct LineHandle {
@@ -23,8 +25,8 @@ pub(crate) struct LineHandle {
 
 impl LineHandle {
     /// Starts the task that opens the port and keeps a session with the device until [`LineHandle::close`].
-    pub(crate) fn start(config: LinkSettings) -> Self {
-        let (handle, events, driver) = link(config);
+    pub(crate) fn start(config: LinkSettings, ports: Arc<dyn Ports>) -> Self {
+        let (handle, events, driver) = link(config, ports);
         Self {
             handle,
             events,

@@ -7,6 +7,7 @@ use tokio::sync::mpsc;
 
 use crate::daemon::background::Background;
 use crate::job::Spool;
+use crate::system::spawn_blocking;
 
 /// Pause before a note that could not be written is tried again: a full disk may get room at any time, and a failed try
 /// writes nothing to the log.
@@ -69,7 +70,7 @@ impl RaisedNote {
         }
         self.is_writing = true;
         let (spool, from_um, background) = (Arc::clone(spool), self.from_um, background.clone());
-        tokio::task::spawn_blocking(move || {
+        spawn_blocking(move || {
             let spool = spool.lock().unwrap_or_else(PoisonError::into_inner);
             let result = spool.set_raised(from_um).map_err(|error| error.to_string());
             let _ = background.blocking_send(Background::RaisedNoted { from_um, result });

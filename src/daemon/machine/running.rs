@@ -6,7 +6,6 @@ use tokio::sync::mpsc;
 
 use crate::config::{Machine, Recipe};
 use crate::daemon::background::Background;
-use crate::daemon::host::clock::unix_ms;
 use crate::daemon::jobs::opened::Opened;
 use crate::daemon::jobs::opened::spool_text;
 use crate::device::encoding::Choice;
@@ -15,6 +14,7 @@ use crate::job::{Action, Command, Engine, Event, JobPlan, Journal, Process, Reco
 use crate::link::message::{Capabilities, DeviceState, MachineCapabilities, Urgent, VatCapabilities};
 use crate::pipeline::{EncodedLayer, Layers, Part};
 use crate::stream::{Finished, MemoryBudget, Room};
+use crate::system::{spawn_blocking, unix_ms};
 
 /// An action of the engine that the printer's loop must carry out.
 #[derive(Debug)]
@@ -165,7 +165,7 @@ impl Running {
     /// Appends to the journal in the background; [`Background::Journalled`] reports the result.
     fn journal(&self, record: Record) {
         let (journal, background, job) = (Arc::clone(&self.journal), self.background.clone(), self.job);
-        tokio::task::spawn_blocking(move || {
+        spawn_blocking(move || {
             let mut journal = journal.lock().unwrap_or_else(PoisonError::into_inner);
             let result = journal.append(record, unix_ms()).map_err(|error| error.to_string());
             // Sending fails only when the daemon has ended.
@@ -255,7 +255,7 @@ impl Running {
         drop(self.sending);
         drop(self.driver);
         // Closing a file can block on a disk that hangs.
-        tokio::task::spawn_blocking(move || drop(self.journal));
+        spawn_blocking(move || drop(self.journal));
         self.layers.stop().await;
     }
 }

@@ -8,6 +8,7 @@ use crate::daemon::jobs::job::TakeUp;
 use crate::daemon::jobs::settle::{Change, Outcome, Settled, settle_in_journal};
 use crate::daemon::printer::Printer;
 use crate::job::EndOrder;
+use crate::system::spawn_blocking;
 
 impl Printer {
     /// Checks a change against the job's journal and writes it there, in the background.
@@ -18,7 +19,7 @@ impl Printer {
         };
         job.ordered = true;
         let (journal, past, background) = (job.directory.journal(), job.past.clone(), self.background.clone());
-        tokio::task::spawn_blocking(move || {
+        spawn_blocking(move || {
             let result = settle_in_journal(id, &journal, &past, change);
             let _ = background.blocking_send(Background::Changed { job: id, result, reply });
         });

@@ -8,6 +8,7 @@ use crate::daemon::error::OrderError;
 use crate::daemon::handle::{Answer, Reply};
 use crate::daemon::printer::Printer;
 use crate::job::JobState;
+use crate::system::spawn_blocking;
 
 impl Printer {
     /// Deletes a finished job in the background.
@@ -38,7 +39,7 @@ impl Printer {
         let Some(job) = self.jobs.get_mut(id) else { return };
         job.ordered = true;
         let (job, spool, background) = (job.forgotten(), Arc::clone(&self.spool), self.background.clone());
-        tokio::task::spawn_blocking(move || {
+        spawn_blocking(move || {
             let result = spool.lock().unwrap_or_else(PoisonError::into_inner).remove(job);
             let result = result.map_err(|error| error.to_string());
             let _ = background.blocking_send(Background::Removed { job: job.id, result, reply });

@@ -8,7 +8,6 @@ use crate::config::Recipe;
 use crate::daemon::background::Background;
 use crate::daemon::error::OrderError;
 use crate::daemon::handle::{Reply, Submission};
-use crate::daemon::host::clock::unix_ms;
 use crate::daemon::jobs::job::Job;
 use crate::daemon::jobs::opened::spool_text;
 use crate::daemon::printer::Printer;
@@ -16,6 +15,7 @@ use crate::daemon::setting::Setting;
 use crate::job::{JobState, JournalError, NewJob, Record, Spool, SpoolError};
 use crate::pipeline::{PartError, Placed, Resolution, verify};
 use crate::random;
+use crate::system::{spawn_blocking, unix_ms};
 
 impl Printer {
     /// Checks and stores a new job in the background.
@@ -37,7 +37,7 @@ impl Printer {
         let fit = self.fit();
         // During a print there is no memory for this check. It is repeated in any case before the job begins.
         let checks_bottom = self.is_idle();
-        tokio::task::spawn_blocking(move || {
+        spawn_blocking(move || {
             // The file of a refused part is deleted before the answer.
             let result = receive().and_then(|submission| {
                 let recipe = fit.check(submission.recipe_text.as_deref(), submission.recipe_name.as_deref())?;

@@ -80,8 +80,8 @@ pub(crate) struct Printer {
 impl Printer {
     /// A printer with the jobs of its spool; no job runs yet.
     ///
-    /// # Errors
-    /// The system starts no further thread.
+    /// # Panics
+    /// Outside a tokio runtime.
     pub(crate) fn new(
         setting: Arc<Setting>,
         spool: Spool,
@@ -89,12 +89,12 @@ impl Printer {
         budget: MemoryBudget,
         desk: Desk,
         link: LineHandle,
-    ) -> std::io::Result<Self> {
+    ) -> Self {
         let (background, finished_background) = mpsc::channel(MAX_BACKGROUND_RESULTS);
         let raised = RaisedNote::load(&spool);
-        let sampler = Sampler::start(background.clone())?;
+        let sampler = Sampler::start(background.clone());
         jobs.unsampled().for_each(|job| sampler.want(job));
-        Ok(Self {
+        Self {
             setting,
             spool: Arc::new(Mutex::new(spool)),
             budget,
@@ -121,7 +121,7 @@ impl Printer {
             jobs_ended: 0,
             reconnects: 0,
             shutting_down: false,
-        })
+        }
     }
 
     /// Whether no job holds the machine or the memory.

@@ -1,11 +1,8 @@
 //! Samples how much resin the parts of new jobs take.
 //!
-//! The result is known within seconds. A thread of its own works at most a quarter of the time, beside a print and within
-//! [`MAX_SAMPLE_BYTES`]. Nothing waits for it. `tests/operator/records.rs` shows the result.
+//! The result is known within seconds. One part at a time is sampled, on a thread that works at most a quarter of the time, beside a
+//! print and within [`MAX_SAMPLE_BYTES`]. Nothing waits for it. `tests/operator/records.rs` shows the result.
 
-use std::io;
-use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::mpsc::{SyncSender, sync_channel};
 use std::time::Instant;
 
 use tokio::sync::mpsc;
@@ -15,8 +12,10 @@ use crate::daemon::background::Background;
 use crate::daemon::handle::MAX_QUEUED_JOBS;
 use crate::daemon::jobs::opened::spool_text;
 use crate::daemon::jobs::resin::Resin;
+use crate::disk;
 use crate::job::JobDirectory;
 use crate::pipeline::slab_volumes_mm3;
+use crate::system::{self, System, spawn_blocking};
 
 /// Memory of the sampling, bytes, beside the budget: enough for 180,000 struts at one height.
 const MAX_SAMPLE_BYTES: u64 = 8 << 20;
@@ -25,31 +24,31 @@ const MAX_WAITING: usize = 2 * MAX_QUEUED_JOBS;
 /// The thread rests this many times as long as it works.
 const REST: u32 = 3;
 
-/// The thread that samples parts. It ends when this is dropped.
+/// The task that has parts sampled. It ends when this is dropped.
 #[derive(Debug)]
 pub(crate) struct Sampler {
-    jobs: SyncSender<JobDirectory>,
+    jobs: mpsc::Sender<JobDirectory>,
 }
 
 impl Sampler {
-    /// Starts the thread; [`Background::Sampled`] reports each result.
+    /// Starts the task; [`Background::Sampled`] reports each result.
     ///
-    /// # Errors
-    /// The system starts no further thread.
-    pub(crate) fn start(background: mpsc::Sender<Background>) -> io::Result<Self> {
-        let (jobs, wanted) = sync_channel::<JobDirectory>(MAX_WAITING);
-        let work = move || {
-            for job in wanted {
-                // A panic in the kernels must not end the thread. It has been reported when it happened.
-                let sampled = catch_unwind(AssertUnwindSafe(|| sample(&job)));
-                let result = sampled.unwrap_or_else(|_| Err("it failed inside".into()));
-                if background.blocking_send(Background::Sampled { job: job.id, result }).is_err() {
+    /// # Panics
+    /// Outside a tokio runtime.
+    pub(crate) fn start(background: mpsc::Sender<Background>) -> Self {
+        let (jobs, mut wanted) = mpsc::channel::<JobDirectory>(MAX_WAITING);
+        tokio::spawn(async move {
+            while let Some(job) = wanted.recv().await {
+                let id = job.id;
+                // A panic in the kernels has been reported when it happened.
+                let sampled = spawn_blocking(move || sample(&job)).await;
+                let result = sampled.unwrap_or_else(|panic| Err(panic.to_string()));
+                if background.send(Background::Sampled { job: id, result }).await.is_err() {
                     return;
                 }
             }
-        };
-        std::thread::Builder::new().name("resin".into()).spawn(work)?;
-        Ok(Self { jobs })
+        });
+        Self { jobs }
     }
 
     /// Has a job's part sampled when its turn comes.
@@ -67,14 +66,14 @@ impl Sampler {
 fn sample(job: &JobDirectory) -> Result<Resin, String> {
     let mut began = Instant::now();
     let rest = || {
-        std::thread::sleep(began.elapsed() * REST);
+        system::with(|system: &dyn System| system.rest(began.elapsed() * REST));
         began = Instant::now();
     };
     let slabs_mm3 = slab_volumes_mm3(&job.part(), MAX_SAMPLE_BYTES, rest).map_err(|error| spool_text(&error))?;
     let resin = Resin::of_slabs(&slabs_mm3);
     // A job that was removed meanwhile needs no note.
     if let Err(error) = resin.save(job)
-        && job.journal().exists()
+        && disk::exists(&job.journal())
     {
         tracing::warn!(
             job = job.id,

@@ -11,6 +11,7 @@ use crate::daemon::jobs::settle::Change;
 use crate::daemon::machine::idle::Idle;
 use crate::daemon::machine::running::Running;
 use crate::job::{Command, Event, JobState};
+use crate::system::spawn_blocking;
 
 impl Printer {
     /// Opens the next job in the background, if it may begin now.
@@ -36,7 +37,7 @@ impl Printer {
         let background = self.background.clone();
         self.opening = Some(id);
         self.publish_job(id);
-        tokio::task::spawn_blocking(move || {
+        spawn_blocking(move || {
             let result = Opened::open(&directory, take_up, has_begun, threads, limit_bytes).map(Box::new);
             let _ = background.blocking_send(Background::Opened { job: id, result });
         });
@@ -133,7 +134,7 @@ impl Printer {
         tokio::spawn(async move {
             running.release().await;
             let tidy = move || spool.lock().unwrap_or_else(PoisonError::into_inner).tidy(&over);
-            let forgotten = match tokio::task::spawn_blocking(tidy).await {
+            let forgotten = match spawn_blocking(tidy).await {
                 Ok(tidied) => tidied.map_err(|error| error.to_string()),
                 Err(panic) => Err(panic.to_string()),
             };

@@ -11,7 +11,7 @@ use super::descriptors;
 use crate::config::{DEFAULT_SOCKET, DEFAULT_SPOOL, DlpMachine, Machine};
 use crate::daemon::http::socket::{self, BindError};
 use crate::daemon::setting::Setting;
-use crate::disk;
+use crate::disk::{self, File, How};
 use crate::link::transport::{OpenError, denied};
 use crate::pipeline::PrintMemory;
 use crate::text::{shell_word, size_text};
@@ -223,7 +223,7 @@ fn spool(root: &Path) -> Result<(), SpoolFault> {
 
 /// Whether a daemon holds the spool at this moment.
 fn is_held(root: &Path) -> bool {
-    let lock = disk::open_regular(&root.join("lock"), std::fs::OpenOptions::new().write(true));
+    let lock = File::open(&root.join("lock"), How::ReadWrite);
     lock.is_ok_and(|lock| matches!(lock.try_lock(), Err(std::fs::TryLockError::WouldBlock)))
 }
 

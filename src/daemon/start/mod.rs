@@ -2,5 +2,6 @@
 
 pub(crate) mod arguments;
 pub(crate) mod check;
+pub(crate) mod daemon;
 pub(crate) mod descriptors;
 pub(crate) mod run;

@@ -10,19 +10,14 @@ use tokio::net::UnixListener;
 use tokio::sync::watch;
 
 use super::check::before_start;
-use crate::api::{BudgetView, DeviceView, LineView, LinkState, LinkView};
-use crate::daemon::handle::{self, Snapshot};
+use super::daemon::{Daemon, together};
 use crate::daemon::host::log;
 use crate::daemon::host::notify;
 use crate::daemon::http::server;
 use crate::daemon::http::socket;
-use crate::daemon::jobs::Jobs;
-use crate::daemon::machine::line::LineHandle;
-use crate::daemon::printer::Printer;
 use crate::daemon::setting::Setting;
-use crate::job::Spool;
+use crate::link::SystemPorts;
 use crate::signals::Signals;
-use crate::stream::MemoryBudget;
 
 /// Threads of the main runtime: one moves the line's bytes while the other runs the printer. The layers and both control sockets
 /// have threads of their own, so that connections cannot delay an order on its way to the device.
@@ -53,36 +48,26 @@ pub fn run(config: &Path) -> anyhow::Result<()> {
 
 /// Reads the configuration and checks what it names.
 fn load(place: &Path) -> anyhow::Result<Setting> {
-    let together = |errors: &[String]| anyhow::anyhow!(errors.join("\nerror: "));
-    let setting = Setting::load(place, Setting::config(place)?).map_err(|errors| {
-        let errors: Vec<_> = errors.iter().map(|error| format!("{error:#}")).collect();
-        together(&errors)
-    })?;
+    let setting = Setting::load(place, Setting::config(place)?).map_err(|errors| anyhow::anyhow!(together(&errors)))?;
     let findings = before_start(&setting, place);
     findings.warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
-    if findings.errors.is_empty() { Ok(setting) } else { Err(together(&findings.errors)) }
+    if findings.errors.is_empty() { Ok(setting) } else { Err(anyhow::anyhow!(findings.errors.join("\nerror: "))) }
 }
 
 async fn serve(setting: Setting, mut signals: Signals) -> anyhow::Result<()> {
-    let spool = Spool::open(&setting.config.spool)?;
-    let place = setting.config.spool.clone();
-    let jobs = Jobs::load(spool.jobs()?, spool.forgotten()?, setting.machine.confirm_plate());
-    let socket = setting.config.socket.clone();
+    let (place, socket) = (setting.config.spool.clone(), setting.config.socket.clone());
+    let daemon = Daemon::new(setting)?;
+    let handle = daemon.handle();
     let [control, aborts] = socket::bind(&socket).await?;
-    let budget = MemoryBudget::new(setting.config.memory_budget);
-    let (handle, desk) = handle::channel(first_snapshot(&setting, &jobs));
     let (shutdown, ending) = watch::channel(false);
     // The API answers until the machine is safe: an abort must get through while the last exposure ends.
     let (hang_up, over) = watch::channel(false);
-    let link = setting.machine.link().clone();
     let (abort_handle, abort_over) = (handle.clone(), over.clone());
     let servers = [
         serve_in_thread("control api", control, |listener| server::serve(listener, handle, place, over))?,
         serve_in_thread("aborts", aborts, |listener| server::serve_aborts(listener, abort_handle, abort_over))?,
     ];
-    let printer = Printer::new(Arc::new(setting), spool, jobs, budget, desk, LineHandle::start(link));
-    let printer = printer.context("cannot start a thread")?;
-    let mut printer = tokio::spawn(printer.run(ending));
+    let mut printer = tokio::spawn(daemon.run(Arc::new(SystemPorts), ending));
     notify::ready();
     tracing::info!(socket = %socket.display(), "ready");
     let ended = tokio::select! {
@@ -127,18 +112,4 @@ fn serve_in_thread<F: Future<Output = ()>>(
         runtime.shutdown_timeout(MAX_WRITE_TIME);
     };
     std::thread::Builder::new().name(name.into()).spawn(run).context("cannot start a thread")
-}
-
-fn first_snapshot(setting: &Setting, jobs: &Jobs) -> Snapshot {
-    let path = setting.machine.link().path.display().to_string();
-    Snapshot {
-        machine: setting.machine.name().into(),
-        link: LinkView { state: LinkState::Connecting, path, device: None, reason: None },
-        device: DeviceView::default(),
-        budget: BudgetView::default(),
-        line: LineView::default(),
-        jobs_ended: 0,
-        fit: None,
-        jobs: jobs.views(),
-    }
 }

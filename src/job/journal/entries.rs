@@ -1,11 +1,10 @@
 //! Reads a journal record by record, in little memory however long it is. Tested by `tests/job_journal.rs`.
 
-use std::fs::{File, OpenOptions};
-use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use super::{Entry, FRAME_BYTES, JournalError, MAGIC, MAX_JOURNAL_BYTES, MAX_RECORD_BYTES, checksum};
-use crate::{codec, disk};
+use crate::codec;
+use crate::disk::{File, How};
 
 /// Bytes that must be at hand to judge a record: with more than the longest record at hand, damage is no unfinished write.
 const WINDOW_BYTES: usize = FRAME_BYTES + MAX_RECORD_BYTES + 1;
@@ -38,11 +37,10 @@ impl Entries {
     /// # Errors
     /// [`JournalError::Io`].
     pub fn open(path: &Path) -> Result<Self, JournalError> {
-        let file = disk::open_regular(path, OpenOptions::new().read(true));
-        file.map(|file| Self::of(path, file)).map_err(|source| io("open", path, source))
+        File::open(path, How::Read).map(|file| Self::of(path, file)).map_err(|source| io("open", path, source))
     }
 
-    /// The entries of an open file, from where it stands: its beginning.
+    /// The entries of an open file.
     pub(super) fn of(path: &Path, file: File) -> Self {
         Self {
             path: path.into(),
@@ -56,6 +54,11 @@ impl Entries {
             is_over: false,
             dropped: None,
         }
+    }
+
+    /// The open file.
+    pub(super) fn into_file(self) -> File {
+        self.file
     }
 
     /// Bytes of the whole records so far, the file's beginning included.
@@ -111,8 +114,9 @@ impl Entries {
         self.taken = 0;
         // A file may come in pieces of any length.
         while !self.is_read && self.bytes.len() < WINDOW_BYTES {
-            let limited = (&mut self.file).take(PIECE_BYTES as u64).read_to_end(&mut self.bytes);
-            let count = limited.map_err(|source| io("read", &self.path, source))?;
+            let from = self.at + self.bytes.len() as u64;
+            let read = self.file.append_to(&mut self.bytes, from, PIECE_BYTES);
+            let count = read.map_err(|source| io("read", &self.path, source))?;
             self.is_read = count < PIECE_BYTES;
             if self.at + self.bytes.len() as u64 > MAX_JOURNAL_BYTES {
                 return Err(self.damaged(format!("it has more than {MAX_JOURNAL_BYTES} bytes")));

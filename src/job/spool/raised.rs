@@ -1,13 +1,10 @@
 //! Remembers on disk that the plate was raised from below its clear height, until the operator confirms that it is empty.
 //! Tested by `tests/plate.rs`.
 
-use std::fs;
-use std::io::{self, Write};
+use std::io;
 
 use super::{Spool, SpoolError};
 use crate::disk;
-use crate::job::journal::sync_parent;
-use crate::output::Output;
 
 const RAISED: &str = "raised";
 /// A height in micrometres is shorter as text.
@@ -41,12 +38,9 @@ impl Spool {
     pub fn set_raised(&self, from_um: Option<i32>) -> Result<(), SpoolError> {
         let path = self.root.join(RAISED);
         let written = match from_um {
-            Some(from_um) => Output::create(&path).and_then(|output| {
-                writeln!(output.file(), "{from_um}")?;
-                output.persist()
-            }),
-            None => match fs::remove_file(&path) {
-                Ok(()) => sync_parent(&path),
+            Some(from_um) => disk::replace(&path, format!("{from_um}\n").as_bytes()),
+            None => match disk::remove_file(&path) {
+                Ok(()) => disk::sync_parent(&path),
                 Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
                 Err(error) => Err(error),
             },
