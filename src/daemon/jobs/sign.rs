@@ -47,6 +47,11 @@ pub(crate) enum Sign {
         /// From where.
         from_um: i32,
     },
+    /// The job's plate was found empty on another device, or before this one was restarted; and this device has printed another job.
+    OtherDevice {
+        /// Boot id of the device.
+        boot_id: u32,
+    },
     /// A job of this spool ended, and no record says that its plate was lifted.
     Left {
         /// The job.
@@ -67,6 +72,7 @@ impl Sign {
                 let cut = state.cut_short.map(|(id, _)| id);
                 state.last_exposed.into_iter().chain(cut).any(|id| id.job == *key)
             }),
+            (Self::OtherDevice { boot_id }, Self::OtherDevice { boot_id: known }) => boot_id == known,
             (Self::Left { job, .. }, Self::Left { job: known, .. }) => job == known,
             (Self::Raised { from_um }, Self::Raised { from_um: known }) => from_um == known,
             _ => false,
@@ -98,6 +104,9 @@ impl fmt::Display for Sign {
             Self::Raised { from_um } => {
                 write!(f, "the plate was raised from {} above the vat, and may carry a part", mm_text(*from_um))
             }
+            Self::OtherDevice { .. } => f.write_str(
+                "the plate was found empty on another device, or before this one was restarted, and this one has printed another job",
+            ),
             Self::Left { job, .. } => write!(f, "no record says that the plate was lifted at the end of job {job}"),
         }
     }
@@ -112,7 +121,7 @@ pub(crate) fn text(signs: &[Sign], job: u32) -> String {
             keys.push(*job);
             is_new
         }
-        Sign::Low { .. } | Sign::Raised { .. } | Sign::Left { .. } => true,
+        Sign::Low { .. } | Sign::Raised { .. } | Sign::OtherDevice { .. } | Sign::Left { .. } => true,
     };
     let signs: Vec<_> = signs.iter().filter(is_new).map(ToString::to_string).collect();
     format!(

@@ -5,7 +5,6 @@ use crate::daemon::handle::Reply;
 use crate::daemon::jobs::settle::{Change, UNWRITTEN};
 use crate::daemon::jobs::unwritten::Unwritten;
 use crate::daemon::printer::Printer;
-use crate::job::JobState;
 
 /// Warning in the answer to an order whose record is not on disk yet.
 const SLOW: &str =
@@ -28,14 +27,13 @@ impl Printer {
                     continue;
                 }
                 None if self.opening == Some(id) => is_late.then_some(SLOW),
-                // The job was already ending when the order came, and ended as interrupted.
-                None if self
-                    .jobs
-                    .get(id)
-                    .is_some_and(|job| job.view.state == JobState::Interrupted && !job.ordered) =>
-                {
-                    self.change(id, Change::End(order.order), order.reply);
-                    continue;
+                // The job was already ending when the order came, and is not over: its journal may have no record of the order.
+                None if self.jobs.get(id).is_some_and(|job| !job.view.state.is_final()) => {
+                    if self.jobs.get(id).is_some_and(|job| !job.ordered) {
+                        self.change(id, Change::End(order.order), order.reply);
+                        continue;
+                    }
+                    is_late.then_some(SLOW)
                 }
                 None => {
                     self.answer(order, None);

@@ -28,6 +28,7 @@ impl Printer {
             };
             signs.extend(traces(state).into_iter().filter_map(unaccounted));
             signs.extend(self.low_plate(state));
+            signs.extend(other_device(job, state));
         }
         signs.extend(self.raised.height_um().map(|from_um| Sign::Raised { from_um }));
         signs.retain(|sign| !sign.is_known(&job.cleared, state));
@@ -138,4 +139,13 @@ impl Printer {
         });
         self.publish_job(id);
     }
+}
+
+/// A job that has had no light was found an empty plate on a device. If that device was exchanged or restarted since, the plate of the
+/// one that is connected now may carry what its last job left.
+fn other_device(job: &Job, state: &DeviceState) -> Option<Sign> {
+    let boot_id = state.boot_id;
+    let has_printed_another = state.last_exposed.is_some_and(|id| id.job != job.key);
+    let is_other = job.past.plate_clear_on.is_some_and(|clear_on| clear_on != boot_id);
+    (is_other && has_printed_another).then_some(Sign::OtherDevice { boot_id })
 }
