@@ -64,6 +64,20 @@ pub enum LineFault {
     },
 }
 
+impl LineFault {
+    /// How long it lasts.
+    pub fn for_us(self) -> u64 {
+        match self {
+            Self::Noise { for_us, .. }
+            | Self::Delay { for_us, .. }
+            | Self::Split { for_us }
+            | Self::Merge { for_us, .. }
+            | Self::Stall { for_us }
+            | Self::Unplugged { for_us } => for_us,
+        }
+    }
+}
+
 /// Faults that last, each with the time when it ends.
 #[derive(Debug, Default)]
 struct Faults {

@@ -12,7 +12,9 @@ mod words;
 
 use std::collections::VecDeque;
 
-pub use character::{Asked, Character, Lie, all};
+#[allow(unused_imports, reason = "only the tests of characters name it")]
+pub use character::Asked;
+pub use character::{Character, Lie, all};
 pub use incident::Incident;
 pub use truth::{Fact, FactKind};
 
@@ -57,6 +59,8 @@ pub struct Machine {
     clock: Clock,
     rng: Rng,
     now_us: u64,
+    /// When it heard anything from the line last.
+    heard_us: u64,
     boot_id: u32,
     /// For the session, once it has room.
     waiting: VecDeque<DeviceMessage>,
@@ -97,6 +101,7 @@ impl Machine {
             clock: Clock::new(),
             rng,
             now_us: 0,
+            heard_us: 0,
             boot_id,
             waiting: VecDeque::new(),
             later: VecDeque::new(),
@@ -129,6 +134,7 @@ impl Machine {
     pub fn receive(&mut self, bytes: &[u8], now_us: u64) {
         self.catch_up(now_us);
         if self.is_on() {
+            self.heard_us = now_us;
             self.session.receive(bytes, now_us);
             self.pump(now_us);
         }
@@ -175,6 +181,11 @@ impl Machine {
         self.core.plate_um(self.clock.machine_us(self.now_us))
     }
 
+    /// When it heard anything from the line last.
+    pub fn heard_us(&self) -> u64 {
+        self.heard_us
+    }
+
     /// Whether it has power.
     pub fn is_on(&self) -> bool {
         self.off_until_us.is_none()
@@ -193,6 +204,16 @@ impl Machine {
     /// How often it has lied so far.
     pub fn lies_told(&self) -> u32 {
         self.liar.told
+    }
+
+    /// Somebody repairs a machine that lies: it is switched off for a moment, and is right from then on.
+    pub fn repair(&mut self, now_us: u64) {
+        if self.is_honest() {
+            return;
+        }
+        self.liar.character = Character::Honest;
+        (self.flood, self.reboot_at_us, self.position_offset_um) = (None, None, 0);
+        self.strike(Incident::PowerCut { off_us: 2_500_000 }, now_us);
     }
 
     fn max_position_um(&self) -> i32 {

@@ -1,0 +1,632 @@
+//! A simulated disk: what was not flushed is lost when the power fails, writes are torn, space runs out, the disk fails or is slow.
+//!
+//! A killed process loses nothing that it wrote: the system's memory outlives it. A power cut keeps of each file what was flushed and a
+//! random beginning of what was written since, perhaps with zeros in place of its last block; and of each directory what was flushed
+//! and the first of the changes since. This is harsher than file systems with a journal are.
+
+use std::collections::BTreeMap;
+use std::fs::TryLockError;
+use std::io::{self, ErrorKind};
+use std::path::{Component, Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use layerd::system::{Disk, DiskFile, FileKind, How, Metadata};
+
+use crate::rng::Rng;
+
+/// Room on the disk, bytes: beside what the daemon wants to be left free, that of some parts.
+const CAPACITY_BYTES: u64 = 64 << 20;
+/// Bytes that are lost or kept together.
+const BLOCK_BYTES: usize = 512;
+const ROOT: u64 = 1;
+/// Stands for who looks at the disk from outside: no fault of the disk reaches them.
+const OUTSIDE: u32 = u32::MAX;
+
+/// What the disk did to those who used it.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Harm {
+    /// Calls that failed because the disk was full.
+    pub(crate) full: u64,
+    /// Calls that failed with an input/output error.
+    pub(crate) failed: u64,
+    /// Files whose unflushed end was lost, whole or in part, in a power cut.
+    pub(crate) lost: u64,
+    /// Names whose change was lost in a power cut.
+    pub(crate) lost_names: u64,
+}
+
+/// A disk that processes share. Clones are the same disk.
+#[derive(Clone, Debug)]
+pub(crate) struct SimDisk(Arc<Mutex<State>>);
+
+/// The disk as one process sees it. Once the process has died, nothing that it still does has an effect.
+#[derive(Clone, Debug)]
+pub(crate) struct Mount {
+    disk: SimDisk,
+    process: u32,
+}
+
+#[derive(Debug)]
+struct State {
+    nodes: BTreeMap<u64, Node>,
+    next_node: u64,
+    rng: Rng,
+    /// The process that is alive.
+    process: u32,
+    /// Calls that the process may still make before it is killed in the middle of its work.
+    calls_left: Option<u32>,
+    /// Space that other programs take, bytes.
+    taken_bytes: u64,
+    used_bytes: u64,
+    /// Writing calls fail with an input/output error.
+    broken: bool,
+    /// Files that the living process has open.
+    open_files: usize,
+    harm: Harm,
+}
+
+#[derive(Debug)]
+enum Node {
+    File(FileNode),
+    Directory(DirectoryNode),
+}
+
+#[derive(Debug, Default)]
+struct FileNode {
+    bytes: Vec<u8>,
+    flushed: Vec<u8>,
+    /// Space is set aside up to here.
+    reserved_bytes: u64,
+    links: u64,
+    /// How many open files lead to it; the node stays as long.
+    opened: usize,
+    locked_by: Option<u32>,
+}
+
+#[derive(Debug, Default)]
+struct DirectoryNode {
+    names: BTreeMap<String, u64>,
+    flushed: BTreeMap<String, u64>,
+    /// Changes since the last flush: a name, and what it leads to then.
+    changes: Vec<(String, Option<u64>)>,
+}
+
+impl SimDisk {
+    pub(crate) fn new(seed: u64) -> Self {
+        let nodes = BTreeMap::from([(ROOT, Node::Directory(DirectoryNode::default()))]);
+        Self(Arc::new(Mutex::new(State {
+            nodes,
+            next_node: ROOT + 1,
+            rng: Rng::new(seed),
+            process: 0,
+            calls_left: None,
+            taken_bytes: 0,
+            used_bytes: 0,
+            broken: false,
+            open_files: 0,
+            harm: Harm::default(),
+        })))
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The disk for a new process; the one before is dead.
+    pub(crate) fn mount(&self) -> Mount {
+        let mut state = self.state();
+        state.end_process();
+        Mount { disk: self.clone(), process: state.process }
+    }
+
+    /// The disk for who looks at it from outside.
+    pub(crate) fn inspect(&self) -> Mount {
+        Mount { disk: self.clone(), process: OUTSIDE }
+    }
+
+    /// Kills the process: its locks are free, and nothing that it still does has an effect.
+    pub(crate) fn kill(&self) {
+        self.state().end_process();
+    }
+
+    /// Has the process killed in the middle of its work, after so many calls.
+    pub(crate) fn kill_after(&self, calls: u32) {
+        self.state().calls_left = Some(calls);
+    }
+
+    /// Whether [`Self::kill_after`] has struck.
+    pub(crate) fn has_killed(&self) -> bool {
+        self.state().calls_left == Some(0)
+    }
+
+    /// The power fails: what was not flushed is lost, but for the random part of it that had reached the disk.
+    pub(crate) fn power_cut(&self) {
+        let mut state = self.state();
+        state.end_process();
+        state.lose_unflushed();
+    }
+
+    /// Other programs leave so much room; `None` if they leave all.
+    pub(crate) fn leave_free(&self, bytes: Option<u64>) {
+        let mut state = self.state();
+        let free_bytes = CAPACITY_BYTES - state.used_bytes;
+        state.taken_bytes = bytes.map_or(0, |bytes| free_bytes.saturating_sub(bytes));
+    }
+
+    /// From now on writing fails, or works again.
+    pub(crate) fn set_broken(&self, broken: bool) {
+        self.state().broken = broken;
+    }
+
+    /// Moves a directory aside, and makes an empty one in its place.
+    pub(crate) fn replace_directory(&self, path: &Path) {
+        let mut state = self.state();
+        let Ok((parent, name)) = state.parent(path) else { return };
+        let new = state.add(Node::Directory(DirectoryNode::default()));
+        let Some(old) = state.directory(parent).and_then(|parent| parent.names.get(&name).copied()) else { return };
+        state.set_name(parent, format!("{name}.old-{new}"), Some(old));
+        state.set_name(parent, name, Some(new));
+        state.flush_directory(parent);
+    }
+
+    pub(crate) fn harm(&self) -> Harm {
+        self.state().harm
+    }
+
+    /// Files that the living process has open.
+    pub(crate) fn open_files(&self) -> usize {
+        self.state().open_files
+    }
+
+    /// Writes a file and flushes it with its directories: for what is there before the simulation begins.
+    pub(crate) fn prepare(&self, path: &Path, bytes: &[u8]) {
+        let mut state = self.state();
+        let (mut directory, mut at) = (ROOT, PathBuf::from("/"));
+        let name = path.file_name().expect("a file's name").to_string_lossy().into_owned();
+        for part in names(path.parent().expect("a directory")) {
+            at.push(&part);
+            directory = match state.find(&at) {
+                Ok(found) => found,
+                Err(_) => {
+                    let made = state.add(Node::Directory(DirectoryNode::default()));
+                    state.set_name(directory, part, Some(made));
+                    state.flush_directory(directory);
+                    made
+                }
+            };
+        }
+        let file = FileNode { bytes: bytes.to_vec(), flushed: bytes.to_vec(), links: 1, ..FileNode::default() };
+        state.used_bytes += bytes.len() as u64;
+        let made = state.add(Node::File(file));
+        state.set_name(directory, name, Some(made));
+        state.flush_directory(directory);
+    }
+}
+
+fn names(path: &Path) -> impl Iterator<Item = String> + '_ {
+    path.components().filter_map(|part| match part {
+        Component::Normal(name) => Some(name.to_string_lossy().into_owned()),
+        _ => None,
+    })
+}
+
+fn full() -> io::Error {
+    io::Error::from_raw_os_error(28)
+}
+
+fn broken() -> io::Error {
+    io::Error::from_raw_os_error(5)
+}
+
+impl State {
+    fn add(&mut self, node: Node) -> u64 {
+        let number = self.next_node;
+        self.next_node += 1;
+        self.nodes.insert(number, node);
+        number
+    }
+
+    fn end_process(&mut self) {
+        self.process += 1;
+        (self.calls_left, self.open_files) = (None, 0);
+        for node in self.nodes.values_mut() {
+            if let Node::File(file) = node {
+                (file.opened, file.locked_by) = (0, None);
+            }
+        }
+        self.free_unnamed();
+    }
+
+    /// Checks that `process` is alive, and counts its call. `writes` says whether the call changes the disk.
+    fn enter(&mut self, process: u32, writes: bool) -> io::Result<()> {
+        if process == OUTSIDE {
+            return Ok(());
+        }
+        if process != self.process || self.calls_left == Some(0) {
+            return Err(broken());
+        }
+        if let Some(left) = &mut self.calls_left {
+            *left -= 1;
+            if *left == 0 {
+                return Err(broken());
+            }
+        }
+        if writes && self.broken {
+            self.harm.failed += 1;
+            return Err(broken());
+        }
+        Ok(())
+    }
+
+    fn directory(&self, node: u64) -> Option<&DirectoryNode> {
+        match self.nodes.get(&node) {
+            Some(Node::Directory(directory)) => Some(directory),
+            _ => None,
+        }
+    }
+
+    fn file(&mut self, node: u64) -> io::Result<&mut FileNode> {
+        match self.nodes.get_mut(&node) {
+            Some(Node::File(file)) => Ok(file),
+            _ => Err(ErrorKind::IsADirectory.into()),
+        }
+    }
+
+    fn find(&self, path: &Path) -> io::Result<u64> {
+        names(path).try_fold(ROOT, |node, name| {
+            let directory = self.directory(node).ok_or(ErrorKind::NotADirectory)?;
+            directory.names.get(&name).copied().ok_or_else(|| io::Error::from_raw_os_error(2))
+        })
+    }
+
+    /// The directory of a path, and the name in it.
+    fn parent(&self, path: &Path) -> io::Result<(u64, String)> {
+        let name = path.file_name().ok_or(ErrorKind::InvalidInput)?.to_string_lossy().into_owned();
+        let parent = self.find(path.parent().unwrap_or(Path::new("/")))?;
+        self.directory(parent).ok_or(ErrorKind::NotADirectory)?;
+        Ok((parent, name))
+    }
+
+    fn set_name(&mut self, directory: u64, name: String, to: Option<u64>) {
+        let Some(Node::Directory(directory)) = self.nodes.get_mut(&directory) else { return };
+        match to {
+            Some(node) => directory.names.insert(name.clone(), node),
+            None => directory.names.remove(&name),
+        };
+        directory.changes.push((name, to));
+    }
+
+    fn flush_directory(&mut self, node: u64) {
+        if let Some(Node::Directory(directory)) = self.nodes.get_mut(&node) {
+            directory.flushed.clone_from(&directory.names);
+            directory.changes.clear();
+        }
+    }
+
+    fn free_bytes(&self) -> u64 {
+        CAPACITY_BYTES.saturating_sub(self.used_bytes + self.taken_bytes)
+    }
+
+    fn metadata(&self, node: u64) -> Metadata {
+        let (kind, length_bytes, allocated_bytes, links) = match self.nodes.get(&node) {
+            Some(Node::File(file)) => (FileKind::File, file.bytes.len() as u64, file.allocated_bytes(), file.links),
+            _ => (FileKind::Directory, 0, 0, 1),
+        };
+        Metadata { kind, length_bytes, allocated_bytes, links, identity: (7, node) }
+    }
+
+    /// Frees files without a name, in memory and on the disk, that nobody has open.
+    fn free_unnamed(&mut self) {
+        let mut named: BTreeMap<u64, u64> = BTreeMap::new();
+        for node in self.nodes.values() {
+            if let Node::Directory(directory) = node {
+                directory.names.values().for_each(|node| *named.entry(*node).or_default() += 1);
+                directory.flushed.values().for_each(|node| {
+                    named.entry(*node).or_default();
+                });
+                directory.changes.iter().filter_map(|(_, node)| *node).for_each(|node| {
+                    named.entry(node).or_default();
+                });
+            }
+        }
+        self.nodes.retain(|number, node| match node {
+            Node::File(file) => {
+                file.links = named.get(number).copied().unwrap_or(0);
+                file.opened > 0 || named.contains_key(number)
+            }
+            Node::Directory(_) => *number == ROOT || named.contains_key(number),
+        });
+        self.count_used();
+    }
+
+    fn count_used(&mut self) {
+        let files = self.nodes.values().filter_map(|node| match node {
+            Node::File(file) if file.links > 0 || file.opened > 0 => Some(file.allocated_bytes()),
+            _ => None,
+        });
+        self.used_bytes = files.sum();
+    }
+
+    fn lose_unflushed(&mut self) {
+        for node in self.nodes.values_mut() {
+            match node {
+                Node::File(file) if file.bytes != file.flushed => {
+                    self.harm.lost += 1;
+                    file.tear(&mut self.rng);
+                }
+                Node::File(_) => {}
+                Node::Directory(directory) if !directory.changes.is_empty() => {
+                    let kept = self.rng.below(directory.changes.len() as u64 + 1) as usize;
+                    self.harm.lost_names += (directory.changes.len() - kept) as u64;
+                    for (name, node) in directory.changes.drain(..).take(kept) {
+                        match node {
+                            Some(node) => directory.flushed.insert(name, node),
+                            None => directory.flushed.remove(&name),
+                        };
+                    }
+                    directory.names.clone_from(&directory.flushed);
+                }
+                Node::Directory(_) => {}
+            }
+        }
+        self.free_unnamed();
+    }
+}
+
+impl FileNode {
+    fn allocated_bytes(&self) -> u64 {
+        self.reserved_bytes.max(self.bytes.len() as u64)
+    }
+
+    /// Keeps what was flushed, and a random beginning of what was written since.
+    fn tear(&mut self, rng: &mut Rng) {
+        let common = self.bytes.iter().zip(&self.flushed).take_while(|(now, then)| now == then).count();
+        let kept = common + rng.below((self.bytes.len() - common) as u64 + 1) as usize;
+        if rng.below(4) == 0 || kept == common {
+            // Nothing of it reached the disk.
+            self.bytes.clone_from(&self.flushed);
+        } else {
+            self.bytes.truncate(kept);
+            if rng.below(4) == 0 {
+                // Its length did, the last block did not.
+                let from = common.max(kept.saturating_sub(1) / BLOCK_BYTES * BLOCK_BYTES);
+                self.bytes[from..].fill(0);
+            }
+        }
+        self.flushed.clone_from(&self.bytes);
+        self.reserved_bytes = self.reserved_bytes.min(self.bytes.len() as u64);
+    }
+}
+
+impl Mount {
+    fn enter(&self, writes: bool) -> io::Result<MutexGuard<'_, State>> {
+        let mut state = self.disk.state();
+        state.enter(self.process, writes)?;
+        Ok(state)
+    }
+}
+
+impl Disk for Mount {
+    fn open(&self, path: &Path, how: How) -> io::Result<Box<dyn DiskFile>> {
+        let mut state = self.enter(how != How::Read && how != How::ReadWrite)?;
+        let node = match state.find(path) {
+            Ok(_) if how == How::CreateNew => return Err(ErrorKind::AlreadyExists.into()),
+            Ok(node) => node,
+            Err(error) if error.kind() != ErrorKind::NotFound || matches!(how, How::Read | How::ReadWrite) => {
+                return Err(error);
+            }
+            Err(_) => {
+                let (parent, name) = state.parent(path)?;
+                if state.free_bytes() == 0 {
+                    state.harm.full += 1;
+                    return Err(full());
+                }
+                let made = state.add(Node::File(FileNode { links: 1, ..FileNode::default() }));
+                state.set_name(parent, name, Some(made));
+                made
+            }
+        };
+        if self.process == OUTSIDE {
+            return Ok(Box::new(SimFile { mount: self.clone(), node }));
+        }
+        if let Ok(file) = state.file(node) {
+            file.opened += 1;
+            if how == How::Truncate {
+                (file.bytes, file.reserved_bytes) = (Vec::new(), 0);
+                state.count_used();
+            }
+            state.open_files += 1;
+        }
+        Ok(Box::new(SimFile { mount: self.clone(), node }))
+    }
+
+    fn metadata(&self, path: &Path, _follow: bool) -> io::Result<Metadata> {
+        let state = self.enter(false)?;
+        Ok(state.metadata(state.find(path)?))
+    }
+
+    fn create_directory(&self, path: &Path) -> io::Result<()> {
+        let mut state = self.enter(true)?;
+        if state.find(path).is_ok() {
+            return Err(ErrorKind::AlreadyExists.into());
+        }
+        let (parent, name) = state.parent(path)?;
+        let made = state.add(Node::Directory(DirectoryNode::default()));
+        state.set_name(parent, name, Some(made));
+        Ok(())
+    }
+
+    fn list(&self, path: &Path) -> io::Result<Vec<PathBuf>> {
+        let state = self.enter(false)?;
+        let directory = state.directory(state.find(path)?).ok_or(ErrorKind::NotADirectory)?;
+        Ok(directory.names.keys().map(|name| path.join(name)).collect())
+    }
+
+    fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
+        let mut state = self.enter(true)?;
+        let node = state.find(from)?;
+        let ((old, old_name), (new, new_name)) = (state.parent(from)?, state.parent(to)?);
+        if let Some(there) = state.find(to).ok().and_then(|there| state.directory(there))
+            && !there.names.is_empty()
+        {
+            return Err(ErrorKind::DirectoryNotEmpty.into());
+        }
+        state.set_name(old, old_name, None);
+        state.set_name(new, new_name, Some(node));
+        state.free_unnamed();
+        Ok(())
+    }
+
+    fn link(&self, from: &Path, to: &Path) -> io::Result<()> {
+        let mut state = self.enter(true)?;
+        let node = state.find(from)?;
+        if state.find(to).is_ok() {
+            return Err(ErrorKind::AlreadyExists.into());
+        }
+        let (parent, name) = state.parent(to)?;
+        state.file(node)?.links += 1;
+        state.set_name(parent, name, Some(node));
+        Ok(())
+    }
+
+    fn remove_file(&self, path: &Path) -> io::Result<()> {
+        let mut state = self.enter(true)?;
+        let node = state.find(path)?;
+        state.file(node)?;
+        let (parent, name) = state.parent(path)?;
+        state.set_name(parent, name, None);
+        state.free_unnamed();
+        Ok(())
+    }
+
+    fn remove_directory(&self, path: &Path) -> io::Result<()> {
+        let mut state = self.enter(true)?;
+        let node = state.find(path)?;
+        if !state.directory(node).ok_or(ErrorKind::NotADirectory)?.names.is_empty() {
+            return Err(ErrorKind::DirectoryNotEmpty.into());
+        }
+        let (parent, name) = state.parent(path)?;
+        state.set_name(parent, name, None);
+        Ok(())
+    }
+
+    fn sync_directory(&self, path: &Path) -> io::Result<()> {
+        let mut state = self.enter(true)?;
+        let node = state.find(path)?;
+        state.flush_directory(node);
+        Ok(())
+    }
+
+    fn free_bytes(&self, directory: &Path) -> io::Result<u64> {
+        let state = self.enter(false)?;
+        state.find(directory)?;
+        Ok(state.free_bytes())
+    }
+}
+
+/// An open file of one process.
+#[derive(Debug)]
+struct SimFile {
+    mount: Mount,
+    node: u64,
+}
+
+impl DiskFile for SimFile {
+    fn read_at(&self, bytes: &mut [u8], offset: u64) -> io::Result<usize> {
+        let mut state = self.mount.enter(false)?;
+        let rest = state.file(self.node)?.bytes.get(offset as usize..).unwrap_or_default();
+        let count = rest.len().min(bytes.len());
+        bytes[..count].copy_from_slice(&rest[..count]);
+        Ok(count)
+    }
+
+    fn write_at(&self, bytes: &[u8], offset: u64) -> io::Result<usize> {
+        let mut state = self.mount.enter(true)?;
+        let free_bytes = state.free_bytes();
+        let file = state.file(self.node)?;
+        let (end, before) = (offset + bytes.len() as u64, file.allocated_bytes());
+        let room_bytes = before + free_bytes;
+        if offset >= room_bytes {
+            state.harm.full += 1;
+            return Err(full());
+        }
+        // On a disk that is nearly full the first bytes still find room.
+        let count = end.min(room_bytes) - offset;
+        let (from, to) = (offset as usize, (offset + count) as usize);
+        if file.bytes.len() < to {
+            file.bytes.resize(to, 0);
+        }
+        file.bytes[from..to].copy_from_slice(&bytes[..count as usize]);
+        let grown = file.allocated_bytes() - before;
+        state.used_bytes += grown;
+        Ok(count as usize)
+    }
+
+    fn set_len(&self, bytes: u64) -> io::Result<()> {
+        let mut state = self.mount.enter(true)?;
+        let file = state.file(self.node)?;
+        file.bytes.resize(bytes as usize, 0);
+        file.reserved_bytes = bytes;
+        state.count_used();
+        Ok(())
+    }
+
+    fn sync(&self, _metadata: bool) -> io::Result<()> {
+        let mut state = self.mount.enter(true)?;
+        let file = state.file(self.node)?;
+        file.flushed.clone_from(&file.bytes);
+        Ok(())
+    }
+
+    fn reserve(&self, offset: u64, bytes: u64) -> io::Result<()> {
+        let mut state = self.mount.enter(true)?;
+        let free_bytes = state.free_bytes();
+        let file = state.file(self.node)?;
+        let grown = (offset + bytes).saturating_sub(file.allocated_bytes());
+        if grown > free_bytes {
+            state.harm.full += 1;
+            return Err(full());
+        }
+        file.reserved_bytes = file.reserved_bytes.max(offset + bytes);
+        state.used_bytes += grown;
+        Ok(())
+    }
+
+    fn metadata(&self) -> io::Result<Metadata> {
+        let state = self.mount.enter(false)?;
+        Ok(state.metadata(self.node))
+    }
+
+    fn try_lock(&self) -> Result<(), TryLockError> {
+        let mut state = self.mount.enter(false).map_err(TryLockError::Error)?;
+        let process = state.process;
+        let file = state.file(self.node).map_err(TryLockError::Error)?;
+        match file.locked_by {
+            Some(_) => Err(TryLockError::WouldBlock),
+            None => {
+                file.locked_by = Some(process);
+                Ok(())
+            }
+        }
+    }
+}
+
+impl Drop for SimFile {
+    fn drop(&mut self) {
+        let mut state = self.mount.disk.state();
+        if state.process != self.mount.process {
+            return;
+        }
+        if let Ok(file) = state.file(self.node) {
+            file.opened -= 1;
+            if file.opened == 0 {
+                file.locked_by = None;
+            }
+            let is_unnamed = file.opened == 0 && file.links == 0;
+            state.open_files -= 1;
+            if is_unnamed {
+                state.free_unnamed();
+            }
+        }
+    }
+}

@@ -1,0 +1,417 @@
+//! The host: one process of the daemon at a time, in a runtime with a paused clock, with a system and a port of the simulation.
+
+use std::collections::BinaryHeap;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::pin::Pin;
+use std::rc::Rc;
+use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::task::{Context, Poll, Waker};
+use std::time::Duration;
+
+use layerd::api::Event;
+use layerd::daemon::Daemon;
+use layerd::daemon::handle::Handle;
+use layerd::link::transport::{OpenError, SerialLine};
+use layerd::link::{LinkSettings, Ports};
+use layerd::system::{Disk, Installed, System, install};
+use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
+use tokio::sync::{Notify, broadcast, watch};
+use tokio::time::Instant;
+
+use crate::disk::{Mount, SimDisk};
+use crate::line::Line;
+use crate::rng::Rng;
+
+/// The wall clock at the simulation's begin, milliseconds since 1970.
+const WALL_MS: u64 = 1_767_225_600_000;
+
+/// What the host's code reaches from inside: the world's clock, the line, and work that may block.
+#[derive(Debug)]
+pub(crate) struct Shared {
+    /// Something happened that the world must look at.
+    pub(crate) attention: Notify,
+    pub(crate) line: Mutex<Line>,
+    /// The world's clock when the runtime started.
+    started_us: AtomicU64,
+    wall_offset_ms: AtomicI64,
+    inside: Mutex<Inside>,
+}
+
+#[derive(Debug)]
+struct Inside {
+    reader: Option<Waker>,
+    writer: Option<Waker>,
+    works: BinaryHeap<Work>,
+    /// How many works there were.
+    count: u64,
+    rng: Rng,
+    /// Work takes at least so long, microseconds.
+    slow_us: u64,
+    /// Work that begins before this time ends only then: the disk hangs.
+    hangs_until_us: u64,
+}
+
+/// Work that may block, and when it is done.
+struct Work {
+    due_us: u64,
+    number: u64,
+    work: Box<dyn FnOnce() + Send>,
+}
+
+impl std::fmt::Debug for Work {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "work {} at {}", self.number, self.due_us)
+    }
+}
+
+impl Ord for Work {
+    /// The earliest is the greatest, for [`BinaryHeap`].
+    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
+        (other.due_us, other.number).cmp(&(self.due_us, self.number))
+    }
+}
+
+impl PartialOrd for Work {
+    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl PartialEq for Work {
+    fn eq(&self, other: &Self) -> bool {
+        self.number == other.number
+    }
+}
+
+impl Eq for Work {}
+
+impl Shared {
+    pub(crate) fn new(line: Line, rng: Rng) -> Arc<Self> {
+        let inside = Inside {
+            reader: None,
+            writer: None,
+            works: BinaryHeap::new(),
+            count: 0,
+            rng,
+            slow_us: 0,
+            hangs_until_us: 0,
+        };
+        Arc::new(Self {
+            attention: Notify::new(),
+            line: Mutex::new(line),
+            started_us: AtomicU64::new(0),
+            wall_offset_ms: AtomicI64::new(0),
+            inside: Mutex::new(inside),
+        })
+    }
+
+    pub(crate) fn line(&self) -> MutexGuard<'_, Line> {
+        self.line.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn inside(&self) -> MutexGuard<'_, Inside> {
+        self.inside.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The wall clock is set, by so much.
+    pub(crate) fn set_wall_clock(&self, by_ms: i64) {
+        self.wall_offset_ms.fetch_add(by_ms, Ordering::Relaxed);
+    }
+
+    /// From now on every access to the disk takes at least so long.
+    pub(crate) fn set_slow(&self, slow_us: u64) {
+        self.inside().slow_us = slow_us;
+    }
+
+    /// The disk answers nobody before this time.
+    pub(crate) fn hang_until(&self, until_us: u64) {
+        let mut inside = self.inside();
+        inside.hangs_until_us = until_us;
+        let works = std::mem::take(&mut inside.works);
+        inside.works = works.into_iter().map(|work| Work { due_us: work.due_us.max(until_us), ..work }).collect();
+    }
+
+    /// When the next work is done.
+    pub(crate) fn next_work_us(&self) -> Option<u64> {
+        self.inside().works.peek().map(|work| work.due_us)
+    }
+
+    fn due_work(&self, now_us: u64) -> Option<Box<dyn FnOnce() + Send>> {
+        let mut inside = self.inside();
+        inside.works.peek().filter(|work| work.due_us <= now_us)?;
+        inside.works.pop().map(|work| work.work)
+    }
+}
+
+/// One process of the daemon.
+pub(crate) struct Host {
+    runtime: tokio::runtime::Runtime,
+    shared: Arc<Shared>,
+    started: Instant,
+    started_us: u64,
+    pub(crate) handle: Handle,
+    pub(crate) events: broadcast::Receiver<Event>,
+    ending: watch::Sender<bool>,
+    ended: Arc<Mutex<Option<Result<(), String>>>>,
+    system: Rc<HostSystem>,
+}
+
+impl Host {
+    /// Starts the daemon.
+    ///
+    /// # Errors
+    /// Why it does not start: as an operator reads it.
+    pub(crate) fn start(shared: &Arc<Shared>, disk: &SimDisk, config: &Path, now_us: u64) -> Result<Self, String> {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build();
+        let runtime = runtime.expect("a runtime");
+        {
+            let mut inside = shared.inside();
+            (inside.reader, inside.writer) = (None, None);
+            inside.works.clear();
+        }
+        shared.started_us.store(now_us, Ordering::Relaxed);
+        let entered = runtime.enter();
+        let started = Instant::now();
+        let system = Rc::new(HostSystem { shared: Arc::clone(shared), mount: disk.mount(), started });
+        let installed = install(Rc::clone(&system) as Rc<dyn System>);
+        let daemon = Daemon::open(config).map_err(|error| format!("{error:#}"))?;
+        let handle = daemon.handle();
+        let (events, (ending, end)) = (handle.subscribe(), watch::channel(false));
+        let ended = Arc::new(Mutex::new(None));
+        let (ports, told) = (SimPorts { shared: Arc::clone(shared), started }, Arc::clone(&ended));
+        let wake = Arc::clone(shared);
+        runtime.spawn(async move {
+            let result = daemon.run(Arc::new(ports), end).await.map_err(|error| format!("{error:#}"));
+            *told.lock().unwrap_or_else(PoisonError::into_inner) = Some(result);
+            wake.attention.notify_one();
+        });
+        drop(installed);
+        drop(entered);
+        Ok(Self {
+            runtime,
+            shared: Arc::clone(shared),
+            started,
+            started_us: now_us,
+            handle,
+            events,
+            ending,
+            ended,
+            system,
+        })
+    }
+
+    /// Installs its system for this thread.
+    pub(crate) fn install(&self) -> Installed {
+        install(Rc::clone(&self.system) as Rc<dyn System>)
+    }
+
+    /// Lets it run until `until_us`, or until it has done something that the world must look at. Returns the time then.
+    pub(crate) fn run_until(&self, until_us: u64) -> u64 {
+        let _installed = self.install();
+        let until = self.started + Duration::from_micros(until_us - self.started_us);
+        self.runtime.block_on(async {
+            tokio::select! {
+                biased;
+                () = self.shared.attention.notified() => {}
+                () = tokio::time::sleep_until(until) => {}
+            }
+        });
+        self.now_us()
+    }
+
+    fn now_us(&self) -> u64 {
+        let _entered = self.runtime.enter();
+        self.started_us + self.started.elapsed().as_micros() as u64
+    }
+
+    /// It stood still until `now_us`.
+    pub(crate) fn stood_still(&self, now_us: u64) {
+        let _installed = self.install();
+        let for_us = now_us.saturating_sub(self.now_us());
+        self.runtime.block_on(tokio::time::advance(Duration::from_micros(for_us)));
+    }
+
+    /// Does the work that is due. Returns whether there was any.
+    pub(crate) fn work(&self, now_us: u64) -> bool {
+        let Some(work) = self.shared.due_work(now_us) else { return false };
+        let _installed = self.install();
+        let _entered = self.runtime.enter();
+        work();
+        true
+    }
+
+    /// Wakes those who wait for the line.
+    pub(crate) fn wake_line(&self) {
+        let mut inside = self.shared.inside();
+        let wakers = [inside.reader.take(), inside.writer.take()];
+        drop(inside);
+        wakers.into_iter().flatten().for_each(Waker::wake);
+    }
+
+    /// Asks it to end, as a signal does.
+    pub(crate) fn end(&self) {
+        let _ = self.ending.send(true);
+    }
+
+    /// How it ended, if it did.
+    pub(crate) fn ended(&self) -> Option<Result<(), String>> {
+        self.ended.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Runs a client of it.
+    pub(crate) fn spawn(&self, client: impl Future<Output = ()> + Send + 'static) {
+        self.runtime.spawn(client);
+    }
+
+    /// The process is gone. The disk must know that before, so that nothing it still drops has an effect.
+    pub(crate) fn drop_dead(self) {
+        let _installed = install(Rc::clone(&self.system) as Rc<dyn System>);
+        self.shared.inside().works.clear();
+        drop(self.runtime);
+    }
+}
+
+/// The system under the daemon.
+struct HostSystem {
+    shared: Arc<Shared>,
+    mount: Mount,
+    started: Instant,
+}
+
+impl HostSystem {
+    fn now_us(&self) -> u64 {
+        self.shared.started_us.load(Ordering::Relaxed) + self.started.elapsed().as_micros() as u64
+    }
+}
+
+impl System for HostSystem {
+    fn unix_ms(&self) -> u64 {
+        (WALL_MS + self.now_us() / 1000).saturating_add_signed(self.shared.wall_offset_ms.load(Ordering::Relaxed))
+    }
+
+    fn random_bits(&self) -> u64 {
+        self.shared.inside().rng.next_u64()
+    }
+
+    fn disk(&self) -> &dyn Disk {
+        &self.mount
+    }
+
+    fn spawn_blocking(&self, work: Box<dyn FnOnce() + Send>) {
+        let now_us = self.now_us();
+        let mut inside = self.shared.inside();
+        let takes_us = 20 + inside.rng.below(3_000) + inside.slow_us;
+        let due_us = (now_us + takes_us).max(inside.hangs_until_us);
+        inside.count += 1;
+        let number = inside.count;
+        inside.works.push(Work { due_us, number, work });
+        self.shared.attention.notify_one();
+    }
+
+    /// Work takes no time of its own here.
+    fn rest(&self, _time: Duration) {}
+}
+
+/// The port of the simulated line.
+#[derive(Debug)]
+struct SimPorts {
+    shared: Arc<Shared>,
+    started: Instant,
+}
+
+impl SimPorts {
+    fn now_us(&self) -> u64 {
+        self.shared.started_us.load(Ordering::Relaxed) + self.started.elapsed().as_micros() as u64
+    }
+}
+
+impl Ports for SimPorts {
+    fn open(&self, settings: &LinkSettings) -> Result<SerialLine, OpenError> {
+        let now_us = self.now_us();
+        let mut line = self.shared.line();
+        if !line.is_up(now_us) {
+            return Err(OpenError::Missing(settings.path.clone()));
+        }
+        line.host_opens(now_us);
+        let stream = || Port { shared: Arc::clone(&self.shared), started: self.started, opening: line.unpluggings() };
+        Ok(SerialLine::new(stream(), stream()))
+    }
+
+    fn at(&self, _path: &Path) -> Option<u64> {
+        self.shared.line().is_up(self.now_us()).then_some(1)
+    }
+}
+
+/// An open port; the same type reads and writes.
+struct Port {
+    shared: Arc<Shared>,
+    started: Instant,
+    /// How often the line had been unplugged when it was opened.
+    opening: u64,
+}
+
+impl Port {
+    fn now_us(&self) -> u64 {
+        self.shared.started_us.load(Ordering::Relaxed) + self.started.elapsed().as_micros() as u64
+    }
+
+    fn check(&self, line: &Line, now_us: u64) -> io::Result<()> {
+        // EIO, as of a converter that was pulled out.
+        if line.is_up(now_us) && line.unpluggings() == self.opening {
+            Ok(())
+        } else {
+            Err(io::Error::from_raw_os_error(5))
+        }
+    }
+}
+
+impl AsyncRead for Port {
+    fn poll_read(self: Pin<&mut Self>, context: &mut Context<'_>, buffer: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
+        let now_us = self.now_us();
+        let mut line = self.shared.line();
+        if let Err(error) = self.check(&line, now_us) {
+            return Poll::Ready(Err(error));
+        }
+        if !line.host_may_read(now_us) {
+            self.shared.inside().reader = Some(context.waker().clone());
+            return Poll::Pending;
+        }
+        buffer.put_slice(&line.host_reads(buffer.remaining(), now_us));
+        Poll::Ready(Ok(()))
+    }
+}
+
+impl AsyncWrite for Port {
+    fn poll_write(self: Pin<&mut Self>, context: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
+        let now_us = self.now_us();
+        let mut line = self.shared.line();
+        if let Err(error) = self.check(&line, now_us) {
+            return Poll::Ready(Err(error));
+        }
+        match line.host_writes(bytes, now_us) {
+            0 => {
+                self.shared.inside().writer = Some(context.waker().clone());
+                Poll::Pending
+            }
+            count => {
+                self.shared.attention.notify_one();
+                Poll::Ready(Ok(count))
+            }
+        }
+    }
+
+    fn poll_flush(self: Pin<&mut Self>, _context: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Poll::Ready(Ok(()))
+    }
+
+    fn poll_shutdown(self: Pin<&mut Self>, _context: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Poll::Ready(Ok(()))
+    }
+}
+
+/// Where the daemon finds its configuration.
+pub(crate) fn config_path() -> PathBuf {
+    "/etc/layerd/layerd.toml".into()
+}

@@ -1,0 +1,91 @@
+//! Operators: those who give orders at random moments, and one who in the end sees to it that every job ends.
+//!
+//! All of them are careful in one thing: who starts a job while nothing prints, or confirms that the plate is empty, takes off what is
+//! on it before. And who decides on a layer in doubt looks at the part first.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use axum::body::Body;
+use axum::http::{HeaderMap, HeaderValue};
+use layerd::api::{InDoubt, JobView, NAME_HEADER};
+use layerd::daemon::caller::Caller;
+use layerd::daemon::handle::{Again, Answer, Handle, Order, OrderError};
+use layerd::daemon::http::upload;
+use layerd::job::Spool;
+use tokio::sync::Semaphore;
+
+use crate::host::Shared;
+use crate::parts::{parts, spool};
+
+/// What an operator asks for.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Ask {
+    Submit { part: usize },
+    Again(u32),
+    Pause(u32),
+    Resume(u32, Option<InDoubt>),
+    Stop(u32),
+    Abort(Option<u32>),
+    Remove(u32),
+    Raise,
+}
+
+/// An order that was given, and what came of it.
+#[derive(Clone, Debug)]
+pub(crate) struct Given {
+    pub(crate) ask: Ask,
+    pub(crate) answer: Result<Answer, OrderError>,
+}
+
+/// Answers that the world has not seen yet.
+pub(crate) type Answers = Arc<Mutex<Vec<Given>>>;
+
+/// Gives an order; its answer comes to `answers`.
+pub(crate) async fn give(ask: Ask, handle: Handle, answers: Answers, shared: Arc<Shared>) {
+    let answer = ordered(&ask, &handle).await;
+    answers.lock().unwrap_or_else(PoisonError::into_inner).push(Given { ask, answer });
+    shared.attention.notify_one();
+}
+
+async fn ordered(ask: &Ask, handle: &Handle) -> Result<Answer, OrderError> {
+    let jobs_ended = handle.snapshot().jobs_ended;
+    let order = match ask {
+        Ask::Submit { part } => {
+            let fit = {
+                let snapshot = handle.snapshot();
+                snapshot.check_queue(0)?;
+                snapshot.fit.clone()
+            };
+            let place = Arc::new(Semaphore::new(1)).try_acquire_owned().expect("a place");
+            let mut headers = HeaderMap::new();
+            headers.insert(NAME_HEADER, HeaderValue::from_str(&part_name(*part)).expect("ASCII"));
+            let mut body = Body::from(parts()[*part].file.clone());
+            let incoming = Spool::incoming_of(&spool());
+            let received = upload::receive(&incoming, &headers, &mut body, jobs_ended, fit, place).await?;
+            Order::Submit(received.0)
+        }
+        Ask::Again(id) => Order::Again(Again { id: id.to_string(), recipe_text: None, recipe_name: None, jobs_ended }),
+        Ask::Pause(id) => Order::Pause(id.to_string()),
+        Ask::Resume(id, in_doubt) => Order::Resume { id: id.to_string(), in_doubt: *in_doubt },
+        Ask::Stop(id) => Order::Stop(id.to_string()),
+        Ask::Abort(id) => Order::Abort(id.map(|id| id.to_string())),
+        Ask::Remove(id) => Order::Remove(id.to_string()),
+        Ask::Raise => Order::Raise,
+    };
+    handle.order(order, Caller::default()).await
+}
+
+/// A job's name says which part it is.
+pub(crate) fn part_name(part: usize) -> String {
+    format!("part-{part}")
+}
+
+/// Which part a job's name says.
+pub(crate) fn part_of(name: &str) -> Option<usize> {
+    name.strip_prefix("part-")?.parse().ok()
+}
+
+/// The number of a job.
+pub(crate) fn number(job: &JobView) -> u32 {
+    job.id.parse().expect("a number")
+}

@@ -1,0 +1,235 @@
+//! What happens in a run, drawn from its seed before it begins: a list, so that a failing run can be made smaller by leaving parts out.
+
+use crate::line::LineFault;
+use crate::machine::{Character, Incident, all};
+use crate::rng::Rng;
+
+const SECOND_US: u64 = 1_000_000;
+/// Faults and orders at random moments happen within this time, for each of the parts: its print takes about as long.
+const BUSY_US: [u64; 3] = [32 * SECOND_US, 18 * SECOND_US, 15 * SECOND_US];
+
+/// A run.
+#[derive(Clone, Debug)]
+pub(crate) struct Plan {
+    pub(crate) seed: u64,
+    pub(crate) character: Character,
+    /// In order of time.
+    pub(crate) events: Vec<Planned>,
+}
+
+/// One thing that happens.
+#[derive(Clone, Debug)]
+pub(crate) struct Planned {
+    pub(crate) at_us: u64,
+    pub(crate) what: What,
+}
+
+/// What happens.
+#[derive(Clone, Debug)]
+pub(crate) enum What {
+    /// An operator gives an order.
+    Order(Wish),
+    /// Something happens to the machine.
+    Machine(Incident),
+    /// Another machine is in its place for so long.
+    OtherMachine { for_us: u64 },
+    /// Something goes wrong with the line.
+    Line(LineFault),
+    /// Other programs leave so little room on the disk.
+    DiskFull { free_bytes: u64, for_us: u64 },
+    /// Writing fails.
+    DiskBroken { for_us: u64 },
+    /// Every access takes so much longer.
+    DiskSlow { slow_us: u64, for_us: u64 },
+    /// The disk answers nobody.
+    DiskHangs { for_us: u64 },
+    /// The daemon is killed, at once or after so many calls to the disk; it is back after a while.
+    Kill { after_calls: Option<u32>, down_us: u64 },
+    /// The host's power fails.
+    PowerCut { down_us: u64 },
+    /// The daemon is asked to end; it is started again after a while.
+    End { down_us: u64 },
+    /// The host stands still.
+    StandStill { for_us: u64 },
+    /// The wall clock is set.
+    WallClock { by_ms: i64 },
+    /// Somebody moves the spool aside; with `while_down`, while the daemon is down.
+    SpoolReplaced { while_down: bool },
+}
+
+/// What an operator wants. `pick` chooses among the jobs that there are then.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Wish {
+    Submit { part: usize },
+    Again { pick: usize },
+    Pause { pick: usize },
+    Resume { pick: usize },
+    Stop { pick: usize },
+    Abort { pick: Option<usize> },
+    Remove { pick: usize },
+    Raise,
+}
+
+impl What {
+    /// A short name, the same for all parameters.
+    pub(crate) fn name(&self) -> &'static str {
+        match self {
+            Self::Order(wish) => wish.name(),
+            Self::Machine(Incident::Reset) => "machine resets",
+            Self::Machine(Incident::PowerCut { .. }) => "machine loses power",
+            Self::Machine(Incident::InterlockOpens) => "cover opens",
+            Self::Machine(Incident::InterlockCloses) => "cover closes",
+            Self::Machine(Incident::PlateMovedByHand { .. }) => "plate moved by hand",
+            Self::OtherMachine { .. } => "another machine",
+            Self::Line(LineFault::Noise { .. }) => "line: noise",
+            Self::Line(LineFault::Delay { .. }) => "line: delay",
+            Self::Line(LineFault::Split { .. }) => "line: pieces",
+            Self::Line(LineFault::Merge { .. }) => "line: bursts",
+            Self::Line(LineFault::Stall { .. }) => "line: stands still",
+            Self::Line(LineFault::Unplugged { .. }) => "line: unplugged",
+            Self::DiskFull { .. } => "disk full",
+            Self::DiskBroken { .. } => "disk fails",
+            Self::DiskSlow { .. } => "disk slow",
+            Self::DiskHangs { .. } => "disk hangs",
+            Self::Kill { after_calls: None, .. } => "host: killed",
+            Self::Kill { .. } => "host: killed in a disk access",
+            Self::PowerCut { .. } => "host: loses power",
+            Self::End { .. } => "host: asked to end",
+            Self::StandStill { .. } => "host: stands still",
+            Self::WallClock { .. } => "wall clock set",
+            Self::SpoolReplaced { .. } => "spool replaced",
+        }
+    }
+
+    /// Whether it is a fault, and not what operators do.
+    pub(crate) fn is_fault(&self) -> bool {
+        !matches!(self, Self::Order(_))
+    }
+}
+
+impl Wish {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Submit { .. } => "order: submit",
+            Self::Again { .. } => "order: again",
+            Self::Pause { .. } => "order: pause",
+            Self::Resume { .. } => "order: resume",
+            Self::Stop { .. } => "order: stop",
+            Self::Abort { .. } => "order: abort",
+            Self::Remove { .. } => "order: remove",
+            Self::Raise => "order: raise",
+        }
+    }
+}
+
+/// Every kind of fault, with a way to draw one.
+const FAULTS: &[fn(&mut Rng) -> What] = &[
+    |_| What::Machine(Incident::Reset),
+    |rng| What::Machine(Incident::PowerCut { off_us: rng.range(100_000..=20 * SECOND_US) }),
+    |_| What::Machine(Incident::InterlockOpens),
+    |rng| What::Machine(Incident::PlateMovedByHand { to_um: rng.range(0..=30_000) as i32 }),
+    |rng| What::OtherMachine { for_us: rng.range(SECOND_US..=15 * SECOND_US) },
+    |rng| {
+        let share = rng.pick(&[1_000, 20_000, 100_000, 300_000]);
+        let of = |rng: &mut Rng| if rng.chance(0.5) { share } else { 0 };
+        What::Line(LineFault::Noise {
+            loss_per_million: of(rng),
+            corrupt_per_million: of(rng),
+            duplicate_per_million: of(rng),
+            for_us: rng.range(100_000..=15 * SECOND_US),
+        })
+    },
+    |rng| {
+        let extra_us = rng.pick(&[1_000, 20_000, 200_000, 1_500_000]);
+        What::Line(LineFault::Delay { extra_us, for_us: rng.range(100_000..=15 * SECOND_US) })
+    },
+    |rng| What::Line(LineFault::Split { for_us: rng.range(100_000..=2 * SECOND_US) }),
+    |rng| {
+        let hold_us = rng.pick(&[1_000, 16_000, 100_000]);
+        What::Line(LineFault::Merge { hold_us, for_us: rng.range(100_000..=15 * SECOND_US) })
+    },
+    |rng| What::Line(LineFault::Stall { for_us: rng.range(10_000..=5 * SECOND_US) }),
+    |rng| What::Line(LineFault::Unplugged { for_us: rng.range(10_000..=10 * SECOND_US) }),
+    |rng| What::DiskFull {
+        free_bytes: rng.pick(&[0, 100, 5_000, 1 << 20]),
+        for_us: rng.range(500_000..=10 * SECOND_US),
+    },
+    |rng| What::DiskBroken { for_us: rng.range(10_000..=5 * SECOND_US) },
+    |rng| What::DiskSlow { slow_us: rng.range(10_000..=SECOND_US), for_us: rng.range(500_000..=10 * SECOND_US) },
+    |rng| What::DiskHangs { for_us: rng.range(100_000..=10 * SECOND_US) },
+    |rng| What::Kill { after_calls: None, down_us: down_us(rng) },
+    |rng| What::Kill { after_calls: Some(rng.range(1..=60) as u32), down_us: down_us(rng) },
+    |rng| What::PowerCut { down_us: down_us(rng) },
+    |rng| What::End { down_us: down_us(rng) },
+    |rng| What::StandStill { for_us: rng.range(200_000..=60 * SECOND_US) },
+    |rng| What::WallClock { by_ms: rng.pick(&[-2_000_000_000_000, -3_600_000, -1, 1, 86_400_000, 9_000_000_000_000]) },
+    |rng| What::SpoolReplaced { while_down: rng.chance(0.5) },
+];
+
+/// The name of every kind of fault.
+pub(crate) fn fault_names() -> Vec<&'static str> {
+    FAULTS.iter().map(|draw| draw(&mut Rng::new(0)).name()).collect()
+}
+
+fn down_us(rng: &mut Rng) -> u64 {
+    rng.pick(&[50_000, 300_000, 1_500_000, 3_000_000, 20_000_000])
+}
+
+fn wish(rng: &mut Rng) -> Wish {
+    let pick = rng.below(4) as usize;
+    match rng.below(16) {
+        0 => Wish::Submit { part: rng.below(3) as usize },
+        1 => Wish::Again { pick },
+        2..=4 => Wish::Pause { pick },
+        5..=8 => Wish::Resume { pick },
+        9 | 10 => Wish::Stop { pick },
+        11 | 12 => Wish::Abort { pick: rng.chance(0.7).then_some(pick) },
+        13 => Wish::Remove { pick },
+        _ => Wish::Raise,
+    }
+}
+
+impl Plan {
+    /// A print of 30 layers in which nothing goes wrong and nobody interferes.
+    pub(crate) fn calm(seed: u64) -> Self {
+        let what = What::Order(Wish::Submit { part: 0 });
+        Self { seed, character: Character::Honest, events: vec![Planned { at_us: 10_000, what }] }
+    }
+
+    /// Draws a run.
+    pub(crate) fn draw(seed: u64) -> Self {
+        let mut rng = Rng::new(seed);
+        let part = rng.pick(&[0, 1, 1, 2, 2]);
+        let (first, busy_us) = (What::Order(Wish::Submit { part }), BUSY_US[part]);
+        let mut events = vec![Planned { at_us: rng.range(10_000..=2 * SECOND_US), what: first }];
+        let mut character = Character::Honest;
+        if rng.chance(0.4) {
+            let (_, draw) = all()[1 + rng.below(all().len() as u64 - 1) as usize];
+            character = draw(&mut rng);
+        }
+        let count = 1 + rng.below(5);
+        // Some runs have one fault again and again.
+        let again = rng.chance(0.2).then(|| rng.pick(FAULTS));
+        for _ in 0..count {
+            let draw = again.unwrap_or_else(|| rng.pick(FAULTS));
+            let what = draw(&mut rng);
+            let at_us = rng.below(busy_us);
+            if let What::Machine(Incident::InterlockOpens) = what {
+                let closes = What::Machine(Incident::InterlockCloses);
+                events.push(Planned { at_us: at_us + rng.range(10_000..=5 * SECOND_US), what: closes });
+            }
+            events.push(Planned { at_us, what });
+        }
+        for _ in 0..rng.below(6) {
+            let at_us = rng.below(busy_us);
+            events.push(Planned { at_us, what: What::Order(wish(&mut rng)) });
+            if rng.chance(0.3) {
+                // Several operators at once.
+                let at_us = at_us + rng.below(3_000);
+                events.push(Planned { at_us, what: What::Order(wish(&mut rng)) });
+            }
+        }
+        events.sort_by_key(|event| event.at_us);
+        Self { seed, character, events }
+    }
+}

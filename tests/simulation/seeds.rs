@@ -1,0 +1,102 @@
+//! Fixed seeds of the search, and what it found before.
+
+use crate::line::LineFault;
+use crate::machine::Character;
+use crate::plan::{Plan, Planned, What, Wish};
+use crate::search::{Search, plan};
+use crate::world::run;
+
+/// So that a machine with two slow cores needs less than a minute.
+const SEEDS: u64 = 400;
+
+#[test]
+fn every_invariant_holds_for_fixed_seeds() {
+    let threads = std::thread::available_parallelism().map_or(1, usize::from).min(4);
+    let summary = Search { first: 1, seeds: SEEDS, threads, failures: 5, calm: false }.run();
+    assert!(summary.is_good(), "{summary}");
+    assert_eq!(summary.seeds, SEEDS);
+}
+
+#[test]
+fn the_same_seed_gives_the_same_run() {
+    for seed in 1..=12 {
+        let [one, other] = [(); 2].map(|()| run(&plan(seed, false), true));
+        assert_eq!(one.trace, other.trace, "seed {seed}");
+        assert_eq!((one.turns, one.virtual_us), (other.turns, other.virtual_us), "seed {seed}");
+    }
+}
+
+#[test]
+fn a_search_in_which_nothing_goes_wrong_fails() {
+    let summary = Search { first: 1, seeds: 2, threads: 1, failures: 1, calm: true }.run();
+    assert!(summary.failed.is_empty(), "{summary}");
+    assert!(!summary.is_good() && summary.to_string().contains("proves nothing"), "{summary}");
+}
+
+/// Runs what a search found, made smaller.
+fn holds(seed: u64, character: Character, events: Vec<(u64, What)>) {
+    let events = events.into_iter().map(|(at_us, what)| Planned { at_us, what }).collect();
+    let report = run(&Plan { seed, character, events }, true);
+    if let Some(violation) = report.violation {
+        panic!("{}: {}\n{}", violation.invariant, violation.text, report.trace.join("\n"));
+    }
+}
+
+/// An abort came while the job ended as interrupted because the daemon was ending. It was accepted, and nothing recorded it.
+#[test]
+fn an_abort_during_a_shutdown_outlives_it() {
+    holds(
+        4567,
+        Character::Honest,
+        vec![
+            (16_548, What::Order(Wish::Submit { part: 0 })),
+            (65_659, What::StandStill { for_us: 53_398_137 }),
+            (15_167_112, What::End { down_us: 1_500_000 }),
+            (24_733_746, What::Order(Wish::Abort { pick: Some(3) })),
+        ],
+    );
+}
+
+/// The power failed soon after a new spool was made: its directories were not on the disk, and an accepted job was gone.
+#[test]
+fn a_new_spool_survives_a_power_cut() {
+    for seed in 0..8 {
+        holds(
+            seed,
+            Character::Honest,
+            vec![
+                (170_000, What::Order(Wish::Submit { part: 1 })),
+                (3_000_000 + seed * 100_000, What::PowerCut { down_us: 1_500_000 }),
+            ],
+        );
+    }
+}
+
+/// A job found an empty plate on one machine and had no light yet. Then another machine was connected, with a part on its plate.
+#[test]
+fn an_empty_plate_is_that_of_one_machine() {
+    holds(
+        3676,
+        Character::Honest,
+        vec![
+            (191_871, What::Order(Wish::Submit { part: 1 })),
+            (14_972_176, What::OtherMachine { for_us: 3_815_121 }),
+            (16_886_933, What::Order(Wish::Again { pick: 0 })),
+            (17_785_466, What::PowerCut { down_us: 3_000_000 }),
+        ],
+    );
+}
+
+/// The spool was moved aside while the daemon ran: the refusal says what to do, and prints go on after that.
+#[test]
+fn a_spool_that_is_moved_aside_is_told() {
+    holds(
+        27,
+        Character::Honest,
+        vec![
+            (300_000, What::Order(Wish::Submit { part: 2 })),
+            (12_000_000, What::SpoolReplaced { while_down: false }),
+            (14_000_000, What::Line(LineFault::Split { for_us: 100_000 })),
+        ],
+    );
+}

@@ -1,0 +1,168 @@
+//! What really happened to the parts, from the facts of the machines alone, and the invariants that follow from it.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use layerd::link::message::{ExposureId, Request, Urgent, VatRequest};
+
+use crate::machine::{Fact, FactKind};
+use crate::parts::{LAYER_UM, parts};
+
+/// Everything that must hold, by name. The summary counts how often each was checked.
+pub(crate) const INVARIANTS: &[&str] = &[
+    "exposed once",
+    "none left out",
+    "order kept",
+    "pictures as sliced",
+    "light bounded",
+    "dark after abort",
+    "dark after silence",
+    "plate above part",
+    "no homing with a part",
+    "journal reads",
+    "journal true",
+    "orders carried out",
+    "operators told the truth",
+    "jobs complete",
+    "all given back",
+    "no panic",
+];
+
+/// Something that must not happen.
+#[derive(Clone, Debug)]
+pub(crate) struct Violation {
+    pub(crate) at_us: u64,
+    /// One of [`INVARIANTS`].
+    pub(crate) invariant: &'static str,
+    pub(crate) text: String,
+}
+
+/// A job's part as it really is.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Printed {
+    /// The job's number in its spool.
+    pub(crate) job: u32,
+    /// Which of the parts; `None` if the job was not submitted by an operator here.
+    pub(crate) part: usize,
+    /// Whole exposures of each layer.
+    pub(crate) whole: BTreeMap<u32, u32>,
+    /// How often operators decided that a layer is to be exposed again.
+    pub(crate) repeats: BTreeMap<u32, u32>,
+    /// Layers that operators decided to take as exposed.
+    pub(crate) assumed: BTreeSet<u32>,
+    /// The layer whose light began last.
+    pub(crate) last_lit: Option<u32>,
+    /// When an abort of it was accepted.
+    pub(crate) aborted_us: Option<u64>,
+    /// Since then no order from before that abort can reach the machine: it has answered the abort, or a new session began.
+    pub(crate) dark_since_us: Option<u64>,
+}
+
+impl Printed {
+    /// Whether the layer counts as exposed.
+    pub(crate) fn has(&self, layer: u32) -> bool {
+        self.whole.contains_key(&layer) || self.assumed.contains(&layer)
+    }
+
+    /// The first layer that is not exposed; `None` if all are.
+    pub(crate) fn missing(&self) -> Option<u32> {
+        (0..parts()[self.part].layers.len() as u32).find(|layer| !self.has(*layer))
+    }
+}
+
+/// What hangs on a machine's plate.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Hanging {
+    /// The plate's height when the part had light last, micrometres; `None` for an empty plate.
+    pub(crate) part_um: Option<i32>,
+}
+
+/// All parts.
+#[derive(Debug, Default)]
+pub(crate) struct Truth {
+    pub(crate) printed: BTreeMap<u64, Printed>,
+    pub(crate) checks: BTreeMap<&'static str, u64>,
+    /// The first thing that must not have happened.
+    pub(crate) violation: Option<Violation>,
+    pub(crate) layers: u64,
+}
+
+impl Truth {
+    /// Counts a check, and notes the first violation.
+    pub(crate) fn check(&mut self, invariant: &'static str, at_us: u64, holds: bool, text: impl FnOnce() -> String) {
+        debug_assert!(INVARIANTS.contains(&invariant), "{invariant}");
+        *self.checks.entry(invariant).or_default() += 1;
+        if !holds && self.violation.is_none() {
+            self.violation = Some(Violation { at_us, invariant, text: text() });
+        }
+    }
+
+    /// Whether the job with this key is known.
+    pub(crate) fn knows(&self, key: u64) -> bool {
+        self.printed.contains_key(&key)
+    }
+
+    /// Takes in a fact of the machine on whose plate `hanging` is.
+    pub(crate) fn fact(&mut self, fact: &Fact, hanging: &mut Hanging) {
+        let at_us = fact.at_us;
+        match &fact.what {
+            // Light that nobody commanded cures a film in the vat; nothing hangs on the plate by it.
+            FactKind::LightOn { id: Some(id), .. } => {
+                let height_um = (id.layer as i32 + 1) * LAYER_UM;
+                hanging.part_um = Some(hanging.part_um.map_or(height_um, |part_um| part_um.max(height_um)));
+                self.light_on(*id, at_us);
+            }
+            FactKind::Urgent { urgent: Urgent::Abort, obeyed: true, .. } | FactKind::Hello { .. } => {
+                for printed in self.printed.values_mut().filter(|printed| printed.aborted_us.is_some()) {
+                    printed.dark_since_us.get_or_insert(at_us);
+                }
+            }
+            FactKind::ExposedWhole { id, picture, .. } => self.exposed(*id, picture.data(), at_us),
+            FactKind::Asked(Request::Vat(VatRequest::Home)) => {
+                self.check("no homing with a part", at_us, hanging.part_um.is_none(), || {
+                    format!("the plate is to be homed with a part on it, {:?} µm high", hanging.part_um)
+                });
+            }
+            FactKind::Asked(Request::Vat(VatRequest::Move { position_um, .. })) => {
+                let holds = hanging.part_um.is_none_or(|part_um| *position_um >= part_um - LAYER_UM / 2);
+                self.check("plate above part", at_us, holds, || {
+                    format!("the plate is to move to {position_um} µm; the part on it needs {:?} µm", hanging.part_um)
+                });
+            }
+            _ => {}
+        }
+    }
+
+    fn light_on(&mut self, id: ExposureId, at_us: u64) {
+        let Some(printed) = self.printed.get_mut(&id.job) else {
+            return self
+                .check("operators told the truth", at_us, false, || format!("light for an unknown job: {id:?}"));
+        };
+        let before = printed.last_lit.replace(id.layer);
+        let (dark_since_us, job) = (printed.dark_since_us, printed.job);
+        self.check(
+            "order kept",
+            at_us,
+            before.is_none_or(|before| before <= id.layer && id.layer <= before + 1),
+            || format!("job {job}: layer {} has light after layer {before:?}", id.layer),
+        );
+        self.check("dark after abort", at_us, dark_since_us.is_none(), || {
+            format!("job {job}: layer {} has light although its abort was answered at {dark_since_us:?}", id.layer)
+        });
+    }
+
+    fn exposed(&mut self, id: ExposureId, rows: &[u8], at_us: u64) {
+        self.layers += 1;
+        let Some(printed) = self.printed.get_mut(&id.job) else { return };
+        let times = printed.whole.entry(id.layer).or_default();
+        *times += 1;
+        let (times, job, part) = (*times, printed.job, printed.part);
+        let allowed = 1 + printed.repeats.get(&id.layer).copied().unwrap_or(0);
+        self.check("exposed once", at_us, times <= allowed && id.pass == 0, || {
+            format!("job {job}: layer {} was exposed whole {times} times", id.layer)
+        });
+        let expected = parts()[part].layers.get(id.layer as usize);
+        self.check("pictures as sliced", at_us, expected.is_some_and(|expected| expected == rows), || {
+            format!("job {job}: layer {} was exposed with another picture than the slicer's", id.layer)
+        });
+    }
+}

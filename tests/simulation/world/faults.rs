@@ -1,0 +1,163 @@
+//! What goes wrong, and what ends by itself; the daemon's starts and deaths.
+
+use crate::host::{Host, config_path};
+use crate::line::LineFault;
+use crate::machine::{Character, Machine};
+use crate::parts::{BAUD, capabilities, spool};
+use crate::plan::What;
+use crate::truth::Hanging;
+use std::sync::PoisonError;
+
+use super::{End, SECOND_US, Station, World};
+
+impl World {
+    pub(super) fn strike(&mut self, what: &What) {
+        self.happen(what.name());
+        self.note(|| format!("** {what:?}"));
+        if what.is_fault() {
+            self.disturbed_us = self.now_us;
+        }
+        let now_us = self.now_us;
+        match *what {
+            What::Order(wish) => self.wish(wish),
+            What::Machine(incident) => self.stations[self.connected].machine.strike(incident, now_us),
+            What::OtherMachine { for_us } => {
+                if self.stations.len() == 1 {
+                    let seed = self.plan.seed ^ now_us;
+                    let machine = Machine::new(capabilities(), BAUD, Character::Honest, seed);
+                    self.stations.push(Station { machine, hanging: Hanging::default(), lit: None });
+                }
+                self.connect(1);
+                self.end_at(now_us + for_us, End::OtherMachine);
+            }
+            What::Line(fault) => self.line_fault(fault),
+            What::DiskFull { free_bytes, for_us } => {
+                self.disk.leave_free(Some(free_bytes));
+                self.end_at(now_us + for_us, End::DiskFull);
+            }
+            What::DiskBroken { for_us } => {
+                self.disk.set_broken(true);
+                self.end_at(now_us + for_us, End::DiskBroken);
+            }
+            What::DiskSlow { slow_us, for_us } => {
+                self.shared.set_slow(slow_us);
+                self.end_at(now_us + for_us, End::DiskSlow);
+            }
+            What::DiskHangs { for_us } => self.shared.hang_until(now_us + for_us),
+            What::Kill { after_calls: None, down_us } => {
+                self.down_us = Some(down_us);
+                self.die("killed");
+            }
+            What::Kill { after_calls: Some(calls), down_us } => {
+                self.down_us = Some(down_us);
+                self.disk.kill_after(calls);
+            }
+            What::PowerCut { down_us } => {
+                self.disk.power_cut();
+                self.down_us = Some(down_us);
+                self.die("power lost");
+            }
+            What::End { down_us } => {
+                self.down_us = Some(down_us);
+                if let Some(host) = &self.host {
+                    host.end();
+                }
+            }
+            What::StandStill { for_us } => {
+                if self.host.is_some() {
+                    self.frozen_until_us = Some(now_us + for_us);
+                }
+            }
+            What::WallClock { by_ms } => self.shared.set_wall_clock(by_ms),
+            What::SpoolReplaced { while_down } => {
+                if while_down {
+                    self.down_us = Some(SECOND_US);
+                    self.die("killed");
+                }
+                self.disk.replace_directory(&spool());
+                self.forget_spool();
+            }
+        }
+    }
+
+    /// What was promised of the jobs of a spool that is gone is void.
+    pub(super) fn forget_spool(&mut self) {
+        self.accepted.clear();
+        self.removed.clear();
+        self.going.clear();
+        self.ended.clear();
+        self.pauses.clear();
+        self.patient.refusals.clear();
+        self.patient.last = None;
+        self.patient.over_us = None;
+    }
+
+    pub(super) fn end_at(&mut self, at_us: u64, end: End) {
+        let number = self.ends.len() + self.next_event * 100;
+        self.ends.insert((at_us, number), end);
+    }
+
+    pub(super) fn end(&mut self, end: End) {
+        self.note(|| format!("** over: {end:?}"));
+        self.disturbed_us = self.now_us;
+        match end {
+            End::OtherMachine => self.connect(0),
+            End::DiskFull => self.disk.leave_free(None),
+            End::DiskBroken => self.disk.set_broken(false),
+            End::DiskSlow => self.shared.set_slow(0),
+        }
+    }
+
+    pub(super) fn line_fault(&mut self, fault: LineFault) {
+        let now_us = self.now_us;
+        self.line_faulty_until_us = self.line_faulty_until_us.max(now_us + fault.for_us());
+        self.shared.line().fault(fault, now_us);
+    }
+
+    pub(super) fn connect(&mut self, index: usize) {
+        if self.connected != index {
+            self.line_fault(LineFault::Unplugged { for_us: 300_000 });
+            self.connected = index;
+            // Who connects a machine takes off its plate what does not belong to a job that is to go on.
+            let goes_on = self.host.as_ref().is_none_or(|host| {
+                host.handle.snapshot().jobs.iter().any(|job| !job.state.is_final() && job.layers_done > 0)
+            });
+            if !goes_on {
+                self.stations[index].hanging.part_um = None;
+            }
+        }
+    }
+
+    pub(super) fn die(&mut self, how: &str) {
+        self.disk.kill();
+        self.frozen_until_us = None;
+        self.start_us = self.start_us.or(Some(self.now_us + self.down_us.take().unwrap_or(300_000)));
+        self.answers.lock().unwrap_or_else(PoisonError::into_inner).clear();
+        if let Some(host) = self.host.take() {
+            self.note(|| format!("host: {how}"));
+            host.drop_dead();
+        }
+    }
+
+    pub(super) fn start(&mut self) {
+        self.start_us = None;
+        match Host::start(&self.shared, &self.disk, &config_path(), self.now_us) {
+            Ok(host) => {
+                self.note(|| "host: the daemon runs".into());
+                self.host = Some(host);
+                self.learn_jobs();
+                self.check_journals();
+                self.check_promises();
+            }
+            Err(text) => {
+                self.note(|| format!("host: the daemon does not start: {text}"));
+                self.check("jobs complete", self.patient.since_us.is_none(), || {
+                    format!("the daemon does not start: {text}")
+                });
+                self.disk.kill();
+                // As systemd does.
+                self.start_us = Some(self.now_us + SECOND_US);
+            }
+        }
+    }
+}

@@ -1,0 +1,148 @@
+//! What the journals say, compared with what really happened. They are read from outside, whenever a daemon starts.
+
+use std::rc::Rc;
+use std::time::Duration;
+
+use layerd::job::{JobDirectory, JobState, Record, read_journal};
+use layerd::system::{Disk, System, install};
+use std::collections::BTreeSet;
+
+use super::World;
+use crate::disk::Mount;
+use crate::machine::Character;
+use crate::operators::{number, part_of};
+use crate::parts::spool;
+use crate::truth::Printed;
+
+impl World {
+    /// Calls `act` as one who looks at the disk from outside.
+    pub(super) fn outside<R>(&self, act: impl FnOnce(&Mount) -> R) -> R {
+        let mount = self.disk.inspect();
+        let _installed = install(Rc::new(Outside(mount.clone())));
+        act(&mount)
+    }
+
+    /// Jobs of the spool, with what their journals say.
+    pub(super) fn learn_jobs(&mut self) {
+        let found = self.outside(|mount| {
+            let jobs = mount.list(&spool().join("jobs")).unwrap_or_default();
+            let ids = jobs.iter().filter_map(|path| path.file_name()?.to_str()?.parse::<u32>().ok());
+            ids.map(|id| (id, read_journal(&JobDirectory::of(&spool(), id).journal()))).collect::<Vec<_>>()
+        });
+        for (id, read) in found {
+            let Ok((_, history)) = read else { continue };
+            let Some(part) = part_of(&history.name) else { continue };
+            let new = Printed { job: id, part, ..Printed::default() };
+            self.truth.printed.entry(history.key).or_insert(new);
+        }
+    }
+
+    /// What the journals say after a start: each can be read, and says of every layer what is true.
+    pub(super) fn check_journals(&mut self) {
+        let found = self.outside(|mount| {
+            let jobs = mount.list(&spool().join("jobs")).unwrap_or_default();
+            let ids = jobs.iter().filter_map(|path| path.file_name()?.to_str()?.parse::<u32>().ok());
+            ids.map(|id| (id, read_journal(&JobDirectory::of(&spool(), id).journal()))).collect::<Vec<_>>()
+        });
+        for (id, read) in found {
+            let (entries, history) = match read {
+                Ok(read) => read,
+                Err(error) => {
+                    self.check("journal reads", false, || format!("job {id}: {error}"));
+                    continue;
+                }
+            };
+            self.check("journal reads", true, String::new);
+            if self.trace.is_some() {
+                let records: Vec<_> = entries.iter().map(|entry| format!("{:?}", entry.record)).collect();
+                self.note(|| format!("journal of job {id}: {}", records.join(", ")));
+            }
+            let Some(printed) = self.truth.printed.get(&history.key).cloned() else { continue };
+            if self.plan.character != Character::Honest {
+                continue;
+            }
+            let confirmed = entries.iter().filter_map(|entry| match entry.record {
+                Record::Confirmed { layer } => Some(layer),
+                _ => None,
+            });
+            let untrue = confirmed.clone().find(|layer| !printed.whole.contains_key(layer));
+            self.check("journal true", untrue.is_none(), || {
+                format!("job {id}: the journal says that layer {untrue:?} was exposed, and it was not")
+            });
+            let commanded = |layer: &u32| {
+                entries.iter().any(|entry| matches!(entry.record, Record::Commanded { layer: it, .. } if it == *layer))
+            };
+            let unsaid = printed.whole.keys().find(|layer| !commanded(layer));
+            self.check("journal true", unsaid.is_none(), || {
+                format!("job {id}: layer {unsaid:?} was exposed, and the journal does not know of it")
+            });
+            let denied = printed.whole.keys().find(|layer| {
+                **layer >= history.next_layer
+                    && history.unconfirmed.is_none_or(|unconfirmed| unconfirmed.layer != **layer)
+                    && !(history.in_doubt.is_some() && history.next_layer == **layer)
+                    && !printed.repeats.contains_key(layer)
+            });
+            self.check("journal true", denied.is_none(), || {
+                format!("job {id}: layer {denied:?} was exposed, and the journal says that it was not")
+            });
+            if history.state == JobState::Completed {
+                let missing = printed.missing();
+                self.check("none left out", missing.is_none(), || {
+                    format!("job {id}: completed by its journal without layer {missing:?}")
+                });
+            }
+        }
+    }
+
+    /// What the daemon promised before it was started again.
+    pub(super) fn check_promises(&mut self) {
+        let Some(host) = &self.host else { return };
+        let snapshot = host.handle.snapshot().clone();
+        let known: BTreeSet<u32> = snapshot.jobs.iter().map(number).collect();
+        let lost = self.accepted.difference(&known).find(|id| !self.going.contains(id)).copied();
+        self.check("orders carried out", lost.is_none(), || format!("job {lost:?} was accepted and is gone"));
+        let back = self.removed.intersection(&known).next().copied();
+        self.check("orders carried out", back.is_none(), || format!("job {back:?} was removed and is back"));
+    }
+
+    /// The part of a job of the present spool.
+    pub(super) fn printed(&self, job: u32) -> Option<&Printed> {
+        // Numbers begin anew in a new spool: the latest job of that number.
+        let key = self.key_of(job)?;
+        self.truth.printed.get(&key)
+    }
+
+    pub(super) fn key_of(&self, job: u32) -> Option<u64> {
+        let mut of_number = self.truth.printed.iter().filter(|(_, printed)| printed.job == job);
+        match (of_number.next(), of_number.next()) {
+            (Some((key, _)), None) => Some(*key),
+            (None, _) => None,
+            _ => self.outside(|_| {
+                read_journal(&JobDirectory::of(&spool(), job).journal()).ok().map(|(_, history)| history.key)
+            }),
+        }
+    }
+}
+
+/// The system of one who looks at the disk from outside.
+struct Outside(Mount);
+
+impl System for Outside {
+    fn unix_ms(&self) -> u64 {
+        0
+    }
+
+    fn random_bits(&self) -> u64 {
+        0
+    }
+
+    fn disk(&self) -> &dyn Disk {
+        &self.0
+    }
+
+    fn spawn_blocking(&self, work: Box<dyn FnOnce() + Send>) {
+        work();
+    }
+
+    fn rest(&self, _time: Duration) {}
+}

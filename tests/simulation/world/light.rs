@@ -1,0 +1,53 @@
+//! Light that lasts although host, line and machine work.
+
+use super::{SECOND_US, World};
+use crate::machine::{Character, Lie};
+
+/// How long light may last beyond its time while nothing disturbs: two queries of the state, the limit of an order's round trip, and
+/// the grace that `docs/protocol.md` gives.
+const LIGHT_GRACE_US: u64 = 5 * SECOND_US;
+/// How long light may last after an abort was accepted while nothing disturbs.
+const ABORT_GRACE_US: u64 = SECOND_US / 2;
+
+impl World {
+    /// Whether a machine never lied.
+    pub(super) fn is_honest(&self, index: usize) -> bool {
+        index > 0 || self.plan.character == Character::Honest
+    }
+
+    /// Light that lasts although host, line and machine work.
+    pub(super) fn watch_light(&mut self) {
+        let now_us = self.now_us;
+        let host_works = self.host.is_some() && self.frozen_until_us.is_none() && self.ends.is_empty();
+        if !host_works || now_us < self.line_faulty_until_us {
+            self.disturbed_us = now_us;
+        }
+        let station = &self.stations[self.connected];
+        let Some(lit) = station.lit else { return };
+        let may_obey = !matches!(
+            station.machine.character().lie(),
+            Some(
+                Lie::DarkWhenLit { .. }
+                    | Lie::IgnoresUrgent { .. }
+                    | Lie::WrongClock { .. }
+                    | Lie::RepliesNever { .. }
+                    | Lie::RepliesLate { .. }
+            )
+        );
+        if !may_obey {
+            return;
+        }
+        let due_us = lit.since_us + u64::from(lit.commanded_ms) * 1000;
+        let holds = now_us < due_us.max(self.disturbed_us) + LIGHT_GRACE_US;
+        self.check("light bounded", holds, || {
+            format!("light since {} µs, commanded for {} ms, is still on", lit.since_us, lit.commanded_ms)
+        });
+        let printed = lit.job.and_then(|key| self.truth.printed.get(&key));
+        if let Some((job, aborted_us)) = printed.and_then(|printed| Some((printed.job, printed.aborted_us?))) {
+            let holds = now_us < aborted_us.max(self.disturbed_us) + ABORT_GRACE_US;
+            self.check("dark after abort", holds, || {
+                format!("job {job}: an abort was accepted at {aborted_us} µs, and its light is still on")
+            });
+        }
+    }
+}

@@ -1,0 +1,365 @@
+//! The world: one clock for host, line and machine, what happens to them, and the invariants, checked at every step.
+
+mod faults;
+mod journals;
+mod light;
+mod orders;
+mod patient;
+mod views;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::{Arc, Mutex};
+
+use crate::disk::{Harm, SimDisk};
+use crate::host::{Host, Shared};
+use crate::line::Line;
+use crate::machine::{Character, Fact, FactKind, Machine};
+use crate::operators::Answers;
+use crate::parts::{BAUD, capabilities, files, parts, spool};
+use crate::plan::Plan;
+use crate::rng::Rng;
+use crate::truth::{Hanging, Truth, Violation};
+use patient::Patient;
+
+const SECOND_US: u64 = 1_000_000;
+/// Turns of the loop in a whole run: a run that is longer turns in circles.
+const MAX_TURNS: u64 = 3_000_000;
+/// What faults came to, counted.
+pub(crate) const EFFECTS: [&str; 5] = [
+    "effect: a write found no room",
+    "effect: a write failed",
+    "effect: unflushed bytes lost",
+    "effect: unflushed names lost",
+    "effect: lies told",
+];
+
+/// What came of a run.
+#[derive(Debug, Default)]
+pub(crate) struct Report {
+    pub(crate) violation: Option<Violation>,
+    /// Faults that happened, and orders that were given, by name.
+    pub(crate) happened: BTreeMap<&'static str, u64>,
+    pub(crate) checks: BTreeMap<&'static str, u64>,
+    /// Jobs that ended, by state.
+    pub(crate) ended: BTreeMap<&'static str, u64>,
+    /// Prints: jobs that had light.
+    pub(crate) prints: u64,
+    pub(crate) layers: u64,
+    pub(crate) turns: u64,
+    pub(crate) virtual_us: u64,
+    /// What happened, line by line, if asked for.
+    pub(crate) trace: Vec<String>,
+}
+
+/// A machine and what hangs on its plate.
+#[derive(Debug)]
+struct Station {
+    machine: Machine,
+    hanging: Hanging,
+    lit: Option<Lit>,
+}
+
+/// Light that is on.
+#[derive(Clone, Copy, Debug)]
+struct Lit {
+    since_us: u64,
+    commanded_ms: u32,
+    /// Key of its job, if it was commanded.
+    job: Option<u64>,
+}
+
+pub(crate) struct World {
+    plan: Plan,
+    now_us: u64,
+    disk: SimDisk,
+    shared: Arc<Shared>,
+    stations: Vec<Station>,
+    connected: usize,
+    host: Option<Host>,
+    /// When the daemon is started again.
+    start_us: Option<u64>,
+    /// How long the daemon will be down when it ends next.
+    down_us: Option<u64>,
+    /// The host stands still until then.
+    frozen_until_us: Option<u64>,
+    /// What ends by itself, in order of time.
+    ends: BTreeMap<(u64, usize), End>,
+    next_event: usize,
+    answers: Answers,
+    truth: Truth,
+    /// Jobs of the present spool that were accepted and not removed.
+    accepted: BTreeSet<u32>,
+    removed: BTreeSet<u32>,
+    /// Jobs whose removal was ordered and not refused.
+    going: BTreeSet<u32>,
+    /// Jobs whose end was ordered, accepted without a warning.
+    ended: BTreeMap<u32, &'static str>,
+    /// The latest time at which host, disk, line or machine were not as they should be: light is not judged soon after.
+    disturbed_us: u64,
+    /// Until when the line's faults last.
+    line_faulty_until_us: u64,
+    /// Jobs whose pause was accepted, and that have not rested or ended since.
+    pauses: BTreeMap<u32, u64>,
+    patient: Patient,
+    happened: BTreeMap<&'static str, u64>,
+    trace: Option<Vec<String>>,
+    turns: u64,
+}
+
+/// What ends by itself.
+#[derive(Clone, Copy, Debug)]
+enum End {
+    OtherMachine,
+    DiskFull,
+    DiskBroken,
+    DiskSlow,
+}
+
+impl World {
+    pub(crate) fn new(plan: Plan, traced: bool) -> Self {
+        // Made before the disk of the simulation is in place.
+        parts();
+        let mut rng = Rng::new(plan.seed ^ 0x5eed_7e57);
+        let disk = SimDisk::new(rng.next_u64());
+        for (path, text) in files() {
+            disk.prepare(&path, text.as_bytes());
+        }
+        // The package makes the directory.
+        disk.prepare(&spool().join("note"), b"");
+        let line = Line::new(BAUD, rng.next_u64());
+        let machine = Machine::new(capabilities(), BAUD, plan.character, rng.next_u64());
+        let mut world = Self {
+            plan,
+            now_us: 0,
+            disk,
+            shared: Shared::new(line, rng.fork()),
+            stations: vec![Station { machine, hanging: Hanging::default(), lit: None }],
+            connected: 0,
+            host: None,
+            start_us: Some(0),
+            down_us: None,
+            frozen_until_us: None,
+            ends: BTreeMap::new(),
+            next_event: 0,
+            answers: Arc::new(Mutex::new(Vec::new())),
+            truth: Truth::default(),
+            accepted: BTreeSet::new(),
+            removed: BTreeSet::new(),
+            going: BTreeSet::new(),
+            ended: BTreeMap::new(),
+            disturbed_us: 0,
+            line_faulty_until_us: 0,
+            pauses: BTreeMap::new(),
+            patient: Patient::default(),
+            happened: BTreeMap::new(),
+            trace: traced.then(Vec::new),
+            turns: 0,
+        };
+        if let Character::Liar { .. } = world.plan.character {
+            world.happen(world.plan.character.name());
+        }
+        world
+    }
+
+    fn note(&mut self, text: impl FnOnce() -> String) {
+        let now_us = self.now_us;
+        if let Some(trace) = &mut self.trace {
+            let line = format!("{:>12.6} {}", now_us as f64 / 1e6, text());
+            trace.push(line);
+        }
+    }
+
+    fn happen(&mut self, name: &'static str) {
+        *self.happened.entry(name).or_default() += 1;
+    }
+
+    fn check(&mut self, invariant: &'static str, holds: bool, text: impl FnOnce() -> String) {
+        let now_us = self.now_us;
+        self.truth.check(invariant, now_us, holds, text);
+    }
+
+    /// Runs to the end, or to the first violation.
+    pub(crate) fn run(mut self) -> Report {
+        while self.truth.violation.is_none() && !self.is_over() {
+            self.turn();
+        }
+        self.report()
+    }
+
+    fn report(mut self) -> Report {
+        if let Some(violation) = self.truth.violation.clone() {
+            self.note(|| {
+                format!("VIOLATION of \"{}\" at {} µs: {}", violation.invariant, violation.at_us, violation.text)
+            });
+        }
+        let mut ended = BTreeMap::new();
+        if let Some(host) = &self.host {
+            for job in &host.handle.snapshot().jobs {
+                *ended.entry(job.state.name()).or_default() += 1;
+            }
+        }
+        let Harm { full, failed, lost, lost_names } = self.disk.harm();
+        let lies = self.stations.iter().map(|it| u64::from(it.machine.lies_told())).sum();
+        for (name, count) in EFFECTS.iter().zip([full, failed, lost, lost_names, lies]) {
+            *self.happened.entry(name).or_default() += count;
+        }
+        if let Some(host) = self.host.take() {
+            self.disk.kill();
+            host.drop_dead();
+        }
+        Report {
+            violation: self.truth.violation,
+            happened: self.happened,
+            checks: self.truth.checks,
+            ended,
+            prints: self.truth.printed.values().filter(|printed| !printed.whole.is_empty()).count() as u64,
+            layers: self.truth.layers,
+            turns: self.turns,
+            virtual_us: self.now_us,
+            trace: self.trace.unwrap_or_default(),
+        }
+    }
+
+    fn is_over(&self) -> bool {
+        self.patient.over_us.is_some_and(|over_us| self.now_us >= over_us)
+    }
+
+    fn turn(&mut self) {
+        self.turns += 1;
+        let now_us = self.now_us;
+        if self.turns > MAX_TURNS {
+            self.check("jobs complete", false, || "the run turns in circles".into());
+        }
+        while let Some((key, end)) = self.ends.first_key_value().map(|(key, end)| (*key, *end))
+            && key.0 <= now_us
+        {
+            self.ends.remove(&key);
+            self.end(end);
+        }
+        while let Some(event) = self.plan.events.get(self.next_event)
+            && event.at_us <= now_us
+        {
+            let what = event.what.clone();
+            self.next_event += 1;
+            self.strike(&what);
+        }
+        if self.start_us.is_some_and(|at_us| at_us <= now_us) {
+            self.start();
+        }
+        self.serve_machines();
+        if self.frozen_until_us.is_some_and(|until_us| until_us <= now_us) {
+            self.frozen_until_us = None;
+            if let Some(host) = &self.host {
+                host.stood_still(now_us);
+            }
+        }
+        self.run_host();
+        self.look_at_host();
+        self.watch_light();
+        self.be_patient();
+    }
+
+    /// The next time at which something happens by itself.
+    fn next_us(&self) -> u64 {
+        let line = self.shared.line().next_us(self.now_us);
+        let machines = self.stations.iter().filter_map(|station| station.machine.next_timeout_us());
+        let event = self.plan.events.get(self.next_event).map(|event| event.at_us);
+        let work =
+            self.host.as_ref().filter(|_| self.frozen_until_us.is_none()).and_then(|_| self.shared.next_work_us());
+        let patient = self.patient.since_us.filter(|_| self.frozen_until_us.is_none()).map(|_| self.patient.look_us);
+        let end = self.ends.first_key_value().map(|((at_us, _), _)| *at_us);
+        let times = [line, event, work, end, patient, self.start_us, self.frozen_until_us, self.patient.over_us];
+        times
+            .into_iter()
+            .flatten()
+            .chain(machines)
+            .min()
+            .unwrap_or(u64::MAX)
+            .clamp(self.now_us + 1, self.now_us + SECOND_US)
+    }
+
+    /// Lets the host run to the next event, or lets that much time pass without it.
+    fn run_host(&mut self) {
+        let until_us = self.next_us();
+        match self.host.as_ref().filter(|_| self.frozen_until_us.is_none()) {
+            Some(host) => {
+                host.wake_line();
+                self.now_us = host.run_until(until_us).max(self.now_us);
+                // One at a time: the host takes its result before the next.
+                host.work(self.now_us);
+                if self.disk.has_killed() {
+                    self.die("killed in a disk access");
+                }
+            }
+            None => self.now_us = until_us,
+        }
+    }
+
+    fn serve_machines(&mut self) {
+        let now_us = self.now_us;
+        for index in 0..self.stations.len() {
+            let station = &mut self.stations[index];
+            if index == self.connected {
+                station.machine.serve(&mut self.shared.line(), now_us);
+            } else {
+                station.machine.handle_timeout(now_us);
+            }
+            let facts: Vec<_> = station.machine.facts().collect();
+            for fact in facts {
+                self.fact(index, &fact);
+            }
+        }
+    }
+
+    fn fact(&mut self, index: usize, fact: &Fact) {
+        if self.trace.is_some() {
+            let shown = match &fact.what {
+                FactKind::ExposedWhole { id, duration_ms, .. } => {
+                    format!("exposed whole: layer {} of {:016x}, {duration_ms} ms", id.layer, id.job)
+                }
+                what => format!("{what:?}"),
+            };
+            self.note(|| format!("machine {index}: {shown}"));
+        }
+        match &fact.what {
+            FactKind::LightOn { id, commanded_ms } => {
+                if let Some(id) = id
+                    && !self.truth.knows(id.job)
+                {
+                    self.learn_jobs();
+                }
+                let job = id.map(|id| id.job);
+                self.stations[index].lit = Some(Lit { since_us: fact.at_us, commanded_ms: *commanded_ms, job });
+                let silent_us = fact.at_us.saturating_sub(self.stations[index].machine.heard_us());
+                let holds = silent_us <= 2 * SECOND_US || !self.is_honest(index);
+                self.check("dark after silence", holds, || {
+                    format!("light begins {silent_us} µs after the host was heard")
+                });
+            }
+            FactKind::LightOff { lit_us, .. } => {
+                if let Some(lit) = self.stations[index].lit.take().filter(|_| self.is_honest(index)) {
+                    let holds = *lit_us <= u64::from(lit.commanded_ms) * 1000;
+                    self.check("light bounded", holds, || format!("{lit_us} µs of light for {} ms", lit.commanded_ms));
+                }
+            }
+            FactKind::Started { .. } | FactKind::PowerOff | FactKind::Hello { .. } => self.disturbed_us = self.now_us,
+            _ => {}
+        }
+        let mut hanging = self.stations[index].hanging;
+        self.truth.fact(fact, &mut hanging);
+        self.stations[index].hanging = hanging;
+    }
+}
+
+/// Runs a plan.
+pub(crate) fn run(plan: &Plan, traced: bool) -> Report {
+    let world = World::new(plan.clone(), traced);
+    match std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| world.run())) {
+        Ok(report) => report,
+        Err(panic) => {
+            let text = panic.downcast_ref::<String>().cloned();
+            let text = text.or_else(|| panic.downcast_ref::<&str>().map(ToString::to_string)).unwrap_or_default();
+            Report { violation: Some(Violation { at_us: 0, invariant: "no panic", text }), ..Report::default() }
+        }
+    }
+}

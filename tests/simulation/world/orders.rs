@@ -1,0 +1,148 @@
+//! Orders at random moments, their answers, and what was promised with them.
+
+use std::fmt::Write as _;
+use std::sync::Arc;
+
+use layerd::api::InDoubt;
+use layerd::daemon::handle::Answer;
+use layerd::job::JobState;
+
+use super::World;
+use crate::operators::{Ask, Given, give, number};
+use crate::plan::Wish;
+
+impl World {
+    /// An operator at a random moment.
+    pub(super) fn wish(&mut self, wish: Wish) {
+        let Some(host) = &self.host else { return };
+        let jobs: Vec<_> = host.handle.snapshot().jobs.clone();
+        let job = |pick: usize| jobs.iter().rev().nth(pick % jobs.len().max(1));
+        let of = |pick: usize| job(pick).map(number);
+        let ask = match wish {
+            Wish::Submit { part } => Some(Ask::Submit { part }),
+            Wish::Again { pick } => of(pick).map(Ask::Again),
+            Wish::Pause { pick } => of(pick).map(Ask::Pause),
+            Wish::Resume { pick } => {
+                job(pick).map(|job| Ask::Resume(number(job), job.in_doubt.map(|layer| self.judge(number(job), layer))))
+            }
+            Wish::Stop { pick } => of(pick).map(Ask::Stop),
+            Wish::Abort { pick: None } => Some(Ask::Abort(None)),
+            Wish::Abort { pick: Some(pick) } => of(pick).map(|id| Ask::Abort(Some(id))),
+            Wish::Remove { pick } => of(pick).map(Ask::Remove),
+            Wish::Raise => Some(Ask::Raise),
+        };
+        ask.iter().for_each(|ask| self.give(ask));
+    }
+
+    /// What an operator who looks at the part says of a layer in doubt.
+    pub(super) fn judge(&self, job: u32, layer: u32) -> InDoubt {
+        let is_exposed = self.printed(job).is_some_and(|printed| printed.whole.contains_key(&layer));
+        if is_exposed { InDoubt::Exposed } else { InDoubt::Repeat }
+    }
+
+    pub(super) fn give(&mut self, ask: &Ask) {
+        let Some(host) = &self.host else { return };
+        let snapshot = host.handle.snapshot().clone();
+        let confirms = match ask {
+            Ask::Submit { .. } | Ask::Again(_) => true,
+            Ask::Resume(id, _) => snapshot.jobs.iter().any(|job| {
+                let is_asked = job.reason.as_ref().is_some_and(|reason| reason.contains("take out what is there"));
+                number(job) == *id && (job.state == JobState::Queued || is_asked)
+            }),
+            _ => false,
+        };
+        let of = match ask {
+            Ask::Resume(id, _) => Some(*id),
+            _ => None,
+        };
+        let holder = snapshot.active().map(number);
+        if confirms
+            && (holder.is_none() || holder == of)
+            && self.stations[self.connected].hanging.part_um.take().is_some()
+        {
+            self.note(|| "operator: takes the part off".into());
+        }
+        if let Ask::Remove(id) = ask {
+            self.going.insert(*id);
+        }
+        let Some(host) = &self.host else { return };
+        host.spawn(give(ask.clone(), host.handle.clone(), Arc::clone(&self.answers), Arc::clone(&self.shared)));
+        self.note(|| format!("operator: {ask:?}"));
+    }
+
+    pub(super) fn answered(&mut self, given: &Given) {
+        let Given { ask, answer } = given;
+        self.note(|| {
+            let mut text = format!("operator: {ask:?}: ");
+            let _ = match answer {
+                Ok(Answer::Job(job)) => {
+                    write!(text, "job {} is {} {}", job.id, job.state, job.warning.as_deref().unwrap_or(""))
+                }
+                Ok(answer) => write!(text, "{answer:?}"),
+                Err(error) => write!(text, "refused: {error}"),
+            };
+            text
+        });
+        let job = match answer {
+            Ok(Answer::Job(job)) => job,
+            Ok(Answer::Removed(removed)) => {
+                let id = removed.id.parse().unwrap_or(0);
+                self.removed.insert(id);
+                self.accepted.remove(&id);
+                return;
+            }
+            Ok(Answer::Raise(_)) => return,
+            Err(error) => {
+                if let Ask::Remove(id) = ask {
+                    self.going.remove(id);
+                }
+                if error.message.contains("restart layerd")
+                    && let Some(host) = &self.host
+                {
+                    host.end();
+                }
+                if let Ask::Resume(id, _) = ask {
+                    *self.patient.refusals.entry(*id).or_default() += 1;
+                }
+                return;
+            }
+        };
+        let id = number(job);
+        if !matches!(ask, Ask::Pause(_)) {
+            // Whoever orders something else after a pause takes it back.
+            self.pauses.remove(&id);
+        }
+        match ask {
+            Ask::Submit { .. } | Ask::Again(_) => {
+                self.accepted.insert(id);
+                self.learn_jobs();
+            }
+            Ask::Pause(_) => drop(self.pauses.insert(id, self.now_us)),
+            Ask::Stop(_) if job.warning.is_none() => {
+                self.ended.entry(id).or_insert("stop");
+            }
+            Ask::Abort(_) => {
+                if job.warning.is_none() {
+                    self.ended.insert(id, "abort");
+                }
+                let (now_us, key) = (self.now_us, self.key_of(id));
+                if let Some(printed) = key.and_then(|key| self.truth.printed.get_mut(&key))
+                    && job.warning.is_none()
+                {
+                    printed.aborted_us.get_or_insert(now_us);
+                }
+            }
+            Ask::Resume(_, Some(choice)) => {
+                let key = self.key_of(id);
+                let layer = job.layers_done;
+                if let Some(printed) = key.and_then(|key| self.truth.printed.get_mut(&key)) {
+                    match choice {
+                        InDoubt::Exposed => drop(printed.assumed.insert(layer)),
+                        InDoubt::Repeat => *printed.repeats.entry(layer).or_default() += 1,
+                    }
+                }
+            }
+            _ => {}
+        }
+    }
+}
