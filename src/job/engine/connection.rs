@@ -101,6 +101,10 @@ impl Engine {
             self.intent.add_end(self.failed_or_interrupted(), reason);
         }
         self.end_session(text, now_us);
+        if self.phase == Phase::Resting {
+            // Nothing that a paused job waits for would end it.
+            self.reconsider(true, now_us);
+        }
     }
 
     /// Ends the session and waits for a new one, whose welcome reports the device's state.
