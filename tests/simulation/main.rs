@@ -6,6 +6,7 @@
 mod bench;
 mod characters;
 mod disk;
+mod document;
 mod host;
 mod line;
 mod machine;

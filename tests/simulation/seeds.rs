@@ -1,7 +1,7 @@
 //! Fixed seeds of the search, and what it found before.
 
 use crate::line::LineFault;
-use crate::machine::Character;
+use crate::machine::{Asked, Character, Lie};
 use crate::plan::{Plan, Planned, What, Wish};
 use crate::search::{Search, plan};
 use crate::world::run;
@@ -83,6 +83,21 @@ fn an_empty_plate_is_that_of_one_machine() {
             (14_972_176, What::OtherMachine { for_us: 3_815_121 }),
             (16_886_933, What::Order(Wish::Again { pick: 0 })),
             (17_785_466, What::PowerCut { down_us: 3_000_000 }),
+        ],
+    );
+}
+
+/// A paused job whose device broke the protocol three times was to end, and did not: it had parked already.
+#[test]
+fn a_paused_job_ends_when_the_device_breaks_the_protocol() {
+    let lie = Lie::RepliesNever { of: Asked::State };
+    holds(
+        114_064,
+        Character::Liar { lie, first: 9, count: 3 },
+        vec![
+            (56_586, What::Order(Wish::Submit { part: 0 })),
+            (1_094_272, What::Order(Wish::Pause { pick: 0 })),
+            (21_318_733, What::Order(Wish::Pause { pick: 0 })),
         ],
     );
 }

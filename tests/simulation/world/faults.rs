@@ -37,6 +37,7 @@ impl World {
             }
             What::DiskBroken { for_us } => {
                 self.disk.set_broken(true);
+                self.undeleted = true;
                 self.end_at(now_us + for_us, End::DiskBroken);
             }
             What::DiskSlow { slow_us, for_us } => {
@@ -145,6 +146,8 @@ impl World {
             Ok(host) => {
                 self.note(|| "host: the daemon runs".into());
                 self.host = Some(host);
+                self.patient.refusals.clear();
+                self.undeleted = false;
                 self.learn_jobs();
                 self.check_journals();
                 self.check_promises();

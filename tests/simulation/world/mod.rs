@@ -96,6 +96,8 @@ pub(crate) struct World {
     ended: BTreeMap<u32, &'static str>,
     /// The latest time at which host, disk, line or machine were not as they should be: light is not judged soon after.
     disturbed_us: u64,
+    /// The disk failed since the daemon's start, so that files may be left that could not be deleted. The next start deletes them.
+    undeleted: bool,
     /// Until when the line's faults last.
     line_faulty_until_us: u64,
     /// Jobs whose pause was accepted, and that have not rested or ended since.
@@ -148,6 +150,7 @@ impl World {
             going: BTreeSet::new(),
             ended: BTreeMap::new(),
             disturbed_us: 0,
+            undeleted: false,
             line_faulty_until_us: 0,
             pauses: BTreeMap::new(),
             patient: Patient::default(),
