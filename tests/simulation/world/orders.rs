@@ -108,6 +108,8 @@ impl World {
             }
         };
         let id = number(job);
+        let over = self.ended.get(&id).copied().filter(|_| matches!(ask, Ask::Resume(..)));
+        self.check("orders carried out", over.is_none(), || format!("job {id} was resumed after its {over:?}"));
         if !matches!(ask, Ask::Pause(_)) {
             // Whoever orders something else after a pause takes it back.
             self.pauses.remove(&id);

@@ -70,6 +70,11 @@ impl World {
         }
         if let Some(job) = snapshot.jobs.iter().find(|job| !job.state.is_final()) {
             let id = number(job);
+            // A stop may leave a job interrupted, if its plate could not be lifted.
+            let waits = job.state == JobState::Interrupted && self.ended.get(&id) == Some(&"abort");
+            self.check("orders carried out", !waits, || {
+                format!("job {id}: an abort was accepted, and it is interrupted")
+            });
             let Some(ask) = self.next_ask(id, &snapshot) else { return };
             return self.give(&ask);
         }
