@@ -13,6 +13,8 @@ mod machine;
 mod operators;
 mod parts;
 mod plan;
+#[path = "planted/list.rs"]
+mod planted_bugs;
 mod rng;
 mod search;
 mod seeds;

@@ -1,0 +1,164 @@
+//! Bugs that the simulation must find, each a change of one line of the sources. `planted.rs` plants them one after the other.
+
+/// A bug.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Bug {
+    /// What the program does wrong.
+    pub(crate) name: &'static str,
+    /// Where, from the root of the project.
+    pub(crate) file: &'static str,
+    /// The right code, which occurs there once.
+    pub(crate) was: &'static str,
+    /// The wrong code in its place.
+    pub(crate) becomes: &'static str,
+}
+
+/// All bugs. Each was found within 2,000 seeds when it was added.
+pub(crate) const BUGS: &[Bug] = &[
+    // The journal and the spool.
+    Bug {
+        name: "records are not flushed",
+        file: "src/job/journal.rs",
+        was: "if let Err(source) = self.file.write_all_at(bytes, self.length_bytes).and_then(|()| self.file.sync_data()) {",
+        becomes: "if let Err(source) = self.file.write_all_at(bytes, self.length_bytes) {",
+    },
+    Bug {
+        name: "an exposure is not recorded before it",
+        file: "src/job/engine/exposure.rs",
+        was: "self.out.journal(Record::Commanded { layer, boot_id });",
+        becomes: "return self.expose(now_us);",
+    },
+    Bug {
+        name: "a new job's name is not flushed",
+        file: "src/job/spool.rs",
+        was: "sync_parent(directory.path()).map_err(io(\"flush\", &jobs))",
+        becomes: "Ok(())",
+    },
+    Bug {
+        name: "a new job's recipe is not flushed",
+        file: "src/job/spool.rs",
+        was: "file.write_all_at(text.as_bytes(), 0)?;",
+        becomes: "return file.write_all_at(text.as_bytes(), 0);",
+    },
+    Bug {
+        name: "a new directory is not flushed",
+        file: "src/disk.rs",
+        was: "made => made?,",
+        becomes: "made => return made,",
+    },
+    Bug {
+        name: "leftovers of uploads are kept",
+        file: "src/job/spool.rs",
+        was: "spool.delete_leftovers()?;",
+        becomes: "",
+    },
+    // What the journal says after a crash.
+    Bug {
+        name: "after a crash the first exposure is forgotten",
+        file: "src/job/history.rs",
+        was: "touched: self.touched(),",
+        becomes: "touched: self.confirmed,",
+    },
+    Bug {
+        name: "a layer to be repeated is left out",
+        file: "src/job/history.rs",
+        was: "self.close(*exposed);",
+        becomes: "self.close(true);",
+    },
+    Bug {
+        name: "an order is not recorded",
+        file: "src/daemon/jobs/settle.rs",
+        was: "warning(if history.ordered == Some(order) { Ok(()) } else { write(Record::Ordered(order)) });",
+        becomes: "warning(Ok(()));",
+    },
+    Bug {
+        name: "an order is not carried out after a crash",
+        file: "src/daemon/jobs/mod.rs",
+        was: "(JobState::Interrupted, Some(order)) => jobs.end_later(id, order),",
+        becomes: "",
+    },
+    Bug {
+        name: "an order of the running job is not recorded",
+        file: "src/job/engine/abort.rs",
+        was: "self.out.journal(Record::Ordered(EndOrder::Abort));",
+        becomes: "",
+    },
+    // What became of an exposure.
+    Bug {
+        name: "an exposure counts once the device has the order",
+        file: "src/job/engine/exposure.rs",
+        was: "self.light.taken(now_us);",
+        becomes: "return self.confirm(None, now_us);",
+    },
+    Bug {
+        name: "an exposure counts when its time is over",
+        file: "src/job/engine.rs",
+        was: "Phase::Exposing { .. } => self.on_overdue_light(now_us),",
+        becomes: "Phase::Exposing { .. } => self.confirm(None, now_us),",
+    },
+    Bug {
+        name: "a restart of the device is not noticed",
+        file: "src/job/fate.rs",
+        was: "Some(commanded) if commanded.boot_id == device.boot_id => Fate::NotExposed,",
+        becomes: "Some(_) => Fate::NotExposed,",
+    },
+    Bug {
+        name: "light cut short counts as an exposure",
+        file: "src/job/fate.rs",
+        was: "return Fate::Unknown(format!(\"its light was cut short after {light_ms} ms{whole}\"));",
+        becomes: "return Fate::Exposed;",
+    },
+    Bug {
+        name: "a crash of the daemon starts the layer again",
+        file: "src/job/engine/recovery.rs",
+        was: "if self.next.known != Known::Dark {",
+        becomes: "if self.next.known != Known::Dark && choice != ResumeChoice::None {",
+    },
+    Bug {
+        name: "exposures of two jobs have one name",
+        file: "src/daemon/orders/submit.rs",
+        was: "let key = random::bits().max(1);",
+        becomes: "let key = 1;",
+    },
+    // Light.
+    Bug {
+        name: "unwanted light is not switched off during a job",
+        file: "src/job/engine/light.rs",
+        was: "self.out.urgent = Some(Urgent::LightOff);",
+        becomes: "",
+    },
+    Bug {
+        name: "an abort waits for the layer, like a stop",
+        file: "src/job/engine.rs",
+        was: "Event::Command(Command::Abort) => self.abort(now_us),",
+        becomes: "Event::Command(Command::Abort) => self.command(Command::Stop, now_us),",
+    },
+    Bug {
+        name: "the exposure takes twice its time",
+        file: "src/job/cycle/vat.rs",
+        was: "VatAct::Expose { layer, duration_ms, light_pwm:",
+        becomes: "VatAct::Expose { layer, duration_ms: 2 * duration_ms, light_pwm:",
+    },
+    // The plate.
+    Bug {
+        name: "the plate goes to the height of the layer before",
+        file: "src/job/cycle/vat.rs",
+        was: "let to_um = self.plan.layer_position_um(layer);",
+        becomes: "let to_um = self.plan.layer_position_um(layer.saturating_sub(1));",
+    },
+    // Layers on their way.
+    Bug {
+        name: "a sweep begins one layer too late",
+        file: "src/job/engine.rs",
+        was: "wanted.new_sweep.then_some(wanted.layer).or(self.out.need_from);",
+        becomes: "wanted.new_sweep.then_some(wanted.layer + 1).or(self.out.need_from);",
+    },
+    // The line.
+    // Waits, memory and what operators are told.
+    Bug {
+        name: "one layer too many is said to be done",
+        file: "src/job/engine/report.rs",
+        was: "layers_done: self.next.number,",
+        becomes: "layers_done: self.next.number + 1,",
+    },
+];
