@@ -1,7 +1,7 @@
 //! Operators: those who give orders at random moments, and one who in the end sees to it that every job ends.
 //!
-//! All of them are careful in one thing: who starts a job while nothing prints, or confirms that the plate is empty, takes off what is
-//! on it before. And who decides on a layer in doubt looks at the part first.
+//! All of them are careful in one thing: who starts a job while nothing prints takes off what hangs on a raised plate, and who confirms
+//! that the plate is empty takes off what is on it, wherever it is. And who decides on a layer in doubt looks at the part first.
 
 use std::sync::{Arc, Mutex, PoisonError};
 

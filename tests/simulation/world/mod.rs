@@ -101,11 +101,19 @@ pub(crate) struct World {
     /// Until when the line's faults last.
     line_faulty_until_us: u64,
     /// Jobs whose pause was accepted, and that have not rested or ended since.
-    pauses: BTreeMap<u32, u64>,
+    pauses: BTreeMap<u32, Pause>,
     patient: Patient,
     happened: BTreeMap<&'static str, u64>,
     trace: Option<Vec<String>>,
     turns: u64,
+}
+
+/// A pause that was accepted.
+#[derive(Debug, Default)]
+struct Pause {
+    at_us: u64,
+    /// Layers that had light since then.
+    lit: BTreeSet<u32>,
 }
 
 /// What ends by itself.
@@ -330,6 +338,9 @@ impl World {
                     && !self.truth.knows(id.job)
                 {
                     self.learn_jobs();
+                }
+                if let Some(id) = id {
+                    self.check_pause(*id);
                 }
                 let job = id.map(|id| id.job);
                 self.stations[index].lit = Some(Lit { since_us: fact.at_us, commanded_ms: *commanded_ms, job });

@@ -7,8 +7,9 @@ use layerd::api::InDoubt;
 use layerd::daemon::handle::Answer;
 use layerd::job::JobState;
 
-use super::World;
+use super::{Pause, World};
 use crate::operators::{Ask, Given, give, number};
+use crate::parts::CLEAR_UM;
 use crate::plan::Wish;
 
 impl World {
@@ -44,7 +45,8 @@ impl World {
         let Some(host) = &self.host else { return };
         let snapshot = host.handle.snapshot().clone();
         let confirms = match ask {
-            Ask::Submit { .. } | Ask::Again(_) => true,
+            // A part in the vat is out of sight: the daemon must ask for it.
+            Ask::Submit { .. } | Ask::Again(_) => self.stations[self.connected].machine.plate_um() >= CLEAR_UM - 200,
             Ask::Resume(id, _) => snapshot.jobs.iter().any(|job| {
                 let is_asked = job.reason.as_ref().is_some_and(|reason| reason.contains("take out what is there"));
                 number(job) == *id && (job.state == JobState::Queued || is_asked)
@@ -119,7 +121,10 @@ impl World {
                 self.accepted.insert(id);
                 self.learn_jobs();
             }
-            Ask::Pause(_) => drop(self.pauses.insert(id, self.now_us)),
+            Ask::Pause(_) => {
+                let pause = Pause { at_us: self.now_us, ..Pause::default() };
+                self.pauses.entry(id).or_insert(pause);
+            }
             Ask::Stop(_) if job.warning.is_none() => {
                 self.ended.entry(id).or_insert("stop");
             }

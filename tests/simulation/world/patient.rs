@@ -117,7 +117,7 @@ impl World {
             let holds = state.is_none_or(JobState::is_final);
             self.check("orders carried out", holds, || format!("job {id}: {order} was accepted, but it is {state:?}"));
         }
-        let pause = self.pauses.first_key_value().map(|(id, at_us)| (*id, *at_us));
+        let pause = self.pauses.first_key_value().map(|(id, pause)| (*id, pause.at_us));
         self.check("orders carried out", pause.is_none(), || {
             format!("a pause of job {pause:?} (and its time, µs) was accepted, and the job has not rested since")
         });

@@ -5,6 +5,7 @@ use std::sync::PoisonError;
 use layerd::api::Event;
 use layerd::daemon::handle::Snapshot;
 use layerd::job::JobState;
+use layerd::link::message::ExposureId;
 use tokio::sync::broadcast::error::TryRecvError;
 
 use super::World;
@@ -64,6 +65,20 @@ impl World {
                 format!("job {}: layer {} is said to be exposed, and it is not", layer.job, layer.layer)
             });
         }
+    }
+
+    /// A layer has light: of a job that was paused, it must be the one under way.
+    pub(super) fn check_pause(&mut self, id: ExposureId) {
+        let Some(job) = self.truth.printed.get(&id.job).map(|printed| printed.job) else { return };
+        let Some(pause) = self.pauses.get_mut(&job) else { return };
+        pause.lit.insert(id.layer);
+        let (at_us, count) = (pause.at_us, pause.lit.len());
+        self.check("orders carried out", count == 1, || {
+            format!(
+                "job {job}: a pause was accepted at {at_us} µs, and {count} layers had light since, the last is {}",
+                id.layer
+            )
+        });
     }
 
     pub(super) fn check_views(&mut self, snapshot: &Snapshot) {
