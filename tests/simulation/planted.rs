@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! cargo run --release --example planted
-//! cargo run --release --example planted -- --only "checksums are not checked"
+//! cargo run --release --example planted -- --only "recipe is not flushed"
 //! ```
 //!
 //! The copy and what is built of it stay in `target/planted`, so that a later run builds only what changed.

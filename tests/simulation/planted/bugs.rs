@@ -54,6 +54,12 @@ pub(crate) const BUGS: &[Bug] = &[
     },
     // What the journal says after a crash.
     Bug {
+        name: "after a crash a commanded layer counts as exposed",
+        file: "src/job/history.rs",
+        was: "            next_layer: self.next_layer,",
+        becomes: "            next_layer: self.next_layer + u32::from(self.unconfirmed.is_some()),",
+    },
+    Bug {
         name: "after a crash the first exposure is forgotten",
         file: "src/job/history.rs",
         was: "touched: self.touched(),",
@@ -122,6 +128,12 @@ pub(crate) const BUGS: &[Bug] = &[
     },
     // Light.
     Bug {
+        name: "unwanted light is not switched off without a job",
+        file: "src/daemon/printer/light.rs",
+        was: "self.send_urgent(Urgent::LightOff);",
+        becomes: "",
+    },
+    Bug {
         name: "unwanted light is not switched off during a job",
         file: "src/job/engine/light.rs",
         was: "self.out.urgent = Some(Urgent::LightOff);",
@@ -141,10 +153,40 @@ pub(crate) const BUGS: &[Bug] = &[
     },
     // The plate.
     Bug {
+        name: "the plate is homed between two layers",
+        file: "src/job/cycle/vat.rs",
+        was: "None if part_possible => Step::Halt(POSITION_LOST.into()),",
+        becomes: "None if part_possible && self.sticks => Step::Halt(POSITION_LOST.into()),",
+    },
+    Bug {
         name: "the plate goes to the height of the layer before",
         file: "src/job/cycle/vat.rs",
         was: "let to_um = self.plan.layer_position_um(layer);",
         becomes: "let to_um = self.plan.layer_position_um(layer.saturating_sub(1));",
+    },
+    Bug {
+        name: "a part left in the vat is forgotten",
+        file: "src/daemon/printer/plate.rs",
+        was: "self.jobs.left().map(|(job, key)| Sign::Left { job, key }).into_iter().collect();",
+        becomes: "Vec::new();",
+    },
+    Bug {
+        name: "a part of another spool is not noticed",
+        file: "src/daemon/printer/plate.rs",
+        was: "Account::Foreign => Some(Sign::Exposure { trace, seen, job: None }),",
+        becomes: "Account::Foreign => None,",
+    },
+    Bug {
+        name: "a plate in the resin is not noticed",
+        file: "src/daemon/printer/plate.rs",
+        was: "signs.extend(self.low_plate(state));",
+        becomes: "",
+    },
+    Bug {
+        name: "the plate is not looked at before a job",
+        file: "src/daemon/printer/plate.rs",
+        was: "signs.retain(|sign| !sign.is_known(&job.cleared, state));",
+        becomes: "signs.clear();",
     },
     // Layers on their way.
     Bug {
@@ -156,9 +198,21 @@ pub(crate) const BUGS: &[Bug] = &[
     // The line.
     // Waits, memory and what operators are told.
     Bug {
+        name: "the memory of the last layer is kept",
+        file: "src/daemon/machine/running.rs",
+        was: "drop(self.sending);",
+        becomes: "std::mem::forget(self.sending);",
+    },
+    Bug {
         name: "one layer too many is said to be done",
         file: "src/job/engine/report.rs",
         was: "layers_done: self.next.number,",
         becomes: "layers_done: self.next.number + 1,",
+    },
+    Bug {
+        name: "a stop is accepted and ignored",
+        file: "src/job/engine.rs",
+        was: "self.intent = Intent::End(End { state: JobState::Stopped, reason, ordered: Some(EndOrder::Stop) });",
+        becomes: "let _: String = reason;",
     },
 ];
