@@ -113,6 +113,8 @@ pub enum Order {
         id: String,
         /// What the operator says of a layer in doubt.
         in_doubt: Option<InDoubt>,
+        /// [`Snapshot::jobs_ended`] when the operator asked.
+        jobs_ended: u64,
     },
     /// End after the layer under way.
     Stop(String),
@@ -149,11 +151,11 @@ impl std::fmt::Display for Order {
             Self::Submit(new) => write!(f, "start {}", short_name(&new.name)),
             Self::Again(again) => write!(f, "start the part of job {} again", short_name(&again.id)),
             Self::Pause(id) => write!(f, "pause job {}", short_name(id)),
-            Self::Resume { id, in_doubt: None } => write!(f, "resume job {}", short_name(id)),
-            Self::Resume { id, in_doubt: Some(InDoubt::Exposed) } => {
+            Self::Resume { id, in_doubt: None, .. } => write!(f, "resume job {}", short_name(id)),
+            Self::Resume { id, in_doubt: Some(InDoubt::Exposed), .. } => {
                 write!(f, "resume job {}, the layer in doubt was exposed", short_name(id))
             }
-            Self::Resume { id, in_doubt: Some(InDoubt::Repeat) } => {
+            Self::Resume { id, in_doubt: Some(InDoubt::Repeat), .. } => {
                 write!(f, "resume job {}, expose the layer in doubt again", short_name(id))
             }
             Self::Stop(id) => write!(f, "stop job {}", short_name(id)),

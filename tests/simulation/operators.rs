@@ -66,7 +66,7 @@ async fn ordered(ask: &Ask, handle: &Handle) -> Result<Answer, OrderError> {
         }
         Ask::Again(id) => Order::Again(Again { id: id.to_string(), recipe_text: None, recipe_name: None, jobs_ended }),
         Ask::Pause(id) => Order::Pause(id.to_string()),
-        Ask::Resume(id, in_doubt) => Order::Resume { id: id.to_string(), in_doubt: *in_doubt },
+        Ask::Resume(id, in_doubt) => Order::Resume { id: id.to_string(), in_doubt: *in_doubt, jobs_ended },
         Ask::Stop(id) => Order::Stop(id.to_string()),
         Ask::Abort(id) => Order::Abort(id.map(|id| id.to_string())),
         Ask::Remove(id) => Order::Remove(id.to_string()),

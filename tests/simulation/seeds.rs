@@ -87,6 +87,22 @@ fn an_empty_plate_is_that_of_one_machine() {
     );
 }
 
+/// An operator confirmed that the plate is empty while the job before still printed; the order arrived when it had ended.
+#[test]
+fn a_plate_is_not_empty_by_an_order_from_before_a_job_ended() {
+    for later_ms in 0..40 {
+        holds(
+            1_006_489,
+            Character::Honest,
+            vec![
+                (345_584, What::Order(Wish::Submit { part: 1 })),
+                (15_496_254, What::Order(Wish::Submit { part: 1 })),
+                (17_204_099 + 1_000 * later_ms, What::Order(Wish::Resume { pick: 0 })),
+            ],
+        );
+    }
+}
+
 /// A paused job whose device broke the protocol three times was to end, and did not: it had parked already.
 #[test]
 fn a_paused_job_ends_when_the_device_breaks_the_protocol() {

@@ -225,9 +225,10 @@ async fn order_job(
     Named((id, order)): Named<(String, String)>,
     request: Request,
 ) -> Answer {
+    let jobs_ended = shared.handle.snapshot().jobs_ended;
     let order = match order.as_str() {
         "pause" => Order::Pause(id),
-        "resume" => Order::Resume { id, in_doubt: resume_body(request).await?.in_doubt },
+        "resume" => Order::Resume { id, in_doubt: resume_body(request).await?.in_doubt, jobs_ended },
         "stop" => Order::Stop(id),
         "abort" => Order::Abort(Some(id)),
         _ => {

@@ -55,7 +55,7 @@ impl Printer {
             Order::Raise => return self.raise(reply),
             Order::Pause(id) => self.steer(&id, Command::Pause),
             Order::Stop(id) => self.steer(&id, Command::Stop),
-            Order::Resume { id, in_doubt } => self.resume(&id, in_doubt),
+            Order::Resume { id, in_doubt, jobs_ended } => self.resume(&id, in_doubt, jobs_ended),
             Order::Abort(Some(id)) => self.steer(&id, Command::Abort),
             Order::Abort(None) => self.abort_active(),
         };
@@ -146,7 +146,7 @@ impl Printer {
         Ok(Step::Change(id, Change::End(order)))
     }
 
-    fn resume(&mut self, id: &str, in_doubt: Option<InDoubt>) -> Result<Step, OrderError> {
+    fn resume(&mut self, id: &str, in_doubt: Option<InDoubt>, jobs_ended: u64) -> Result<Step, OrderError> {
         let id = self.find(id)?;
         if in_doubt.is_some() {
             self.check_doubt(id)?;
@@ -168,7 +168,7 @@ impl Printer {
         }
         let (state, needs_confirmation) = (job.view.state, confirms || job.awaits_plate || !job.told.is_empty());
         match state {
-            JobState::Queued if needs_confirmation || is_unfit => self.plate_is_clear(id),
+            JobState::Queued if needs_confirmation || is_unfit => self.plate_is_clear(id, jobs_ended),
             JobState::Interrupted => {
                 if let Some(text) = stays {
                     return Err(OrderError::new(409, text));
@@ -184,8 +184,14 @@ impl Printer {
     }
 
     /// Takes the operator's confirmation for a queued job that the plate is empty. Refused until the job is next: before that the
-    /// operator cannot have looked at the plate that the job will find.
-    fn plate_is_clear(&mut self, id: u32) -> Result<Step, OrderError> {
+    /// operator cannot have looked at the plate that the job will find. And refused if a job has ended since the operator asked.
+    fn plate_is_clear(&mut self, id: u32, jobs_ended: u64) -> Result<Step, OrderError> {
+        if jobs_ended != self.jobs_ended {
+            let text = format!(
+                "a job has ended just now, so the plate is not taken to be empty: look at it, then `layerctl resume {id}` again"
+            );
+            return Err(OrderError::new(409, text));
+        }
         if let Some(ahead) = self.jobs.ahead_of(id, self.holder()) {
             let text = format!("job {id} {ahead}; what is on the plate then is not known yet");
             return Err(OrderError::new(409, text));
