@@ -51,6 +51,8 @@ struct Inside {
     slow_us: u64,
     /// Work that begins before this time ends only then: the disk hangs.
     hangs_until_us: u64,
+    /// Whether the work under way is abandoned when it rests; `None` before that is decided.
+    abandons: Option<bool>,
 }
 
 /// Work that may block, and when it is done.
@@ -97,6 +99,7 @@ impl Shared {
             rng,
             slow_us: 0,
             hangs_until_us: 0,
+            abandons: None,
         };
         Arc::new(Self {
             attention: Notify::new(),
@@ -238,7 +241,12 @@ impl Host {
         let Some(work) = self.shared.due_work(now_us) else { return false };
         let _installed = self.install();
         let _entered = self.runtime.enter();
-        work();
+        self.shared.inside().abandons = None;
+        if let Err(panic) = std::panic::catch_unwind(std::panic::AssertUnwindSafe(work))
+            && !panic.is::<Abandoned>()
+        {
+            std::panic::resume_unwind(panic);
+        }
         true
     }
 
@@ -272,6 +280,9 @@ impl Host {
         drop(self.runtime);
     }
 }
+
+/// The panic of work that is made to fail.
+struct Abandoned;
 
 /// The system under the daemon.
 struct HostSystem {
@@ -310,8 +321,16 @@ impl System for HostSystem {
         self.shared.attention.notify_one();
     }
 
-    /// Work takes no time of its own here.
-    fn rest(&self, _time: Duration) {}
+    /// Only the sampling of resin rests. Nothing waits for it and it takes a third of a run's time, so most of it fails at once.
+    fn rest(&self, _time: Duration) {
+        let mut inside = self.shared.inside();
+        let is_to_fail = inside.rng.below(16) > 0;
+        let fails = *inside.abandons.get_or_insert(is_to_fail);
+        drop(inside);
+        if fails {
+            std::panic::resume_unwind(Box::new(Abandoned));
+        }
+    }
 }
 
 /// The port of the simulated line.

@@ -199,7 +199,7 @@ impl Plan {
     /// Draws a run.
     pub(crate) fn draw(seed: u64) -> Self {
         let mut rng = Rng::new(seed);
-        let part = rng.pick(&[0, 1, 1, 2, 2]);
+        let part = rng.pick(&[0, 1, 2, 2, 2, 2]);
         let (first, busy_us) = (What::Order(Wish::Submit { part }), BUSY_US[part]);
         let mut events = vec![Planned { at_us: rng.range(10_000..=2 * SECOND_US), what: first }];
         let mut character = Character::Honest;

@@ -19,9 +19,10 @@ impl World {
     pub(super) fn watch_light(&mut self) {
         let now_us = self.now_us;
         let host_works = self.host.is_some() && self.frozen_until_us.is_none() && self.ends.is_empty();
-        if !host_works || now_us < self.line_faulty_until_us {
+        if !host_works {
             self.disturbed_us = now_us;
         }
+        self.disturbed_us = self.disturbed_us.max(self.line_faulty_until_us.min(now_us));
         let station = &self.stations[self.connected];
         let Some(lit) = station.lit else { return };
         let may_obey = !matches!(

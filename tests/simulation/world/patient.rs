@@ -68,17 +68,21 @@ impl World {
         if now_us - since_us > MAX_OBEYED_US {
             self.check_obeyed(&snapshot);
         }
-        if let Some(job) = snapshot.jobs.iter().find(|job| !job.state.is_final()) {
-            let id = number(job);
+        let open: Vec<_> = snapshot.jobs.iter().filter(|job| !job.state.is_final()).collect();
+        if open.is_empty() {
+            return self.all_ended(&snapshot);
+        }
+        for job in &open {
             // A stop may leave a job interrupted, if its plate could not be lifted.
+            let id = number(job);
             let waits = job.state == JobState::Interrupted && self.ended.get(&id) == Some(&"abort");
             self.check("orders carried out", !waits, || {
                 format!("job {id}: an abort was accepted, and it is interrupted")
             });
-            let Some(ask) = self.next_ask(id, &snapshot) else { return };
-            return self.give(&ask);
         }
-        self.all_ended(&snapshot);
+        if let Some(ask) = open.into_iter().find_map(|job| self.next_ask(number(job), &snapshot)) {
+            self.give(&ask);
+        }
     }
 
     /// What the patient operator asks for a job that has not ended.
