@@ -40,15 +40,14 @@ pub(crate) struct Given {
 /// Answers that the world has not seen yet.
 pub(crate) type Answers = Arc<Mutex<Vec<Given>>>;
 
-/// Gives an order; its answer comes to `answers`.
-pub(crate) async fn give(ask: Ask, handle: Handle, answers: Answers, shared: Arc<Shared>) {
-    let answer = ordered(&ask, &handle).await;
+/// Gives an order; its answer comes to `answers`. `jobs_ended` is what the operator saw when they decided.
+pub(crate) async fn give(ask: Ask, jobs_ended: u64, handle: Handle, answers: Answers, shared: Arc<Shared>) {
+    let answer = ordered(&ask, jobs_ended, &handle).await;
     answers.lock().unwrap_or_else(PoisonError::into_inner).push(Given { ask, answer });
     shared.attention.notify_one();
 }
 
-async fn ordered(ask: &Ask, handle: &Handle) -> Result<Answer, OrderError> {
-    let jobs_ended = handle.snapshot().jobs_ended;
+async fn ordered(ask: &Ask, jobs_ended: u64, handle: &Handle) -> Result<Answer, OrderError> {
     let order = match ask {
         Ask::Submit { part } => {
             let fit = {

@@ -68,7 +68,13 @@ impl World {
             self.going.insert(*id);
         }
         let Some(host) = &self.host else { return };
-        host.spawn(give(ask.clone(), host.handle.clone(), Arc::clone(&self.answers), Arc::clone(&self.shared)));
+        host.spawn(give(
+            ask.clone(),
+            snapshot.jobs_ended,
+            host.handle.clone(),
+            Arc::clone(&self.answers),
+            Arc::clone(&self.shared),
+        ));
         self.note(|| format!("operator: {ask:?}"));
     }
 
