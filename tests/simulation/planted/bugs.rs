@@ -210,6 +210,12 @@ pub(crate) const BUGS: &[Bug] = &[
         becomes: "layers_done: self.next.number + 1,",
     },
     Bug {
+        name: "a pause is accepted and ignored",
+        file: "src/job/engine.rs",
+        was: "self.intent = Intent::Pause;",
+        becomes: "",
+    },
+    Bug {
         name: "a stop is accepted and ignored",
         file: "src/job/engine.rs",
         was: "self.intent = Intent::End(End { state: JobState::Stopped, reason, ordered: Some(EndOrder::Stop) });",
