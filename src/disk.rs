@@ -1,5 +1,5 @@
 //! Files of the spool and of the configuration: opened without waiting, read up to a limit, written whole or not at all. Every access
-//! of the daemon to a disk passes here, and from here to [`system`]. `job/spool.rs` keeps its files with it.
+//! of a running daemon to its spool passes here, and from here to [`system`]. `job/spool.rs` keeps its files with it.
 
 use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
@@ -313,14 +313,13 @@ pub(crate) fn read_up_to(file: &File, max_bytes: u64) -> io::Result<Vec<u8>> {
     }
 }
 
-/// Writes a small file that appears whole, or leaves the one of that name unchanged. On return it is on disk.
+/// Writes a small file that appears whole. On return it is on disk. On an error the earlier file of that name is unchanged, unless only
+/// the final flush of the directory failed: then the new one is there, and may be lost in a power cut.
 ///
 /// # Errors
 /// As write(2) and rename(2).
 pub(crate) fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    // The same name every time: a write that was interrupted leaves no more than one file behind.
-    let passing = path.with_file_name(format!(".{name}.tmp"));
+    let passing = passing(path);
     let write = || {
         let file = File::open(&passing, How::Truncate)?;
         file.write_all_at(bytes, 0)?;
@@ -332,6 +331,22 @@ pub(crate) fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
         // Best effort: the error that matters is the first one.
         let _ = remove_file(&passing);
     })
+}
+
+/// The name of a file that is being written to replace `path`: the same every time, so that a kill leaves no more than one behind.
+fn passing(path: &Path) -> PathBuf {
+    path.with_file_name(format!(".{}.tmp", path.file_name().unwrap_or_default().to_string_lossy()))
+}
+
+/// Deletes what a [`replace`] of `path` left that was interrupted by a kill.
+///
+/// # Errors
+/// As unlink(2).
+pub(crate) fn remove_unfinished(path: &Path) -> io::Result<()> {
+    match remove_file(&passing(path)) {
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(()),
+        removed => removed,
+    }
 }
 
 /// The name of a file that is deleted when this is dropped, unless it was renamed before.
@@ -361,12 +376,12 @@ impl TempPath {
         made
     }
 
-    /// A new file in `directory`, to write.
+    /// A new file in `directory`, to write. Only this user may read it.
     ///
     /// # Errors
     /// As open(2).
     pub(crate) fn file_in(directory: &Path, prefix: &str) -> io::Result<(Self, File)> {
-        Self::make(directory, prefix, |path| File::open(path, How::CreateNew))
+        Self::make(directory, prefix, |path| File::open(path, How::CreatePrivate))
     }
 
     /// A second name in `directory` for a file.

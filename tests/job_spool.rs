@@ -145,7 +145,11 @@ fn a_part_that_two_jobs_print_stays_until_both_are_removed() {
     let left = again.to_path_buf();
     // As if the process had been killed.
     std::mem::forget(again);
+    let resin = spool.jobs().expect("listed")[0].resin();
+    let unfinished = [directory.path().join(".raised.tmp"), resin.with_file_name(".resin.tmp")];
+    unfinished.iter().for_each(|path| fs::write(path, "1").expect("written"));
     drop(spool);
     let spool = Spool::open(directory.path()).expect("opened again");
+    assert!(unfinished.iter().all(|path| !path.exists()));
     assert!(!left.exists() && spool.jobs().expect("listed")[0].part().exists());
 }

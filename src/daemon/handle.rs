@@ -113,7 +113,7 @@ pub enum Order {
         id: String,
         /// What the operator says of a layer in doubt.
         in_doubt: Option<InDoubt>,
-        /// [`Snapshot::jobs_ended`] when the operator asked.
+        /// [`Snapshot::jobs_ended`] when the request arrived.
         jobs_ended: u64,
     },
     /// End after the layer under way.

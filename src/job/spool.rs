@@ -111,6 +111,8 @@ impl Spool {
         for directory in [root.to_path_buf(), root.join("jobs"), root.join("incoming")] {
             disk::create_directories(&directory).map_err(io("create", &directory))?;
         }
+        // An earlier start may have been killed before it flushed these names.
+        disk::sync_directory(root).map_err(io("flush", root))?;
         let lock_path = root.join("lock");
         let lock = File::open(&lock_path, How::Create).map_err(io("open", &lock_path))?;
         match lock.try_lock() {
@@ -270,20 +272,30 @@ impl Spool {
 
     fn delete_leftovers(&self) -> Result<(), SpoolError> {
         let jobs = self.root.join("jobs");
-        for directory in [self.incoming(), jobs.clone()] {
-            for path in disk::list(&directory).map_err(io("list", &directory))? {
-                let hidden = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
-                if directory == jobs && !hidden {
-                    if Forgotten::of(&path).is_some() {
-                        empty(&path)?;
-                    }
-                    continue;
-                }
-                disk::remove_tree(&path).map_err(io("delete", &path))?;
+        for path in listed(&self.incoming())? {
+            delete(&path)?;
+        }
+        self.clear_raised()?;
+        for path in listed(&jobs)? {
+            if path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.')) {
+                delete(&path)?;
+            } else if Forgotten::of(&path).is_some() {
+                empty(&path)?;
+            } else if let Some(job) = JobDirectory::from_path(path) {
+                let resin = job.resin();
+                disk::remove_unfinished(&resin).map_err(io("delete", &resin))?;
             }
         }
         Ok(())
     }
+}
+
+fn listed(directory: &Path) -> Result<Vec<PathBuf>, SpoolError> {
+    disk::list(directory).map_err(io("list", directory))
+}
+
+fn delete(path: &Path) -> Result<(), SpoolError> {
+    disk::remove_tree(path).map_err(io("delete", path))
 }
 
 /// Deletes the contents of a directory and returns the number of bytes freed. A job's directory is flat.

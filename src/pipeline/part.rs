@@ -80,7 +80,7 @@ impl Part {
         Ok(EncodedLayers { slicer, layer, encoding, bytes: Vec::new(), _buffers: buffers })
     }
 
-    /// Starts computing layers from `first` on ahead, in a thread of its own. `explain` puts an error into words.
+    /// Starts computing layers ahead, from `first` on. `explain` puts an error into words.
     ///
     /// # Errors
     /// As [`Part::encoded_layers`].

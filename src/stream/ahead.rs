@@ -146,15 +146,18 @@ impl<T: Send + 'static> Worker<T> {
                 Ok((same, step, compute_time)) => {
                     produce = same;
                     match step {
-                        Ok(Ok(None)) => return,
+                        Ok(Ok(None)) => break,
                         Ok(Ok(Some((layer, bytes)))) => self.queue(layer, bytes, compute_time).await,
                         Ok(Err(text)) => Err(StreamError::Failed(text)),
                         // `produce` is not used again.
                         Err(_) => Err(StreamError::Panicked),
                     }
                 }
-                // The daemon ends.
-                Err(_) => return,
+                // `produce` is gone: the thread failed outside of it, or the daemon ends.
+                Err(_) => {
+                    let _ = self.sender.send(Err(StreamError::Panicked)).await;
+                    return;
+                }
             };
             let failed = step.is_err();
             let Some(message) = step.transpose() else { break };

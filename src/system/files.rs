@@ -127,6 +127,8 @@ pub enum How {
     Create,
     /// To write; it must not be there.
     CreateNew,
+    /// As `CreateNew`, and only this user may read it: for parts that people upload.
+    CreatePrivate,
     /// To write from an empty file on; made if it is not there.
     Truncate,
 }
@@ -187,6 +189,7 @@ impl Disk for RealDisk {
             How::ReadWrite => options.read(true).write(true),
             How::Create => options.write(true).create(true).truncate(false),
             How::CreateNew => options.write(true).create_new(true),
+            How::CreatePrivate => options.write(true).create_new(true).mode(0o600),
             How::Truncate => options.write(true).create(true).truncate(true),
         };
         // For regular files the flag means nothing. A pipe does not block.

@@ -201,7 +201,8 @@ impl Jobs {
     pub(crate) fn take(&mut self, id: u32, awaits_plate: bool) {
         self.unqueue(id);
         for other in &self.queue {
-            if let Some(job) = self.jobs.get_mut(other) {
+            // A job that is only to end moves no plate down.
+            if let Some(job) = self.jobs.get_mut(other).filter(|job| job.is_to_print()) {
                 job.awaits_plate = awaits_plate;
                 (job.told, job.cleared) = (Vec::new(), Vec::new());
             }

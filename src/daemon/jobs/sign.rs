@@ -105,7 +105,7 @@ impl fmt::Display for Sign {
                 write!(f, "the plate was raised from {} above the vat, and may carry a part", mm_text(*from_um))
             }
             Self::OtherDevice { .. } => f.write_str(
-                "the plate was found empty on another device, or before this one was restarted, and this one has printed another job",
+                "the plate was found empty before the device was exchanged or restarted, and this device has exposed another job",
             ),
             Self::Left { job, .. } => write!(f, "no record says that the plate was lifted at the end of job {job}"),
         }

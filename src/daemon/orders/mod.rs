@@ -188,7 +188,7 @@ impl Printer {
     fn plate_is_clear(&mut self, id: u32, jobs_ended: u64) -> Result<Step, OrderError> {
         if jobs_ended != self.jobs_ended {
             let text = format!(
-                "a job has ended just now, so the plate is not taken to be empty: look at it, then `layerctl resume {id}` again"
+                "a job ended while this order arrived, so its part may be on the plate: look, then give `layerctl resume {id}` again"
             );
             return Err(OrderError::new(409, text));
         }

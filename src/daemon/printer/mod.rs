@@ -85,13 +85,13 @@ impl Printer {
     pub(crate) fn new(
         setting: Arc<Setting>,
         spool: Spool,
+        raised: RaisedNote,
         jobs: Jobs,
         budget: MemoryBudget,
         desk: Desk,
         link: LineHandle,
     ) -> Self {
         let (background, finished_background) = mpsc::channel(MAX_BACKGROUND_RESULTS);
-        let raised = RaisedNote::load(&spool);
         let sampler = Sampler::start(background.clone());
         jobs.unsampled().for_each(|job| sampler.want(job));
         Self {

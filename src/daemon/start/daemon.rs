@@ -10,6 +10,7 @@ use crate::api::{BudgetView, DeviceView, LineView, LinkState, LinkView};
 use crate::daemon::handle::{self, Desk, Handle, Snapshot};
 use crate::daemon::jobs::Jobs;
 use crate::daemon::machine::line::LineHandle;
+use crate::daemon::machine::raised::RaisedNote;
 use crate::daemon::printer::Printer;
 use crate::daemon::setting::Setting;
 use crate::job::Spool;
@@ -21,13 +22,14 @@ use crate::stream::MemoryBudget;
 pub struct Daemon {
     setting: Setting,
     spool: Spool,
+    raised: RaisedNote,
     jobs: Jobs,
     handle: Handle,
     desk: Desk,
 }
 
 impl Daemon {
-    /// Reads the configuration file `place` and the files that it names, and opens the spool.
+    /// Reads the configuration file `place` and the files that it names, and opens the spool. It does not make the checks of a start.
     ///
     /// # Errors
     /// What is wrong with these files, or with the spool.
@@ -44,7 +46,8 @@ impl Daemon {
         let spool = Spool::open(&setting.config.spool)?;
         let jobs = Jobs::load(spool.jobs()?, spool.forgotten()?, setting.machine.confirm_plate());
         let (handle, desk) = handle::channel(first_snapshot(&setting, &jobs));
-        Ok(Self { setting, spool, jobs, handle, desk })
+        let raised = RaisedNote::load(&spool);
+        Ok(Self { setting, spool, raised, jobs, handle, desk })
     }
 
     /// Gives orders to it, and tells its state.
@@ -57,12 +60,12 @@ impl Daemon {
     /// # Errors
     /// The machine could not be made safe, or the line's task ended with a panic.
     pub async fn run(self, ports: Arc<dyn Ports>, ending: watch::Receiver<bool>) -> anyhow::Result<()> {
-        let Self { setting, spool, jobs, handle, desk } = self;
+        let Self { setting, spool, raised, jobs, handle, desk } = self;
         // The printer sees when nobody can give orders any more.
         drop(handle);
         let budget = MemoryBudget::new(setting.config.memory_budget);
         let line = LineHandle::start(setting.machine.link().clone(), ports);
-        Printer::new(Arc::new(setting), spool, jobs, budget, desk, line).run(ending).await
+        Printer::new(Arc::new(setting), spool, raised, jobs, budget, desk, line).run(ending).await
     }
 }
 

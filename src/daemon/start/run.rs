@@ -22,7 +22,8 @@ use crate::signals::Signals;
 /// Threads of the main runtime: one moves the line's bytes while the other runs the printer. The layers and both control sockets
 /// have threads of their own, so that connections cannot delay an order on its way to the device.
 const RUNTIME_THREADS: usize = 2;
-/// How long the daemon waits at its end for disk writes under way: a disk that hangs must not keep it from ending.
+/// How long the daemon waits at its end for disk writes under way, and for a part that is being sampled: a disk that hangs must not
+/// keep it from ending.
 const MAX_WRITE_TIME: Duration = Duration::from_secs(2);
 
 /// Runs the daemon until SIGTERM, SIGINT, SIGQUIT or SIGHUP; returns once the machine is safe. It logs to stderr.

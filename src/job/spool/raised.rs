@@ -30,6 +30,12 @@ impl Spool {
         })
     }
 
+    /// Deletes what an interrupted [`Spool::set_raised`] left.
+    pub(super) fn clear_raised(&self) -> Result<(), SpoolError> {
+        let path = self.root.join(RAISED);
+        disk::remove_unfinished(&path).map_err(super::io("delete", &path))
+    }
+
     /// Notes the height from which the plate was raised, micrometres; `None` once it is confirmed to be empty. On return the note is
     /// on disk.
     ///
