@@ -1,5 +1,6 @@
 //! The host: one process of the daemon at a time, in a runtime with a paused clock, with a system and a port of the simulation.
 
+use std::cell::Cell;
 use std::collections::BinaryHeap;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -53,6 +54,8 @@ struct Inside {
     hangs_until_us: u64,
     /// Whether the work under way is abandoned when it rests; `None` before that is decided.
     abandons: Option<bool>,
+    /// Where the loop itself used the disk, if it did.
+    loop_access: Option<String>,
 }
 
 /// Work that may block, and when it is done.
@@ -100,6 +103,7 @@ impl Shared {
             slow_us: 0,
             hangs_until_us: 0,
             abandons: None,
+            loop_access: None,
         };
         Arc::new(Self {
             attention: Notify::new(),
@@ -141,6 +145,11 @@ impl Shared {
         self.inside().works.peek().map(|work| work.due_us)
     }
 
+    /// Where the loop itself used the disk, if it did since the last call.
+    pub(crate) fn take_loop_access(&self) -> Option<String> {
+        self.inside().loop_access.take()
+    }
+
     fn due_work(&self, now_us: u64) -> Option<Box<dyn FnOnce() + Send>> {
         let mut inside = self.inside();
         inside.works.peek().filter(|work| work.due_us <= now_us)?;
@@ -157,6 +166,7 @@ pub(crate) struct Host {
     pub(crate) handle: Handle,
     pub(crate) events: broadcast::Receiver<Event>,
     ending: watch::Sender<bool>,
+    asked_to_end: Cell<bool>,
     ended: Arc<Mutex<Option<Result<(), String>>>>,
     system: Rc<HostSystem>,
 }
@@ -177,7 +187,12 @@ impl Host {
         shared.started_us.store(now_us, Ordering::Relaxed);
         let entered = runtime.enter();
         let started = Instant::now();
-        let system = Rc::new(HostSystem { shared: Arc::clone(shared), mount: disk.mount(), started });
+        let system = Rc::new(HostSystem {
+            shared: Arc::clone(shared),
+            mount: disk.mount(),
+            started,
+            may_block: Cell::new(true),
+        });
         let installed = install(Rc::clone(&system) as Rc<dyn System>);
         let daemon = Daemon::open(config).map_err(|error| format!("{error:#}"))?;
         let handle = daemon.handle();
@@ -192,7 +207,9 @@ impl Host {
         });
         drop(installed);
         drop(entered);
+        system.may_block.set(false);
         Ok(Self {
+            asked_to_end: Cell::new(false),
             runtime,
             shared: Arc::clone(shared),
             started,
@@ -242,7 +259,10 @@ impl Host {
         let _installed = self.install();
         let _entered = self.runtime.enter();
         self.shared.inside().abandons = None;
-        if let Err(panic) = std::panic::catch_unwind(std::panic::AssertUnwindSafe(work))
+        self.system.may_block.set(true);
+        let done = std::panic::catch_unwind(std::panic::AssertUnwindSafe(work));
+        self.system.may_block.set(false);
+        if let Err(panic) = done
             && !panic.is::<Abandoned>()
         {
             std::panic::resume_unwind(panic);
@@ -260,7 +280,13 @@ impl Host {
 
     /// Asks it to end, as a signal does.
     pub(crate) fn end(&self) {
+        self.asked_to_end.set(true);
         let _ = self.ending.send(true);
+    }
+
+    /// Whether [`Self::end`] was called.
+    pub(crate) fn was_asked_to_end(&self) -> bool {
+        self.asked_to_end.get()
     }
 
     /// How it ended, if it did.
@@ -276,7 +302,10 @@ impl Host {
     /// The process is gone. The disk must know that before, so that nothing it still drops has an effect.
     pub(crate) fn drop_dead(self) {
         let _installed = install(Rc::clone(&self.system) as Rc<dyn System>);
-        self.shared.inside().works.clear();
+        // What it drops now has no effect.
+        self.system.may_block.set(true);
+        let works = std::mem::take(&mut self.shared.inside().works);
+        drop(works);
         drop(self.runtime);
     }
 }
@@ -289,6 +318,8 @@ struct HostSystem {
     shared: Arc<Shared>,
     mount: Mount,
     started: Instant,
+    /// Whether the code that runs now may wait for the disk.
+    may_block: Cell<bool>,
 }
 
 impl HostSystem {
@@ -307,6 +338,10 @@ impl System for HostSystem {
     }
 
     fn disk(&self) -> &dyn Disk {
+        if !self.may_block.get() {
+            let place = std::backtrace::Backtrace::force_capture().to_string();
+            self.shared.inside().loop_access.get_or_insert(place);
+        }
         &self.mount
     }
 

@@ -20,10 +20,13 @@ use crate::parts::{parts, spool};
 /// What an operator asks for.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Ask {
-    Submit { part: usize },
+    Submit {
+        part: usize,
+    },
     Again(u32),
     Pause(u32),
-    Resume(u32, Option<InDoubt>),
+    /// With what the operator says of a layer in doubt.
+    Resume(u32, Option<(u32, InDoubt)>),
     Stop(u32),
     Abort(Option<u32>),
     Remove(u32),
@@ -34,16 +37,27 @@ pub(crate) enum Ask {
 #[derive(Clone, Debug)]
 pub(crate) struct Given {
     pub(crate) ask: Ask,
+    /// When it was given.
+    pub(crate) given_us: u64,
     pub(crate) answer: Result<Answer, OrderError>,
 }
 
 /// Answers that the world has not seen yet.
 pub(crate) type Answers = Arc<Mutex<Vec<Given>>>;
 
-/// Gives an order; its answer comes to `answers`. `jobs_ended` is what the operator saw when they decided.
-pub(crate) async fn give(ask: Ask, jobs_ended: u64, handle: Handle, answers: Answers, shared: Arc<Shared>) {
+/// What an operator decided, and what they saw when they did.
+#[derive(Clone, Debug)]
+pub(crate) struct Decided {
+    pub(crate) ask: Ask,
+    pub(crate) given_us: u64,
+    pub(crate) jobs_ended: u64,
+}
+
+/// Gives an order; its answer comes to `answers`.
+pub(crate) async fn give(decided: Decided, handle: Handle, answers: Answers, shared: Arc<Shared>) {
+    let Decided { ask, given_us, jobs_ended } = decided;
     let answer = ordered(&ask, jobs_ended, &handle).await;
-    answers.lock().unwrap_or_else(PoisonError::into_inner).push(Given { ask, answer });
+    answers.lock().unwrap_or_else(PoisonError::into_inner).push(Given { ask, given_us, answer });
     shared.attention.notify_one();
 }
 
@@ -65,7 +79,9 @@ async fn ordered(ask: &Ask, jobs_ended: u64, handle: &Handle) -> Result<Answer, 
         }
         Ask::Again(id) => Order::Again(Again { id: id.to_string(), recipe_text: None, recipe_name: None, jobs_ended }),
         Ask::Pause(id) => Order::Pause(id.to_string()),
-        Ask::Resume(id, in_doubt) => Order::Resume { id: id.to_string(), in_doubt: *in_doubt, jobs_ended },
+        Ask::Resume(id, in_doubt) => {
+            Order::Resume { id: id.to_string(), in_doubt: in_doubt.map(|(_, choice)| choice), jobs_ended }
+        }
         Ask::Stop(id) => Order::Stop(id.to_string()),
         Ask::Abort(id) => Order::Abort(id.map(|id| id.to_string())),
         Ask::Remove(id) => Order::Remove(id.to_string()),

@@ -101,9 +101,28 @@ impl What {
         }
     }
 
-    /// Whether it is a fault, and not what operators do.
-    pub(crate) fn is_fault(&self) -> bool {
-        !matches!(self, Self::Order(_))
+    /// Whether light may last longer for it: neither orders nor a disk are an excuse for that.
+    pub(crate) fn disturbs_light(&self) -> bool {
+        let is_disk = matches!(
+            self,
+            Self::DiskFull { .. } | Self::DiskBroken { .. } | Self::DiskSlow { .. } | Self::DiskHangs { .. }
+        );
+        !is_disk && !matches!(self, Self::Order(_) | Self::WallClock { .. })
+    }
+
+    /// Whether a print must survive it: what happens to the host and the line, but not to machine, disk and spool.
+    pub(crate) fn is_gentle(&self) -> bool {
+        matches!(
+            self,
+            Self::Order(_)
+                | Self::Line(_)
+                | Self::DiskSlow { .. }
+                | Self::Kill { .. }
+                | Self::PowerCut { .. }
+                | Self::End { .. }
+                | Self::StandStill { .. }
+                | Self::WallClock { .. }
+        )
     }
 }
 

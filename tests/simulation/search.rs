@@ -57,7 +57,11 @@ impl Summary {
         let met = kinds.iter().filter(|name| self.count(name) > 0).count();
         match (met, self.seeds) {
             (0, _) => kinds,
-            (_, COMPLETE_SEEDS..) => kinds.into_iter().filter(|name| self.count(name) == 0).collect(),
+            (_, COMPLETE_SEEDS..) => {
+                let checked = |name: &&str| self.checks.get(*name).is_some_and(|count| *count > 0);
+                let unchecked = INVARIANTS.iter().copied().filter(|name| !checked(name));
+                kinds.into_iter().filter(|name| self.count(name) == 0).chain(unchecked).collect()
+            }
             _ => Vec::new(),
         }
     }

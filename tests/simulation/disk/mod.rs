@@ -165,7 +165,7 @@ impl Disk for Mount {
     fn open(&self, path: &Path, how: How) -> io::Result<Box<dyn DiskFile>> {
         let mut state = self.enter(how != How::Read && how != How::ReadWrite)?;
         let node = match state.find(path) {
-            Ok(_) if how == How::CreateNew => return Err(ErrorKind::AlreadyExists.into()),
+            Ok(_) if matches!(how, How::CreateNew | How::CreatePrivate) => return Err(ErrorKind::AlreadyExists.into()),
             Ok(node) => node,
             Err(error) if error.kind() != ErrorKind::NotFound || matches!(how, How::Read | How::ReadWrite) => {
                 return Err(error);

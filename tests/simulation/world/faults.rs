@@ -14,9 +14,10 @@ impl World {
     pub(super) fn strike(&mut self, what: &What) {
         self.happen(what.name());
         self.note(|| format!("** {what:?}"));
-        if what.is_fault() {
+        if what.disturbs_light() {
             self.disturbed_us = self.now_us;
         }
+        self.gentle &= what.is_gentle();
         let now_us = self.now_us;
         match *what {
             What::Order(wish) => self.wish(wish),
@@ -76,6 +77,7 @@ impl World {
                     self.die("killed");
                 }
                 self.disk.replace_directory(&spool());
+                self.spool_is_new = true;
                 self.forget_spool();
             }
         }
@@ -100,7 +102,9 @@ impl World {
 
     pub(super) fn end(&mut self, end: End) {
         self.note(|| format!("** over: {end:?}"));
-        self.disturbed_us = self.now_us;
+        if matches!(end, End::OtherMachine) {
+            self.disturbed_us = self.now_us;
+        }
         match end {
             End::OtherMachine => self.connect(0),
             End::DiskFull => self.disk.leave_free(None),
@@ -111,7 +115,12 @@ impl World {
 
     pub(super) fn line_fault(&mut self, fault: LineFault) {
         let now_us = self.now_us;
-        self.line_faulty_until_us = self.line_faulty_until_us.max(now_us + fault.for_us());
+        // A line that stands still twice does so for the sum of both times.
+        let from_us = self.line_faulty_until_us.max(now_us);
+        self.line_faulty_until_us = match fault {
+            LineFault::Stall { for_us } => from_us + for_us,
+            fault => from_us.max(now_us + fault.for_us()),
+        };
         self.shared.line().fault(fault, now_us);
     }
 
@@ -132,6 +141,11 @@ impl World {
     pub(super) fn die(&mut self, how: &str) {
         self.disk.kill();
         self.frozen_until_us = None;
+        self.pauses.clear();
+        // What was accepted with a warning may be lost.
+        for printed in self.truth.printed.values_mut().filter(|printed| printed.aborted_us.is_none()) {
+            printed.abort_given_us = None;
+        }
         self.start_us = self.start_us.or(Some(self.now_us + self.down_us.take().unwrap_or(300_000)));
         self.answers.lock().unwrap_or_else(PoisonError::into_inner).clear();
         if let Some(host) = self.host.take() {
@@ -148,13 +162,16 @@ impl World {
                 self.host = Some(host);
                 self.patient.refusals.clear();
                 self.undeleted = false;
+                if std::mem::take(&mut self.spool_is_new) {
+                    self.forget_spool();
+                }
                 self.learn_jobs();
                 self.check_journals();
                 self.check_promises();
             }
             Err(text) => {
                 self.note(|| format!("host: the daemon does not start: {text}"));
-                self.check("jobs complete", self.patient.since_us.is_none(), || {
+                self.check("jobs end", self.patient.since_us.is_none(), || {
                     format!("the daemon does not start: {text}")
                 });
                 self.disk.kill();

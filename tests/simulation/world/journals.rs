@@ -72,7 +72,7 @@ impl World {
             let commanded = |layer: &u32| {
                 entries.iter().any(|entry| matches!(entry.record, Record::Commanded { layer: it, .. } if it == *layer))
             };
-            let unsaid = printed.whole.keys().find(|layer| !commanded(layer));
+            let unsaid = printed.lit.iter().find(|layer| !commanded(layer));
             self.check("journal true", unsaid.is_none(), || {
                 format!("job {id}: layer {unsaid:?} was exposed, and the journal does not know of it")
             });

@@ -7,8 +7,9 @@ mod orders;
 mod patient;
 mod views;
 
+use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, Once};
 
 use crate::disk::{Harm, SimDisk};
 use crate::host::{Host, Shared};
@@ -98,6 +99,12 @@ pub(crate) struct World {
     disturbed_us: u64,
     /// The disk failed since the daemon's start, so that files may be left that could not be deleted. The next start deletes them.
     undeleted: bool,
+    /// The spool was moved aside since the daemon's start: what it promises is void once it starts in the new one.
+    spool_is_new: bool,
+    /// Only what a print must survive has happened so far.
+    gentle: bool,
+    /// Jobs that an operator told to stop or abort, at a random moment.
+    told_to_end: BTreeSet<u32>,
     /// Until when the line's faults last.
     line_faulty_until_us: u64,
     /// Jobs whose pause was accepted, and that have not rested or ended since.
@@ -137,6 +144,7 @@ impl World {
         // The package makes the directory.
         disk.prepare(&spool().join("note"), b"");
         let line = Line::new(BAUD, rng.next_u64());
+        let is_honest = plan.character == Character::Honest;
         let machine = Machine::new(capabilities(), BAUD, plan.character, rng.next_u64());
         let mut world = Self {
             plan,
@@ -158,6 +166,9 @@ impl World {
             going: BTreeSet::new(),
             ended: BTreeMap::new(),
             disturbed_us: 0,
+            gentle: is_honest,
+            told_to_end: BTreeSet::new(),
+            spool_is_new: false,
             undeleted: false,
             line_faulty_until_us: 0,
             pauses: BTreeMap::new(),
@@ -238,8 +249,9 @@ impl World {
     fn turn(&mut self) {
         self.turns += 1;
         let now_us = self.now_us;
+        self.check_host();
         if self.turns > MAX_TURNS {
-            self.check("jobs complete", false, || "the run turns in circles".into());
+            self.check("jobs end", false, || "the run turns in circles".into());
         }
         while let Some((key, end)) = self.ends.first_key_value().map(|(key, end)| (*key, *end))
             && key.0 <= now_us
@@ -359,21 +371,36 @@ impl World {
             FactKind::Started { .. } | FactKind::PowerOff | FactKind::Hello { .. } => self.disturbed_us = self.now_us,
             _ => {}
         }
+        if let FactKind::ExposedWhole { id, .. } = &fact.what
+            && index != self.connected
+        {
+            self.truth.exposed_unseen(*id);
+        }
         let mut hanging = self.stations[index].hanging;
         self.truth.fact(fact, &mut hanging);
         self.stations[index].hanging = hanging;
     }
 }
 
+thread_local! {
+    /// What a panic of this thread said, whoever caught it.
+    static PANIC: RefCell<Option<String>> = const { RefCell::new(None) };
+}
+
 /// Runs a plan.
 pub(crate) fn run(plan: &Plan, traced: bool) -> Report {
+    static HOOK: Once = Once::new();
+    HOOK.call_once(|| {
+        let before = std::panic::take_hook();
+        std::panic::set_hook(Box::new(move |panic| {
+            PANIC.set(Some(panic.to_string()));
+            before(panic);
+        }));
+    });
+    PANIC.take();
     let world = World::new(plan.clone(), traced);
-    match std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| world.run())) {
-        Ok(report) => report,
-        Err(panic) => {
-            let text = panic.downcast_ref::<String>().cloned();
-            let text = text.or_else(|| panic.downcast_ref::<&str>().map(ToString::to_string)).unwrap_or_default();
-            Report { violation: Some(Violation { at_us: 0, invariant: "no panic", text }), ..Report::default() }
-        }
-    }
+    std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| world.run())).unwrap_or_else(|_| {
+        let text = PANIC.take().unwrap_or_default();
+        Report { violation: Some(Violation { at_us: 0, invariant: "no panic", text }), ..Report::default() }
+    })
 }

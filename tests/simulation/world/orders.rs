@@ -8,7 +8,7 @@ use layerd::daemon::handle::Answer;
 use layerd::job::JobState;
 
 use super::{Pause, World};
-use crate::operators::{Ask, Given, give, number};
+use crate::operators::{Ask, Decided, Given, give, number};
 use crate::parts::CLEAR_UM;
 use crate::plan::Wish;
 
@@ -23,15 +23,20 @@ impl World {
             Wish::Submit { part } => Some(Ask::Submit { part }),
             Wish::Again { pick } => of(pick).map(Ask::Again),
             Wish::Pause { pick } => of(pick).map(Ask::Pause),
-            Wish::Resume { pick } => {
-                job(pick).map(|job| Ask::Resume(number(job), job.in_doubt.map(|layer| self.judge(number(job), layer))))
-            }
+            Wish::Resume { pick } => job(pick)
+                .map(|job| Ask::Resume(number(job), job.in_doubt.map(|layer| (layer, self.judge(number(job), layer))))),
             Wish::Stop { pick } => of(pick).map(Ask::Stop),
             Wish::Abort { pick: None } => Some(Ask::Abort(None)),
             Wish::Abort { pick: Some(pick) } => of(pick).map(|id| Ask::Abort(Some(id))),
             Wish::Remove { pick } => of(pick).map(Ask::Remove),
             Wish::Raise => Some(Ask::Raise),
         };
+        if let Some(Ask::Stop(id) | Ask::Abort(Some(id))) = ask {
+            self.told_to_end.insert(id);
+        }
+        if ask == Some(Ask::Abort(None)) {
+            self.told_to_end.extend(jobs.iter().map(number));
+        }
         ask.iter().for_each(|ask| self.give(ask));
     }
 
@@ -45,8 +50,11 @@ impl World {
         let Some(host) = &self.host else { return };
         let snapshot = host.handle.snapshot().clone();
         let confirms = match ask {
-            // A part in the vat is out of sight: the daemon must ask for it.
-            Ask::Submit { .. } | Ask::Again(_) => self.stations[self.connected].machine.plate_um() >= CLEAR_UM - 200,
+            // A part in the vat is out of sight, and the daemon must ask for it; unless nobody knows where the plate is.
+            Ask::Submit { .. } | Ask::Again(_) => {
+                let told = snapshot.device.state.as_ref().and_then(|state| state.position_um);
+                told.is_none() || self.stations[self.connected].machine.plate_um() >= CLEAR_UM - 200
+            }
             Ask::Resume(id, _) => snapshot.jobs.iter().any(|job| {
                 let is_asked = job.reason.as_ref().is_some_and(|reason| reason.contains("take out what is there"));
                 number(job) == *id && (job.state == JobState::Queued || is_asked)
@@ -67,19 +75,14 @@ impl World {
         if let Ask::Remove(id) = ask {
             self.going.insert(*id);
         }
+        let decided = Decided { ask: ask.clone(), given_us: self.now_us, jobs_ended: snapshot.jobs_ended };
         let Some(host) = &self.host else { return };
-        host.spawn(give(
-            ask.clone(),
-            snapshot.jobs_ended,
-            host.handle.clone(),
-            Arc::clone(&self.answers),
-            Arc::clone(&self.shared),
-        ));
+        host.spawn(give(decided, host.handle.clone(), Arc::clone(&self.answers), Arc::clone(&self.shared)));
         self.note(|| format!("operator: {ask:?}"));
     }
 
     pub(super) fn answered(&mut self, given: &Given) {
-        let Given { ask, answer } = given;
+        let Given { ask, given_us, answer } = given;
         self.note(|| {
             let mut text = format!("operator: {ask:?}: ");
             let _ = match answer {
@@ -119,7 +122,7 @@ impl World {
         let over = self.ended.get(&id).copied().filter(|_| matches!(ask, Ask::Resume(..)));
         self.check("orders carried out", over.is_none(), || format!("job {id} was resumed after its {over:?}"));
         if !matches!(ask, Ask::Pause(_)) {
-            // Whoever orders something else after a pause takes it back.
+            // Any other order after a pause cancels it.
             self.pauses.remove(&id);
         }
         match ask {
@@ -139,19 +142,22 @@ impl World {
                     self.ended.insert(id, "abort");
                 }
                 let (now_us, key) = (self.now_us, self.key_of(id));
-                if let Some(printed) = key.and_then(|key| self.truth.printed.get_mut(&key))
-                    && job.warning.is_none()
-                {
-                    printed.aborted_us.get_or_insert(now_us);
+                if let Some(printed) = key.and_then(|key| self.truth.printed.get_mut(&key)) {
+                    printed.abort_given_us.get_or_insert(*given_us);
+                    if job.warning.is_none() {
+                        printed.aborted_us.get_or_insert(now_us);
+                    }
                 }
             }
-            Ask::Resume(_, Some(choice)) => {
+            Ask::Resume(_, Some((layer, choice))) => {
                 let key = self.key_of(id);
-                let layer = job.layers_done;
                 if let Some(printed) = key.and_then(|key| self.truth.printed.get_mut(&key)) {
                     match choice {
-                        InDoubt::Exposed => drop(printed.assumed.insert(layer)),
-                        InDoubt::Repeat => *printed.repeats.entry(layer).or_default() += 1,
+                        InDoubt::Exposed => drop(printed.assumed.insert(*layer)),
+                        InDoubt::Repeat => {
+                            let whole = printed.whole.get(layer).copied().unwrap_or(0);
+                            printed.repeats.insert(*layer, whole + 1);
+                        }
                     }
                 }
             }

@@ -59,7 +59,7 @@ impl World {
         let Some(host) = &self.host else { return };
         let snapshot = host.handle.snapshot().clone();
         let states: Vec<_> = snapshot.jobs.iter().map(|job| format!("{} {}", job.id, job.state)).collect();
-        self.check("jobs complete", now_us - since_us < MAX_CALM_US, || {
+        self.check("jobs end", now_us - since_us < MAX_CALM_US, || {
             format!("{} s after the last fault: {}", (now_us - since_us) / SECOND_US, states.join(", "))
         });
         if self.patient.over_us.is_some() {
@@ -98,7 +98,7 @@ impl World {
             JobState::Interrupted if job.reason.as_ref().is_some_and(|reason| reason.contains("Abort it")) => {
                 Some(Ask::Abort(Some(id)))
             }
-            JobState::Interrupted => Some(Ask::Resume(id, job.in_doubt.map(|layer| self.judge(id, layer)))),
+            JobState::Interrupted => Some(Ask::Resume(id, job.in_doubt.map(|layer| (layer, self.judge(id, layer))))),
             JobState::Paused => Some(Ask::Resume(id, None)),
             JobState::Queued if job.reason.is_some() && snapshot.active().is_none() => {
                 let station = &self.stations[self.connected];
@@ -127,9 +127,22 @@ impl World {
         });
     }
 
+    /// Of what happens to the host and the line alone, every print survives that nobody told to end.
+    fn check_survived(&mut self, snapshot: &Snapshot) {
+        if !self.gentle {
+            return;
+        }
+        for job in snapshot.jobs.iter().filter(|job| !self.told_to_end.contains(&number(job))).collect::<Vec<_>>() {
+            self.check("prints survive", job.state == JobState::Completed, || {
+                format!("job {} is {}: {:?}", job.id, job.state, job.reason)
+            });
+        }
+    }
+
     /// Every job has ended: one more must complete, and all that was taken is given back.
     pub(super) fn all_ended(&mut self, snapshot: &Snapshot) {
         self.check_obeyed(snapshot);
+        self.check_survived(snapshot);
         let Some(last) = self.patient.last else {
             let jobs: Vec<u32> = snapshot.jobs.iter().map(number).collect();
             self.patient.last = Some(jobs.last().copied().unwrap_or(0) + 1);
@@ -144,7 +157,7 @@ impl World {
                 }
             }
             Some((state, reason)) => {
-                self.check("jobs complete", false, || format!("the last job, {last}, is {state}: {reason:?}"));
+                self.check("jobs end", false, || format!("the last job, {last}, is {state}: {reason:?}"));
             }
         }
     }

@@ -8,11 +8,22 @@ use layerd::job::JobState;
 use layerd::link::message::ExposureId;
 use tokio::sync::broadcast::error::TryRecvError;
 
-use super::World;
+use super::{PANIC, World};
+use crate::host::Host;
 use crate::machine::Character;
 use crate::operators::number;
 
 impl World {
+    /// What the host must never do.
+    pub(super) fn check_host(&mut self) {
+        let panic = PANIC.take();
+        self.check("no panic", panic.is_none(), || panic.unwrap_or_default());
+        let access = self.shared.take_loop_access();
+        self.check("no disk on the loop", access.is_none(), || {
+            format!("the loop itself used the disk: {}", access.unwrap_or_default())
+        });
+    }
+
     pub(super) fn look_at_host(&mut self) {
         let answers = std::mem::take(&mut *self.answers.lock().unwrap_or_else(PoisonError::into_inner));
         answers.into_iter().for_each(|given| self.answered(&given));
@@ -33,8 +44,8 @@ impl World {
         }
         if let Some(result) = ended {
             self.note(|| format!("host: the daemon has ended: {result:?}"));
-            let panicked = result.as_ref().is_err_and(|text| text.contains("panic"));
-            self.check("no panic", !panicked, || format!("{result:?}"));
+            let was_asked = self.host.as_ref().is_some_and(Host::was_asked_to_end);
+            self.check("jobs end", was_asked, || format!("the daemon has ended, and nobody asked it to: {result:?}"));
             self.die("ended");
         }
     }
@@ -84,7 +95,7 @@ impl World {
     pub(super) fn check_views(&mut self, snapshot: &Snapshot) {
         for view in &snapshot.jobs {
             // It rests: the pause was carried out, or is not needed any more.
-            if !matches!(view.state, JobState::Checking | JobState::Printing | JobState::Pausing) {
+            if !matches!(view.state, JobState::Queued | JobState::Checking | JobState::Printing | JobState::Pausing) {
                 self.pauses.remove(&number(view));
             }
         }
