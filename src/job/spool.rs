@@ -259,8 +259,9 @@ impl Spool {
         if !disk::is_directory(&to) {
             disk::rename(&from, &to).map_err(io("remove", &from))?;
         }
-        let bytes = empty(&to)?;
+        // Before it is emptied: a power cut must not leave a job without its journal.
         sync_parent(&to).map_err(io("flush", &jobs))?;
+        let bytes = empty(&to)?;
         let mut forgotten = self.forgotten()?;
         forgotten.truncate(forgotten.len().saturating_sub(MAX_FORGOTTEN));
         for old in forgotten {
