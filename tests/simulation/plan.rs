@@ -45,8 +45,8 @@ pub(crate) enum What {
     DiskHangs { for_us: u64 },
     /// The daemon is killed, at once or after so many calls to the disk; it is back after a while.
     Kill { after_calls: Option<u32>, down_us: u64 },
-    /// The host's power fails.
-    PowerCut { down_us: u64 },
+    /// The host's power fails, at once or after so many calls to the disk.
+    PowerCut { after_calls: Option<u32>, down_us: u64 },
     /// The daemon is asked to end; it is started again after a while.
     End { down_us: u64 },
     /// The host stands still.
@@ -93,7 +93,8 @@ impl What {
             Self::DiskHangs { .. } => "disk hangs",
             Self::Kill { after_calls: None, .. } => "host: killed",
             Self::Kill { .. } => "host: killed in a disk access",
-            Self::PowerCut { .. } => "host: loses power",
+            Self::PowerCut { after_calls: None, .. } => "host: loses power",
+            Self::PowerCut { .. } => "host: loses power in a disk access",
             Self::End { .. } => "host: asked to end",
             Self::StandStill { .. } => "host: stands still",
             Self::WallClock { .. } => "wall clock set",
@@ -178,7 +179,8 @@ const FAULTS: &[fn(&mut Rng) -> What] = &[
     |rng| What::DiskHangs { for_us: rng.range(100_000..=10 * SECOND_US) },
     |rng| What::Kill { after_calls: None, down_us: down_us(rng) },
     |rng| What::Kill { after_calls: Some(rng.range(1..=60) as u32), down_us: down_us(rng) },
-    |rng| What::PowerCut { down_us: down_us(rng) },
+    |rng| What::PowerCut { after_calls: None, down_us: down_us(rng) },
+    |rng| What::PowerCut { after_calls: Some(rng.range(1..=60) as u32), down_us: down_us(rng) },
     |rng| What::End { down_us: down_us(rng) },
     |rng| What::StandStill { for_us: rng.range(200_000..=60 * SECOND_US) },
     |rng| What::WallClock { by_ms: rng.pick(&[-2_000_000_000_000, -3_600_000, -1, 1, 86_400_000, 9_000_000_000_000]) },

@@ -66,7 +66,7 @@ fn a_new_spool_survives_a_power_cut() {
             Character::Honest,
             vec![
                 (170_000, What::Order(Wish::Submit { part: 1 })),
-                (3_000_000 + seed * 100_000, What::PowerCut { down_us: 1_500_000 }),
+                (3_000_000 + seed * 100_000, What::PowerCut { after_calls: None, down_us: 1_500_000 }),
             ],
         );
     }
@@ -82,7 +82,7 @@ fn an_empty_plate_is_that_of_one_machine() {
             (191_871, What::Order(Wish::Submit { part: 1 })),
             (14_972_176, What::OtherMachine { for_us: 3_815_121 }),
             (16_886_933, What::Order(Wish::Again { pick: 0 })),
-            (17_785_466, What::PowerCut { down_us: 3_000_000 }),
+            (17_785_466, What::PowerCut { after_calls: None, down_us: 3_000_000 }),
         ],
     );
 }

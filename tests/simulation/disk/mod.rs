@@ -226,8 +226,11 @@ impl Disk for Mount {
         {
             return Err(ErrorKind::DirectoryNotEmpty.into());
         }
-        state.set_name(old, old_name, None);
         state.set_name(new, new_name, Some(node));
+        state.set_name(old, old_name, None);
+        if old == new {
+            state.join_last_changes(old);
+        }
         state.free_unnamed();
         Ok(())
     }

@@ -58,8 +58,10 @@ pub(super) struct FileNode {
 pub(super) struct DirectoryNode {
     pub(super) names: BTreeMap<String, u64>,
     pub(super) flushed: BTreeMap<String, u64>,
-    /// Changes since the last flush: a name, and what it leads to then.
+    /// Changes since the last flush: a name, and what it leads to then. A new name in the same directory comes before the old one goes.
     pub(super) changes: Vec<(String, Option<u64>)>,
+    /// Places in `changes` that happen together with the one before: a rename is lost whole or not at all.
+    pub(super) joined: Vec<usize>,
 }
 
 pub(super) fn names(path: &Path) -> impl Iterator<Item = String> + '_ {
@@ -155,10 +157,18 @@ impl State {
         directory.changes.push((name, to));
     }
 
+    /// The last two changes of a directory happen together.
+    pub(super) fn join_last_changes(&mut self, node: u64) {
+        if let Some(Node::Directory(directory)) = self.nodes.get_mut(&node) {
+            directory.joined.push(directory.changes.len() - 1);
+        }
+    }
+
     pub(super) fn flush_directory(&mut self, node: u64) {
         if let Some(Node::Directory(directory)) = self.nodes.get_mut(&node) {
             directory.flushed.clone_from(&directory.names);
             directory.changes.clear();
+            directory.joined.clear();
         }
     }
 
@@ -215,7 +225,11 @@ impl State {
                 }
                 Node::File(_) => {}
                 Node::Directory(directory) if !directory.changes.is_empty() => {
-                    let kept = self.rng.below(directory.changes.len() as u64 + 1) as usize;
+                    let mut kept = self.rng.below(directory.changes.len() as u64 + 1) as usize;
+                    if directory.joined.contains(&kept) {
+                        kept += 1;
+                    }
+                    directory.joined.clear();
                     self.harm.lost_names += (directory.changes.len() - kept) as u64;
                     for (name, node) in directory.changes.drain(..).take(kept) {
                         match node {

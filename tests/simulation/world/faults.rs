@@ -52,12 +52,18 @@ impl World {
             }
             What::Kill { after_calls: Some(calls), down_us } => {
                 self.down_us = Some(down_us);
+                self.power_fails = false;
                 self.disk.kill_after(calls);
             }
-            What::PowerCut { down_us } => {
-                self.disk.power_cut();
+            What::PowerCut { after_calls: None, down_us } => {
                 self.down_us = Some(down_us);
+                self.disk.power_cut();
                 self.die("power lost");
+            }
+            What::PowerCut { after_calls: Some(calls), down_us } => {
+                self.down_us = Some(down_us);
+                self.power_fails = true;
+                self.disk.kill_after(calls);
             }
             What::End { down_us } => {
                 self.down_us = Some(down_us);

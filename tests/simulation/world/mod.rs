@@ -99,6 +99,8 @@ pub(crate) struct World {
     disturbed_us: u64,
     /// The disk failed since the daemon's start, so that files may be left that could not be deleted. The next start deletes them.
     undeleted: bool,
+    /// The death in a disk access that is to come is that of the whole host.
+    power_fails: bool,
     /// The spool was moved aside since the daemon's start: what it promises is void once it starts in the new one.
     spool_is_new: bool,
     /// Only what a print must survive has happened so far.
@@ -168,6 +170,7 @@ impl World {
             disturbed_us: 0,
             gentle: is_honest,
             told_to_end: BTreeSet::new(),
+            power_fails: false,
             spool_is_new: false,
             undeleted: false,
             line_faulty_until_us: 0,
@@ -311,6 +314,9 @@ impl World {
                 // One at a time: the host takes its result before the next.
                 host.work(self.now_us);
                 if self.disk.has_killed() {
+                    if std::mem::take(&mut self.power_fails) {
+                        self.disk.power_cut();
+                    }
                     self.die("killed in a disk access");
                 }
             }

@@ -42,6 +42,7 @@ impl World {
         let Some(since_us) = self.patient.since_us else {
             if self.next_event == self.plan.events.len() && self.ends.is_empty() {
                 self.patient.since_us = Some(now_us);
+                self.patient.refusals.clear();
                 self.patient.look_us = now_us + LOOK_US;
                 self.disk.kill_after(u32::MAX);
                 for station in &mut self.stations {
@@ -89,6 +90,7 @@ impl World {
     pub(super) fn next_ask(&mut self, id: u32, snapshot: &Snapshot) -> Option<Ask> {
         let job = snapshot.job(&id.to_string())?;
         let refusals = self.patient.refusals.get(&id).copied().unwrap_or(0);
+        let is_asked = job.reason.as_ref().is_some_and(|reason| reason.contains("take out what is there"));
         match job.state {
             JobState::Paused | JobState::Interrupted | JobState::Queued if refusals > 3 => {
                 self.patient.refusals.insert(id, 0);
@@ -100,7 +102,7 @@ impl World {
             }
             JobState::Interrupted => Some(Ask::Resume(id, job.in_doubt.map(|layer| (layer, self.judge(id, layer))))),
             JobState::Paused => Some(Ask::Resume(id, None)),
-            JobState::Queued if job.reason.is_some() && snapshot.active().is_none() => {
+            JobState::Queued if is_asked || job.reason.is_some() && snapshot.active().is_none() => {
                 let station = &self.stations[self.connected];
                 let is_low = station.machine.plate_um() < CLEAR_UM - 200 && station.hanging.part_um.is_some();
                 Some(if is_low && refusals < 2 {
