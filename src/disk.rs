@@ -5,7 +5,7 @@ use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 
 pub(crate) use crate::system::How;
-use crate::system::{self, Disk, DiskFile, FileKind, Metadata, System};
+use crate::system::{self, Disk, DiskFile, FileKind, Metadata};
 
 /// Space that is kept free, bytes: journals and the rest of the system need it, and a full disk must not end a print that is under
 /// way.
@@ -13,7 +13,7 @@ pub(crate) const RESERVE_BYTES: u64 = 16 << 20;
 
 /// Calls `act` with the file system of this thread.
 fn on_disk<R>(act: impl FnOnce(&dyn Disk) -> R) -> R {
-    system::with(|system: &dyn System| act(system.disk()))
+    system::with(|system| act(system.disk()))
 }
 
 /// An open file. Several threads may use it at once: every read and write states its place.

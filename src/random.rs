@@ -1,11 +1,11 @@
 //! Random numbers, not for secrets: unpredictable ones for keys of jobs and ids of sessions, and repeatable ones (SplitMix64).
 //! `device/sim/fault.rs` and `buildfile/generate/grid.rs` take those.
 
-use crate::system::{self, System};
+use crate::system;
 
 /// 64 random bits.
 pub(crate) fn bits() -> u64 {
-    system::with(|system: &dyn System| system.random_bits())
+    system::random_bits()
 }
 
 /// What SplitMix64 adds to its state from one number to the next.

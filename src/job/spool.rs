@@ -224,8 +224,7 @@ impl Spool {
     }
 
     fn entries(&self) -> Result<Vec<PathBuf>, SpoolError> {
-        let jobs = self.root.join("jobs");
-        disk::list(&jobs).map_err(io("list", &jobs))
+        listed(&self.root.join("jobs"))
     }
 
     /// Deletes the parts and records of jobs that are over, beyond [`MAX_PARTS`] and [`MAX_RECORDS`]. `over` lists those jobs.
@@ -272,12 +271,11 @@ impl Spool {
     }
 
     fn delete_leftovers(&self) -> Result<(), SpoolError> {
-        let jobs = self.root.join("jobs");
         for path in listed(&self.incoming())? {
             delete(&path)?;
         }
         self.clear_raised()?;
-        for path in listed(&jobs)? {
+        for path in self.entries()? {
             if path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.')) {
                 delete(&path)?;
             } else if Forgotten::of(&path).is_some() {
@@ -302,10 +300,10 @@ fn delete(path: &Path) -> Result<(), SpoolError> {
 /// Deletes the contents of a directory and returns the number of bytes freed. A job's directory is flat.
 fn empty(directory: &Path) -> Result<u64, SpoolError> {
     let mut bytes = 0;
-    for path in disk::list(directory).map_err(io("list", directory))? {
+    for path in listed(directory)? {
         // A part that another job prints, too, stays on the disk.
         bytes += disk::freed_bytes(&path);
-        disk::remove_tree(&path).map_err(io("delete", &path))?;
+        delete(&path)?;
     }
     Ok(bytes)
 }

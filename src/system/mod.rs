@@ -67,6 +67,16 @@ pub(crate) fn unix_ms() -> u64 {
     with(|system| system.unix_ms())
 }
 
+/// 64 random bits.
+pub(crate) fn random_bits() -> u64 {
+    with(|system| system.random_bits())
+}
+
+/// Lets other threads have the processor for this time.
+pub(crate) fn rest(time: Duration) {
+    with(|system| system.rest(time));
+}
+
 /// The operating system.
 struct OperatingSystem;
 

@@ -5,8 +5,6 @@ use std::task::{Context, Poll};
 
 use tokio::sync::oneshot;
 
-use super::System;
-
 /// The result of work on another thread. The work goes on if this is dropped.
 #[derive(Debug)]
 pub(crate) struct Blocking<T>(oneshot::Receiver<T>);
@@ -22,7 +20,7 @@ pub(crate) struct Panicked;
 /// Outside a tokio runtime.
 pub(crate) fn spawn_blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Blocking<T> {
     let (sender, receiver) = oneshot::channel();
-    super::with(|system: &dyn System| {
+    super::with(|system| {
         system.spawn_blocking(Box::new(move || {
             // Nobody may wait for it.
             let _ = sender.send(work());

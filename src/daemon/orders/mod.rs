@@ -184,7 +184,8 @@ impl Printer {
     }
 
     /// Takes the operator's confirmation for a queued job that the plate is empty. Refused until the job is next: before that the
-    /// operator cannot have looked at the plate that the job will find. And refused if a job has ended since the operator asked.
+    /// operator cannot have looked at the plate that the job will find. It is also refused if a job has ended since the request
+    /// arrived.
     fn plate_is_clear(&mut self, id: u32, jobs_ended: u64) -> Result<Step, OrderError> {
         if jobs_ended != self.jobs_ended {
             let text = format!(

@@ -27,18 +27,18 @@ impl Printer {
                     continue;
                 }
                 None if self.opening == Some(id) => is_late.then_some(SLOW),
-                // The job was already ending when the order came, and is not over: its journal may have no record of the order.
-                None if self.jobs.get(id).is_some_and(|job| !job.view.state.is_final()) => {
-                    if self.jobs.get(id).is_some_and(|job| !job.ordered) {
+                None => match self.jobs.get(id).filter(|job| !job.view.state.is_final()) {
+                    // The job was already ending when the order came, and is not over: its journal may have no record of the order.
+                    Some(job) if !job.ordered => {
                         self.change(id, Change::End(order.order), order.reply);
                         continue;
                     }
-                    is_late.then_some(SLOW)
-                }
-                None => {
-                    self.answer(order, None);
-                    continue;
-                }
+                    Some(_) => is_late.then_some(SLOW),
+                    None => {
+                        self.answer(order, None);
+                        continue;
+                    }
+                },
             };
             match warning {
                 Some(warning) => self.answer(order, Some(warning)),

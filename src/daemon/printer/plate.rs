@@ -141,8 +141,8 @@ impl Printer {
     }
 }
 
-/// A job that has had no light was found an empty plate on a device. If that device was exchanged or restarted since, the plate of the
-/// one that is connected now may carry what its last job left.
+/// For a job that has had no light an empty plate was found. If the device was exchanged or restarted since then, the plate of the one
+/// that is connected now may carry what its last job left.
 fn other_device(job: &Job, state: &DeviceState) -> Option<Sign> {
     let boot_id = state.boot_id;
     let has_printed_another = state.last_exposed.is_some_and(|id| id.job != job.key);

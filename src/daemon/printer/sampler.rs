@@ -15,7 +15,7 @@ use crate::daemon::jobs::resin::Resin;
 use crate::disk;
 use crate::job::JobDirectory;
 use crate::pipeline::slab_volumes_mm3;
-use crate::system::{self, System, spawn_blocking};
+use crate::system::{self, spawn_blocking};
 
 /// Memory of the sampling, bytes, beside the budget: enough for 180,000 struts at one height.
 const MAX_SAMPLE_BYTES: u64 = 8 << 20;
@@ -66,7 +66,7 @@ impl Sampler {
 fn sample(job: &JobDirectory) -> Result<Resin, String> {
     let mut began = Instant::now();
     let rest = || {
-        system::with(|system: &dyn System| system.rest(began.elapsed() * REST));
+        system::rest(began.elapsed() * REST);
         began = Instant::now();
     };
     let slabs_mm3 = slab_volumes_mm3(&job.part(), MAX_SAMPLE_BYTES, rest).map_err(|error| spool_text(&error))?;
