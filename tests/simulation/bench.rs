@@ -13,8 +13,8 @@ use layerd::link::session::{HostEvent, HostSession, HostSettings, SendError};
 
 use crate::line::Line;
 use crate::machine::{Character, Fact, FactKind, Lie, Machine};
+use crate::parts::BAUD;
 
-pub(crate) const BAUD: u32 = 3_000_000;
 pub(crate) const EXPOSURE_MS: u32 = 400;
 pub(crate) const CLEAR_UM: i32 = 30_000;
 const LAYER_UM: i32 = 50;
@@ -254,6 +254,15 @@ impl Bench {
             assert!(matches!(self.answer(up), Reply::Vat(VatReply::Moved { .. })));
         }
         self.facts.extend(self.machine.facts());
+    }
+
+    /// Prints layer 0, and has layer 1 under light.
+    pub(crate) fn light_layer_1(&mut self) {
+        self.print(1);
+        let sent = self.upload(0, 1);
+        self.answer(sent);
+        self.expose(1);
+        self.run_until(|bench| bench.machine.is_lit());
     }
 
     /// How long each light was, µs.

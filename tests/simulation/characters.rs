@@ -6,7 +6,8 @@ use layerd::link::message::{
 
 use crate::bench::{Bench, CLEAR_UM, EXPOSURE_MS, capabilities, id};
 use crate::line::LineFault;
-use crate::machine::{Asked, Character, FactKind, Incident, Lie, all};
+use crate::machine::character::Asked;
+use crate::machine::{Character, FactKind, Incident, Lie, all};
 use crate::rng::Rng;
 
 const SECOND_US: u64 = 1_000_000;

@@ -1,28 +1,24 @@
-//! The host: one process of the daemon at a time, in a runtime with a paused clock, with a system and a port of the simulation.
+//! The host: one process of the daemon at a time, in a runtime with a paused clock, on a system of the simulation.
 
 use std::cell::Cell;
 use std::collections::BinaryHeap;
-use std::io;
 use std::path::{Path, PathBuf};
-use std::pin::Pin;
 use std::rc::Rc;
-use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicI64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::task::{Context, Poll, Waker};
+use std::task::Waker;
 use std::time::Duration;
 
 use layerd::api::Event;
 use layerd::daemon::Daemon;
 use layerd::daemon::handle::Handle;
-use layerd::link::transport::{OpenError, SerialLine};
-use layerd::link::{LinkSettings, Ports};
 use layerd::system::{Disk, Installed, System, install};
-use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::sync::{Notify, broadcast, watch};
 use tokio::time::Instant;
 
 use crate::disk::{Mount, SimDisk};
 use crate::line::Line;
+use crate::port::SimPorts;
 use crate::rng::Rng;
 
 /// The wall clock at the simulation's begin, milliseconds since 1970.
@@ -34,8 +30,6 @@ pub(crate) struct Shared {
     /// Something happened that the world must look at.
     pub(crate) attention: Notify,
     pub(crate) line: Mutex<Line>,
-    /// The world's clock when the runtime started.
-    started_us: AtomicU64,
     wall_offset_ms: AtomicI64,
     inside: Mutex<Inside>,
 }
@@ -108,7 +102,6 @@ impl Shared {
         Arc::new(Self {
             attention: Notify::new(),
             line: Mutex::new(line),
-            started_us: AtomicU64::new(0),
             wall_offset_ms: AtomicI64::new(0),
             inside: Mutex::new(inside),
         })
@@ -120,6 +113,16 @@ impl Shared {
 
     fn inside(&self) -> MutexGuard<'_, Inside> {
         self.inside.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Wakes this task when something has arrived.
+    pub(crate) fn wait_to_read(&self, waker: &Waker) {
+        self.inside().reader = Some(waker.clone());
+    }
+
+    /// Wakes this task when the line has room.
+    pub(crate) fn wait_to_write(&self, waker: &Waker) {
+        self.inside().writer = Some(waker.clone());
     }
 
     /// The wall clock is set, by so much.
@@ -157,12 +160,30 @@ impl Shared {
     }
 }
 
+/// The world's clock as a process reads it: its runtime's clock, which is paused while the process does not run.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct HostClock {
+    started: Instant,
+    /// The world's clock when the runtime started.
+    started_us: u64,
+}
+
+impl HostClock {
+    /// Now; called in the runtime.
+    pub(crate) fn now_us(self) -> u64 {
+        self.started_us + self.started.elapsed().as_micros() as u64
+    }
+
+    fn at(self, time_us: u64) -> Instant {
+        self.started + Duration::from_micros(time_us - self.started_us)
+    }
+}
+
 /// One process of the daemon.
 pub(crate) struct Host {
     runtime: tokio::runtime::Runtime,
     shared: Arc<Shared>,
-    started: Instant,
-    started_us: u64,
+    clock: HostClock,
     pub(crate) handle: Handle,
     pub(crate) events: broadcast::Receiver<Event>,
     ending: watch::Sender<bool>,
@@ -182,23 +203,17 @@ impl Host {
         {
             let mut inside = shared.inside();
             (inside.reader, inside.writer) = (None, None);
-            inside.works.clear();
         }
-        shared.started_us.store(now_us, Ordering::Relaxed);
         let entered = runtime.enter();
-        let started = Instant::now();
-        let system = Rc::new(HostSystem {
-            shared: Arc::clone(shared),
-            mount: disk.mount(),
-            started,
-            may_block: Cell::new(true),
-        });
+        let clock = HostClock { started: Instant::now(), started_us: now_us };
+        let system =
+            Rc::new(HostSystem { shared: Arc::clone(shared), mount: disk.mount(), clock, may_block: Cell::new(true) });
         let installed = install(Rc::clone(&system) as Rc<dyn System>);
         let daemon = Daemon::open(config).map_err(|error| format!("{error:#}"))?;
         let handle = daemon.handle();
         let (events, (ending, end)) = (handle.subscribe(), watch::channel(false));
         let ended = Arc::new(Mutex::new(None));
-        let (ports, told) = (SimPorts { shared: Arc::clone(shared), started }, Arc::clone(&ended));
+        let (ports, told) = (SimPorts::new(shared, clock), Arc::clone(&ended));
         let wake = Arc::clone(shared);
         runtime.spawn(async move {
             let result = daemon.run(Arc::new(ports), end).await.map_err(|error| format!("{error:#}"));
@@ -212,8 +227,7 @@ impl Host {
             asked_to_end: Cell::new(false),
             runtime,
             shared: Arc::clone(shared),
-            started,
-            started_us: now_us,
+            clock,
             handle,
             events,
             ending,
@@ -230,7 +244,7 @@ impl Host {
     /// Lets it run until `until_us`, or until it has done something that the world must look at. Returns the time then.
     pub(crate) fn run_until(&self, until_us: u64) -> u64 {
         let _installed = self.install();
-        let until = self.started + Duration::from_micros(until_us - self.started_us);
+        let until = self.clock.at(until_us);
         self.runtime.block_on(async {
             tokio::select! {
                 biased;
@@ -243,7 +257,7 @@ impl Host {
 
     fn now_us(&self) -> u64 {
         let _entered = self.runtime.enter();
-        self.started_us + self.started.elapsed().as_micros() as u64
+        self.clock.now_us()
     }
 
     /// It stood still until `now_us`.
@@ -253,9 +267,9 @@ impl Host {
         self.runtime.block_on(tokio::time::advance(Duration::from_micros(for_us)));
     }
 
-    /// Does the work that is due. Returns whether there was any.
-    pub(crate) fn work(&self, now_us: u64) -> bool {
-        let Some(work) = self.shared.due_work(now_us) else { return false };
+    /// Does the next work that is due.
+    pub(crate) fn work(&self, now_us: u64) {
+        let Some(work) = self.shared.due_work(now_us) else { return };
         let _installed = self.install();
         let _entered = self.runtime.enter();
         self.shared.inside().abandons = None;
@@ -267,7 +281,6 @@ impl Host {
         {
             std::panic::resume_unwind(panic);
         }
-        true
     }
 
     /// Wakes those who wait for the line.
@@ -299,10 +312,9 @@ impl Host {
         self.runtime.spawn(client);
     }
 
-    /// The process is gone. The disk must know that before, so that nothing it still drops has an effect.
+    /// Ends the process at once. The disk must be told before, so that what is dropped here has no effect on it.
     pub(crate) fn drop_dead(self) {
         let _installed = install(Rc::clone(&self.system) as Rc<dyn System>);
-        // What it drops now has no effect.
         self.system.may_block.set(true);
         let works = std::mem::take(&mut self.shared.inside().works);
         drop(works);
@@ -317,20 +329,14 @@ struct Abandoned;
 struct HostSystem {
     shared: Arc<Shared>,
     mount: Mount,
-    started: Instant,
+    clock: HostClock,
     /// Whether the code that runs now may wait for the disk.
     may_block: Cell<bool>,
 }
 
-impl HostSystem {
-    fn now_us(&self) -> u64 {
-        self.shared.started_us.load(Ordering::Relaxed) + self.started.elapsed().as_micros() as u64
-    }
-}
-
 impl System for HostSystem {
     fn unix_ms(&self) -> u64 {
-        (WALL_MS + self.now_us() / 1000).saturating_add_signed(self.shared.wall_offset_ms.load(Ordering::Relaxed))
+        (WALL_MS + self.clock.now_us() / 1000).saturating_add_signed(self.shared.wall_offset_ms.load(Ordering::Relaxed))
     }
 
     fn random_bits(&self) -> u64 {
@@ -346,7 +352,7 @@ impl System for HostSystem {
     }
 
     fn spawn_blocking(&self, work: Box<dyn FnOnce() + Send>) {
-        let now_us = self.now_us();
+        let now_us = self.clock.now_us();
         let mut inside = self.shared.inside();
         let takes_us = 20 + inside.rng.below(3_000) + inside.slow_us;
         let due_us = (now_us + takes_us).max(inside.hangs_until_us);
@@ -365,103 +371,6 @@ impl System for HostSystem {
         if fails {
             std::panic::resume_unwind(Box::new(Abandoned));
         }
-    }
-}
-
-/// The port of the simulated line.
-#[derive(Debug)]
-struct SimPorts {
-    shared: Arc<Shared>,
-    started: Instant,
-}
-
-impl SimPorts {
-    fn now_us(&self) -> u64 {
-        self.shared.started_us.load(Ordering::Relaxed) + self.started.elapsed().as_micros() as u64
-    }
-}
-
-impl Ports for SimPorts {
-    fn open(&self, settings: &LinkSettings) -> Result<SerialLine, OpenError> {
-        let now_us = self.now_us();
-        let mut line = self.shared.line();
-        if !line.is_up(now_us) {
-            return Err(OpenError::Missing(settings.path.clone()));
-        }
-        line.host_opens(now_us);
-        let stream = || Port { shared: Arc::clone(&self.shared), started: self.started, opening: line.unpluggings() };
-        Ok(SerialLine::new(stream(), stream()))
-    }
-
-    fn at(&self, _path: &Path) -> Option<u64> {
-        self.shared.line().is_up(self.now_us()).then_some(1)
-    }
-}
-
-/// An open port; the same type reads and writes.
-struct Port {
-    shared: Arc<Shared>,
-    started: Instant,
-    /// How often the line had been unplugged when it was opened.
-    opening: u64,
-}
-
-impl Port {
-    fn now_us(&self) -> u64 {
-        self.shared.started_us.load(Ordering::Relaxed) + self.started.elapsed().as_micros() as u64
-    }
-
-    fn check(&self, line: &Line, now_us: u64) -> io::Result<()> {
-        // EIO, as of a converter that was pulled out.
-        if line.is_up(now_us) && line.unpluggings() == self.opening {
-            Ok(())
-        } else {
-            Err(io::Error::from_raw_os_error(5))
-        }
-    }
-}
-
-impl AsyncRead for Port {
-    fn poll_read(self: Pin<&mut Self>, context: &mut Context<'_>, buffer: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
-        let now_us = self.now_us();
-        let mut line = self.shared.line();
-        if let Err(error) = self.check(&line, now_us) {
-            return Poll::Ready(Err(error));
-        }
-        if !line.host_may_read(now_us) {
-            self.shared.inside().reader = Some(context.waker().clone());
-            return Poll::Pending;
-        }
-        buffer.put_slice(&line.host_reads(buffer.remaining(), now_us));
-        Poll::Ready(Ok(()))
-    }
-}
-
-impl AsyncWrite for Port {
-    fn poll_write(self: Pin<&mut Self>, context: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
-        let now_us = self.now_us();
-        let mut line = self.shared.line();
-        if let Err(error) = self.check(&line, now_us) {
-            return Poll::Ready(Err(error));
-        }
-        match line.host_writes(bytes, now_us) {
-            0 => {
-                self.shared.inside().writer = Some(context.waker().clone());
-                Poll::Pending
-            }
-            count => {
-                self.shared.attention.notify_one();
-                Poll::Ready(Ok(count))
-            }
-        }
-    }
-
-    fn poll_flush(self: Pin<&mut Self>, _context: &mut Context<'_>) -> Poll<io::Result<()>> {
-        Poll::Ready(Ok(()))
-    }
-
-    fn poll_shutdown(self: Pin<&mut Self>, _context: &mut Context<'_>) -> Poll<io::Result<()>> {
-        Poll::Ready(Ok(()))
     }
 }
 

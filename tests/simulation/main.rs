@@ -15,6 +15,7 @@ mod parts;
 mod plan;
 #[path = "planted/list.rs"]
 mod planted_bugs;
+mod port;
 mod rng;
 mod search;
 mod seeds;

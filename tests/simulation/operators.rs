@@ -90,6 +90,11 @@ async fn ordered(ask: &Ask, jobs_ended: u64, handle: &Handle) -> Result<Answer, 
     handle.order(order, Caller::default()).await
 }
 
+/// Whether a job waits until its operator has looked at plate and vat.
+pub(crate) fn asks_for_empty_plate(job: &JobView) -> bool {
+    job.reason.as_ref().is_some_and(|reason| reason.contains("take out what is there"))
+}
+
 /// A job's name says which part it is.
 pub(crate) fn part_name(part: usize) -> String {
     format!("part-{part}")

@@ -111,7 +111,7 @@ impl What {
         !is_disk && !matches!(self, Self::Order(_) | Self::WallClock { .. })
     }
 
-    /// Whether a print must survive it: what happens to the host and the line, but not to machine, disk and spool.
+    /// Whether a print must survive it: what happens to the host and the line, and a slow disk.
     pub(crate) fn is_gentle(&self) -> bool {
         matches!(
             self,

@@ -1,4 +1,4 @@
-//! A search: many seeds, what happened in them, and what was violated. And how a failing run is made smaller.
+//! A search: many seeds, what happened in them, and what was violated.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -6,7 +6,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use crate::machine::{Character, all};
+use crate::machine::all;
 use crate::plan::{Plan, fault_names};
 use crate::truth::{INVARIANTS, Violation};
 use crate::world::{EFFECTS, Report, run};
@@ -145,26 +145,4 @@ impl Search {
 /// The plan of a seed.
 pub(crate) fn plan(seed: u64, calm: bool) -> Plan {
     if calm { Plan::calm(seed) } else { Plan::draw(seed) }
-}
-
-/// Leaves out of a failing plan what is not needed for the same invariant to be violated.
-#[allow(dead_code, reason = "the tests do not shrink")]
-pub(crate) fn shrink(mut plan: Plan) -> Plan {
-    let Some(violation) = run(&plan, false).violation else { return plan };
-    let fails = |plan: &Plan| run(plan, false).violation.is_some_and(|found| found.invariant == violation.invariant);
-    let honest = Plan { character: Character::Honest, ..plan.clone() };
-    if fails(&honest) {
-        plan = honest;
-    }
-    let mut index = 0;
-    while index < plan.events.len() {
-        let mut smaller = plan.clone();
-        smaller.events.remove(index);
-        if fails(&smaller) {
-            (plan, index) = (smaller, 0);
-        } else {
-            index += 1;
-        }
-    }
-    plan
 }

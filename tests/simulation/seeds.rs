@@ -1,7 +1,8 @@
 //! Fixed seeds of the search, and what it found before.
 
 use crate::line::LineFault;
-use crate::machine::{Asked, Character, Lie};
+use crate::machine::character::Asked;
+use crate::machine::{Character, Lie};
 use crate::plan::{Plan, Planned, What, Wish};
 use crate::search::{Search, plan};
 use crate::world::run;

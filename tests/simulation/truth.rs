@@ -55,9 +55,9 @@ pub(crate) struct Printed {
     pub(crate) assumed: BTreeSet<u32>,
     /// The layer whose light began last.
     pub(crate) last_lit: Option<u32>,
-    /// When an abort of it was accepted.
-    pub(crate) aborted_us: Option<u64>,
-    /// When that abort was given.
+    /// Whether an abort of it was accepted without a warning.
+    pub(crate) is_aborted: bool,
+    /// When the first abort that was accepted was given.
     pub(crate) abort_given_us: Option<u64>,
     /// Since then no order from before that abort can reach the machine: it has answered the abort, or a new session began.
     pub(crate) dark_since_us: Option<u64>,
@@ -73,13 +73,6 @@ impl Printed {
     pub(crate) fn missing(&self) -> Option<u32> {
         (0..parts()[self.part].layers.len() as u32).find(|layer| !self.has(*layer))
     }
-}
-
-/// What hangs on a machine's plate.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Hanging {
-    /// The plate's height when the part had light last, micrometres; `None` for an empty plate.
-    pub(crate) part_um: Option<i32>,
 }
 
 /// All parts.
@@ -107,31 +100,31 @@ impl Truth {
         self.printed.contains_key(&key)
     }
 
-    /// Takes in a fact of the machine on whose plate `hanging` is.
-    pub(crate) fn fact(&mut self, fact: &Fact, hanging: &mut Hanging) {
+    /// Takes in a fact of a machine. `part_um` is the height of the plate that the part on it needs, micrometres.
+    pub(crate) fn fact(&mut self, fact: &Fact, part_um: &mut Option<i32>) {
         let at_us = fact.at_us;
         match &fact.what {
             // Light that nobody commanded cures a film in the vat; nothing hangs on the plate by it.
             FactKind::LightOn { id: Some(id), .. } => {
                 let height_um = (id.layer as i32 + 1) * LAYER_UM;
-                hanging.part_um = Some(hanging.part_um.map_or(height_um, |part_um| part_um.max(height_um)));
+                *part_um = (*part_um).max(Some(height_um));
                 self.light_on(*id, at_us);
             }
             FactKind::Urgent { urgent: Urgent::Abort, obeyed: true, .. } | FactKind::Hello { .. } => {
-                for printed in self.printed.values_mut().filter(|printed| printed.aborted_us.is_some()) {
+                for printed in self.printed.values_mut().filter(|printed| printed.is_aborted) {
                     printed.dark_since_us.get_or_insert(at_us);
                 }
             }
             FactKind::ExposedWhole { id, picture, .. } => self.exposed(*id, picture.data(), at_us),
             FactKind::Asked(Request::Vat(VatRequest::Home)) => {
-                self.check("no homing with a part", at_us, hanging.part_um.is_none(), || {
-                    format!("the plate is to be homed with a part on it, {:?} µm high", hanging.part_um)
+                self.check("no homing with a part", at_us, part_um.is_none(), || {
+                    format!("the plate is to be homed with a part on it, {part_um:?} µm high")
                 });
             }
             FactKind::Asked(Request::Vat(VatRequest::Move { position_um, .. })) => {
-                let holds = hanging.part_um.is_none_or(|part_um| *position_um >= part_um - LAYER_UM / 2);
+                let holds = part_um.is_none_or(|part_um| *position_um >= part_um - LAYER_UM / 2);
                 self.check("plate above part", at_us, holds, || {
-                    format!("the plate is to move to {position_um} µm; the part on it needs {:?} µm", hanging.part_um)
+                    format!("the plate is to move to {position_um} µm; the part on it needs {part_um:?} µm")
                 });
             }
             _ => {}

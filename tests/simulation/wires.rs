@@ -2,9 +2,10 @@
 
 use layerd_wire::session::line_time_us;
 
-use crate::bench::{BAUD, Bench, CLEAR_UM, EXPOSURE_MS, id};
+use crate::bench::{Bench, CLEAR_UM, EXPOSURE_MS, id};
 use crate::line::{KERNEL_BYTES, Line, LineFault};
 use crate::machine::{Character, Fact, FactKind, Incident};
+use crate::parts::BAUD;
 
 const SECOND_US: u64 = 1_000_000;
 const NOISE: LineFault = LineFault::Noise {
@@ -160,11 +161,7 @@ fn a_print_takes_few_steps() {
 #[test]
 fn a_power_cut_leaves_the_machine_dark_deaf_and_where_it_was() {
     let mut bench = Bench::new(Character::Honest, 4);
-    bench.print(1);
-    let sent = bench.upload(0, 1);
-    bench.answer(sent);
-    bench.expose(1);
-    bench.run_until(|bench| bench.machine.is_lit());
+    bench.light_layer_1();
     let (boot_id, plate_um) = (bench.welcomes[0].1.boot_id, bench.machine.plate_um());
     bench.machine.strike(Incident::PowerCut { off_us: 10 * SECOND_US }, bench.now_us);
     assert!(!bench.machine.is_lit() && !bench.machine.is_on());
@@ -184,11 +181,7 @@ fn a_power_cut_leaves_the_machine_dark_deaf_and_where_it_was() {
 #[test]
 fn an_open_cover_puts_the_light_off_and_is_reported_as_a_fault() {
     let mut bench = Bench::new(Character::Honest, 4);
-    bench.print(1);
-    let sent = bench.upload(0, 1);
-    bench.answer(sent);
-    bench.expose(1);
-    bench.run_until(|bench| bench.machine.is_lit());
+    bench.light_layer_1();
     bench.machine.strike(Incident::InterlockOpens, bench.now_us);
     assert!(!bench.machine.is_lit());
     assert_eq!(bench.state().fault.map(|fault| fault.text), Some("the cover is open".into()));

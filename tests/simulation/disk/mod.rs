@@ -69,7 +69,7 @@ impl SimDisk {
         Mount { disk: self.clone(), process: state.process }
     }
 
-    /// The disk for who looks at it from outside.
+    /// The disk for an observer.
     pub(crate) fn inspect(&self) -> Mount {
         Mount { disk: self.clone(), process: OUTSIDE }
     }

@@ -14,7 +14,7 @@ pub(super) const CAPACITY_BYTES: u64 = 64 << 20;
 /// Bytes that are lost or kept together.
 const BLOCK_BYTES: usize = 512;
 pub(super) const ROOT: u64 = 1;
-/// Stands for who looks at the disk from outside: no fault of the disk reaches them.
+/// Stands for an observer: faults of the disk do not affect it.
 pub(super) const OUTSIDE: u32 = u32::MAX;
 
 #[derive(Debug)]

@@ -4,7 +4,7 @@
 //! [`Machine::plate_um`] how it is. [`Machine::serve`] joins it to a [`Line`].
 #![allow(dead_code, unreachable_pub, reason = "the test and the example each use a part")]
 
-mod character;
+pub mod character;
 mod clock;
 mod incident;
 mod truth;
@@ -12,8 +12,6 @@ mod words;
 
 use std::collections::VecDeque;
 
-#[allow(unused_imports, reason = "only the tests of characters name it")]
-pub use character::Asked;
 pub use character::{Character, Lie, all};
 pub use incident::Incident;
 pub use truth::{Fact, FactKind};

@@ -1,14 +1,14 @@
 //! What goes wrong, and what ends by itself; the daemon's starts and deaths.
 
+use std::sync::PoisonError;
+
 use crate::host::{Host, config_path};
 use crate::line::LineFault;
 use crate::machine::{Character, Machine};
 use crate::parts::{BAUD, capabilities, spool};
 use crate::plan::What;
-use crate::truth::Hanging;
-use std::sync::PoisonError;
 
-use super::{End, SECOND_US, Station, World};
+use super::{End, Promises, SECOND_US, Station, World};
 
 impl World {
     pub(super) fn strike(&mut self, what: &What) {
@@ -26,7 +26,7 @@ impl World {
                 if self.stations.len() == 1 {
                     let seed = self.plan.seed ^ now_us;
                     let machine = Machine::new(capabilities(), BAUD, Character::Honest, seed);
-                    self.stations.push(Station { machine, hanging: Hanging::default(), lit: None });
+                    self.stations.push(Station { machine, part_um: None, lit: None });
                 }
                 self.connect(1);
                 self.end_at(now_us + for_us, End::OtherMachine);
@@ -91,19 +91,15 @@ impl World {
 
     /// What was promised of the jobs of a spool that is gone is void.
     pub(super) fn forget_spool(&mut self) {
-        self.accepted.clear();
-        self.removed.clear();
-        self.going.clear();
-        self.ended.clear();
-        self.pauses.clear();
+        self.promises = Promises::default();
         self.patient.refusals.clear();
         self.patient.last = None;
         self.patient.over_us = None;
     }
 
+    /// Called once for each event of the plan.
     pub(super) fn end_at(&mut self, at_us: u64, end: End) {
-        let number = self.ends.len() + self.next_event * 100;
-        self.ends.insert((at_us, number), end);
+        self.ends.insert((at_us, self.next_event), end);
     }
 
     pub(super) fn end(&mut self, end: End) {
@@ -134,12 +130,12 @@ impl World {
         if self.connected != index {
             self.line_fault(LineFault::Unplugged { for_us: 300_000 });
             self.connected = index;
-            // Who connects a machine takes off its plate what does not belong to a job that is to go on.
+            // A person who connects a machine clears its plate, unless a job is to go on.
             let goes_on = self.host.as_ref().is_none_or(|host| {
                 host.handle.snapshot().jobs.iter().any(|job| !job.state.is_final() && job.layers_done > 0)
             });
             if !goes_on {
-                self.stations[index].hanging.part_um = None;
+                self.stations[index].part_um = None;
             }
         }
     }
@@ -147,9 +143,9 @@ impl World {
     pub(super) fn die(&mut self, how: &str) {
         self.disk.kill();
         self.frozen_until_us = None;
-        self.pauses.clear();
+        self.promises.pauses.clear();
         // What was accepted with a warning may be lost.
-        for printed in self.truth.printed.values_mut().filter(|printed| printed.aborted_us.is_none()) {
+        for printed in self.truth.printed.values_mut().filter(|printed| !printed.is_aborted) {
             printed.abort_given_us = None;
         }
         self.start_us = self.start_us.or(Some(self.now_us + self.down_us.take().unwrap_or(300_000)));
@@ -171,7 +167,6 @@ impl World {
                 if std::mem::take(&mut self.spool_is_new) {
                     self.forget_spool();
                 }
-                self.learn_jobs();
                 self.check_journals();
                 self.check_promises();
             }

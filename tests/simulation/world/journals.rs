@@ -1,11 +1,11 @@
 //! What the journals say, compared with what really happened. They are read from outside, whenever a daemon starts.
 
+use std::collections::BTreeSet;
 use std::rc::Rc;
 use std::time::Duration;
 
-use layerd::job::{JobDirectory, JobState, Record, read_journal};
+use layerd::job::{Entry, History, JobDirectory, JobState, JournalError, Record, read_journal};
 use layerd::system::{Disk, System, install};
-use std::collections::BTreeSet;
 
 use super::World;
 use crate::disk::Mount;
@@ -14,24 +14,37 @@ use crate::operators::{number, part_of};
 use crate::parts::spool;
 use crate::truth::Printed;
 
+/// A journal, or why it cannot be read.
+type Read = Result<(Vec<Entry>, History), JournalError>;
+
 impl World {
-    /// Calls `act` as one who looks at the disk from outside.
+    /// Calls `act` with the disk as an observer sees it.
     pub(super) fn outside<R>(&self, act: impl FnOnce(&Mount) -> R) -> R {
         let mount = self.disk.inspect();
         let _installed = install(Rc::new(Outside(mount.clone())));
         act(&mount)
     }
 
-    /// Jobs of the spool, with what their journals say.
-    pub(super) fn learn_jobs(&mut self) {
-        let found = self.outside(|mount| {
+    /// The journals of all jobs of the spool, by number.
+    fn journals(&self) -> Vec<(u32, Read)> {
+        self.outside(|mount| {
             let jobs = mount.list(&spool().join("jobs")).unwrap_or_default();
             let ids = jobs.iter().filter_map(|path| path.file_name()?.to_str()?.parse::<u32>().ok());
-            ids.map(|id| (id, read_journal(&JobDirectory::of(&spool(), id).journal()))).collect::<Vec<_>>()
-        });
-        for (id, read) in found {
-            let Ok((_, history)) = read else { continue };
-            let Some(part) = part_of(&history.name) else { continue };
+            ids.map(|id| (id, read_journal(&JobDirectory::of(&spool(), id).journal()))).collect()
+        })
+    }
+
+    /// Learns of jobs that are new in the spool.
+    pub(super) fn learn_jobs(&mut self) {
+        for (id, read) in self.journals() {
+            if let Ok((_, history)) = read {
+                self.learn_job(id, &history);
+            }
+        }
+    }
+
+    fn learn_job(&mut self, id: u32, history: &History) {
+        if let Some(part) = part_of(&history.name) {
             let new = Printed { job: id, part, ..Printed::default() };
             self.truth.printed.entry(history.key).or_insert(new);
         }
@@ -39,12 +52,7 @@ impl World {
 
     /// What the journals say after a start: each can be read, and says of every layer what is true.
     pub(super) fn check_journals(&mut self) {
-        let found = self.outside(|mount| {
-            let jobs = mount.list(&spool().join("jobs")).unwrap_or_default();
-            let ids = jobs.iter().filter_map(|path| path.file_name()?.to_str()?.parse::<u32>().ok());
-            ids.map(|id| (id, read_journal(&JobDirectory::of(&spool(), id).journal()))).collect::<Vec<_>>()
-        });
-        for (id, read) in found {
+        for (id, read) in self.journals() {
             let (entries, history) = match read {
                 Ok(read) => read,
                 Err(error) => {
@@ -57,6 +65,7 @@ impl World {
                 let records: Vec<_> = entries.iter().map(|entry| format!("{:?}", entry.record)).collect();
                 self.note(|| format!("journal of job {id}: {}", records.join(", ")));
             }
+            self.learn_job(id, &history);
             let Some(printed) = self.truth.printed.get(&history.key).cloned() else { continue };
             if self.plan.character != Character::Honest {
                 continue;
@@ -99,9 +108,9 @@ impl World {
         let Some(host) = &self.host else { return };
         let snapshot = host.handle.snapshot().clone();
         let known: BTreeSet<u32> = snapshot.jobs.iter().map(number).collect();
-        let lost = self.accepted.difference(&known).find(|id| !self.going.contains(id)).copied();
+        let lost = self.promises.accepted.difference(&known).find(|id| !self.promises.going.contains(id)).copied();
         self.check("orders carried out", lost.is_none(), || format!("job {lost:?} was accepted and is gone"));
-        let back = self.removed.intersection(&known).next().copied();
+        let back = self.promises.removed.intersection(&known).next().copied();
         self.check("orders carried out", back.is_none(), || format!("job {back:?} was removed and is back"));
     }
 
@@ -124,7 +133,7 @@ impl World {
     }
 }
 
-/// The system of one who looks at the disk from outside.
+/// The system of an observer: faults of the disk do not affect it.
 struct Outside(Mount);
 
 impl System for Outside {

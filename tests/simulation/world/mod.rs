@@ -16,10 +16,10 @@ use crate::host::{Host, Shared};
 use crate::line::Line;
 use crate::machine::{Character, Fact, FactKind, Machine};
 use crate::operators::Answers;
-use crate::parts::{BAUD, capabilities, files, parts, spool};
+use crate::parts::{BAUD, CLEAR_UM, capabilities, files, parts};
 use crate::plan::Plan;
 use crate::rng::Rng;
-use crate::truth::{Hanging, Truth, Violation};
+use crate::truth::{Truth, Violation};
 use patient::Patient;
 
 const SECOND_US: u64 = 1_000_000;
@@ -56,8 +56,16 @@ pub(crate) struct Report {
 #[derive(Debug)]
 struct Station {
     machine: Machine,
-    hanging: Hanging,
+    /// Height of the plate that the part on it needs, micrometres; `None` for an empty plate.
+    part_um: Option<i32>,
     lit: Option<Lit>,
+}
+
+impl Station {
+    /// Whether its plate is clear of the resin, about.
+    fn is_clear(&self) -> bool {
+        self.machine.plate_um() >= CLEAR_UM - 200
+    }
 }
 
 /// Light that is on.
@@ -88,13 +96,7 @@ pub(crate) struct World {
     next_event: usize,
     answers: Answers,
     truth: Truth,
-    /// Jobs of the present spool that were accepted and not removed.
-    accepted: BTreeSet<u32>,
-    removed: BTreeSet<u32>,
-    /// Jobs whose removal was ordered and not refused.
-    going: BTreeSet<u32>,
-    /// Jobs whose end was ordered, accepted without a warning.
-    ended: BTreeMap<u32, &'static str>,
+    promises: Promises,
     /// The latest time at which host, disk, line or machine were not as they should be: light is not judged soon after.
     disturbed_us: u64,
     /// The disk failed since the daemon's start, so that files may be left that could not be deleted. The next start deletes them.
@@ -105,16 +107,28 @@ pub(crate) struct World {
     spool_is_new: bool,
     /// Only what a print must survive has happened so far.
     gentle: bool,
-    /// Jobs that an operator told to stop or abort, at a random moment.
-    told_to_end: BTreeSet<u32>,
     /// Until when the line's faults last.
     line_faulty_until_us: u64,
-    /// Jobs whose pause was accepted, and that have not rested or ended since.
-    pauses: BTreeMap<u32, Pause>,
     patient: Patient,
     happened: BTreeMap<&'static str, u64>,
     trace: Option<Vec<String>>,
     turns: u64,
+}
+
+/// What operators ordered in the present spool, and what they were promised.
+#[derive(Debug, Default)]
+struct Promises {
+    /// Jobs that were accepted and not removed.
+    accepted: BTreeSet<u32>,
+    removed: BTreeSet<u32>,
+    /// Jobs whose removal was ordered and not refused.
+    going: BTreeSet<u32>,
+    /// Jobs whose end was ordered, accepted without a warning.
+    ended: BTreeMap<u32, &'static str>,
+    /// Jobs that an operator told to stop or abort, at a random moment.
+    told_to_end: BTreeSet<u32>,
+    /// Jobs whose pause was accepted, and that have not rested or ended since.
+    pauses: BTreeMap<u32, Pause>,
 }
 
 /// A pause that was accepted.
@@ -143,8 +157,6 @@ impl World {
         for (path, text) in files() {
             disk.prepare(&path, text.as_bytes());
         }
-        // The package makes the directory.
-        disk.prepare(&spool().join("note"), b"");
         let line = Line::new(BAUD, rng.next_u64());
         let is_honest = plan.character == Character::Honest;
         let machine = Machine::new(capabilities(), BAUD, plan.character, rng.next_u64());
@@ -153,7 +165,7 @@ impl World {
             now_us: 0,
             disk,
             shared: Shared::new(line, rng.fork()),
-            stations: vec![Station { machine, hanging: Hanging::default(), lit: None }],
+            stations: vec![Station { machine, part_um: None, lit: None }],
             connected: 0,
             host: None,
             start_us: Some(0),
@@ -163,18 +175,13 @@ impl World {
             next_event: 0,
             answers: Arc::new(Mutex::new(Vec::new())),
             truth: Truth::default(),
-            accepted: BTreeSet::new(),
-            removed: BTreeSet::new(),
-            going: BTreeSet::new(),
-            ended: BTreeMap::new(),
+            promises: Promises::default(),
             disturbed_us: 0,
             gentle: is_honest,
-            told_to_end: BTreeSet::new(),
             power_fails: false,
             spool_is_new: false,
             undeleted: false,
             line_faulty_until_us: 0,
-            pauses: BTreeMap::new(),
             patient: Patient::default(),
             happened: BTreeMap::new(),
             trace: traced.then(Vec::new),
@@ -382,9 +389,7 @@ impl World {
         {
             self.truth.exposed_unseen(*id);
         }
-        let mut hanging = self.stations[index].hanging;
-        self.truth.fact(fact, &mut hanging);
-        self.stations[index].hanging = hanging;
+        self.truth.fact(fact, &mut self.stations[index].part_um);
     }
 }
 

@@ -3,13 +3,12 @@
 use std::fmt::Write as _;
 use std::sync::Arc;
 
-use layerd::api::InDoubt;
+use layerd::api::{InDoubt, JobView};
 use layerd::daemon::handle::Answer;
 use layerd::job::JobState;
 
 use super::{Pause, World};
-use crate::operators::{Ask, Decided, Given, give, number};
-use crate::parts::CLEAR_UM;
+use crate::operators::{Ask, Decided, Given, asks_for_empty_plate, give, number};
 use crate::plan::Wish;
 
 impl World {
@@ -23,8 +22,7 @@ impl World {
             Wish::Submit { part } => Some(Ask::Submit { part }),
             Wish::Again { pick } => of(pick).map(Ask::Again),
             Wish::Pause { pick } => of(pick).map(Ask::Pause),
-            Wish::Resume { pick } => job(pick)
-                .map(|job| Ask::Resume(number(job), job.in_doubt.map(|layer| (layer, self.judge(number(job), layer))))),
+            Wish::Resume { pick } => job(pick).map(|job| Ask::Resume(number(job), self.judge(job))),
             Wish::Stop { pick } => of(pick).map(Ask::Stop),
             Wish::Abort { pick: None } => Some(Ask::Abort(None)),
             Wish::Abort { pick: Some(pick) } => of(pick).map(|id| Ask::Abort(Some(id))),
@@ -32,18 +30,19 @@ impl World {
             Wish::Raise => Some(Ask::Raise),
         };
         if let Some(Ask::Stop(id) | Ask::Abort(Some(id))) = ask {
-            self.told_to_end.insert(id);
+            self.promises.told_to_end.insert(id);
         }
         if ask == Some(Ask::Abort(None)) {
-            self.told_to_end.extend(jobs.iter().map(number));
+            self.promises.told_to_end.extend(jobs.iter().map(number));
         }
         ask.iter().for_each(|ask| self.give(ask));
     }
 
-    /// What an operator who looks at the part says of a layer in doubt.
-    pub(super) fn judge(&self, job: u32, layer: u32) -> InDoubt {
-        let is_exposed = self.printed(job).is_some_and(|printed| printed.whole.contains_key(&layer));
-        if is_exposed { InDoubt::Exposed } else { InDoubt::Repeat }
+    /// What an operator who looks at the part says of a job's layer in doubt.
+    pub(super) fn judge(&self, job: &JobView) -> Option<(u32, InDoubt)> {
+        let layer = job.in_doubt?;
+        let is_exposed = self.printed(number(job)).is_some_and(|printed| printed.whole.contains_key(&layer));
+        Some((layer, if is_exposed { InDoubt::Exposed } else { InDoubt::Repeat }))
     }
 
     pub(super) fn give(&mut self, ask: &Ask) {
@@ -53,12 +52,12 @@ impl World {
             // A part in the vat is out of sight, and the daemon must ask for it; unless nobody knows where the plate is.
             Ask::Submit { .. } | Ask::Again(_) => {
                 let told = snapshot.device.state.as_ref().and_then(|state| state.position_um);
-                told.is_none() || self.stations[self.connected].machine.plate_um() >= CLEAR_UM - 200
+                told.is_none() || self.stations[self.connected].is_clear()
             }
-            Ask::Resume(id, _) => snapshot.jobs.iter().any(|job| {
-                let is_asked = job.reason.as_ref().is_some_and(|reason| reason.contains("take out what is there"));
-                number(job) == *id && (job.state == JobState::Queued || is_asked)
-            }),
+            Ask::Resume(id, _) => {
+                let confirms = |job: &&JobView| job.state == JobState::Queued || asks_for_empty_plate(job);
+                snapshot.job(&id.to_string()).filter(confirms).is_some()
+            }
             _ => false,
         };
         let of = match ask {
@@ -66,14 +65,11 @@ impl World {
             _ => None,
         };
         let holder = snapshot.active().map(number);
-        if confirms
-            && (holder.is_none() || holder == of)
-            && self.stations[self.connected].hanging.part_um.take().is_some()
-        {
+        if confirms && (holder.is_none() || holder == of) && self.stations[self.connected].part_um.take().is_some() {
             self.note(|| "operator: takes the part off".into());
         }
         if let Ask::Remove(id) = ask {
-            self.going.insert(*id);
+            self.promises.going.insert(*id);
         }
         let decided = Decided { ask: ask.clone(), given_us: self.now_us, jobs_ended: snapshot.jobs_ended };
         let Some(host) = &self.host else { return };
@@ -98,14 +94,14 @@ impl World {
             Ok(Answer::Job(job)) => job,
             Ok(Answer::Removed(removed)) => {
                 let id = removed.id.parse().unwrap_or(0);
-                self.removed.insert(id);
-                self.accepted.remove(&id);
+                self.promises.removed.insert(id);
+                self.promises.accepted.remove(&id);
                 return;
             }
             Ok(Answer::Raise(_)) => return,
             Err(error) => {
                 if let Ask::Remove(id) = ask {
-                    self.going.remove(id);
+                    self.promises.going.remove(id);
                 }
                 if error.message.contains("restart layerd")
                     && let Some(host) = &self.host
@@ -119,34 +115,32 @@ impl World {
             }
         };
         let id = number(job);
-        let over = self.ended.get(&id).copied().filter(|_| matches!(ask, Ask::Resume(..)));
+        let over = self.promises.ended.get(&id).copied().filter(|_| matches!(ask, Ask::Resume(..)));
         self.check("orders carried out", over.is_none(), || format!("job {id} was resumed after its {over:?}"));
         if !matches!(ask, Ask::Pause(_)) {
             // Any other order after a pause cancels it.
-            self.pauses.remove(&id);
+            self.promises.pauses.remove(&id);
         }
         match ask {
             Ask::Submit { .. } | Ask::Again(_) => {
-                self.accepted.insert(id);
+                self.promises.accepted.insert(id);
                 self.learn_jobs();
             }
             Ask::Pause(_) => {
                 let pause = Pause { at_us: self.now_us, ..Pause::default() };
-                self.pauses.entry(id).or_insert(pause);
+                self.promises.pauses.entry(id).or_insert(pause);
             }
             Ask::Stop(_) if job.warning.is_none() => {
-                self.ended.entry(id).or_insert("stop");
+                self.promises.ended.entry(id).or_insert("stop");
             }
             Ask::Abort(_) => {
                 if job.warning.is_none() {
-                    self.ended.insert(id, "abort");
+                    self.promises.ended.insert(id, "abort");
                 }
-                let (now_us, key) = (self.now_us, self.key_of(id));
+                let key = self.key_of(id);
                 if let Some(printed) = key.and_then(|key| self.truth.printed.get_mut(&key)) {
                     printed.abort_given_us.get_or_insert(*given_us);
-                    if job.warning.is_none() {
-                        printed.aborted_us.get_or_insert(now_us);
-                    }
+                    printed.is_aborted |= job.warning.is_none();
                 }
             }
             Ask::Resume(_, Some((layer, choice))) => {

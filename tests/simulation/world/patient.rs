@@ -8,8 +8,8 @@ use layerd::system::Disk;
 
 use super::{SECOND_US, World};
 use crate::machine::Incident;
-use crate::operators::{Ask, number};
-use crate::parts::{CLEAR_UM, spool};
+use crate::operators::{Ask, asks_for_empty_plate, number};
+use crate::parts::spool;
 
 /// Once nothing goes wrong any more, all jobs have ended after this time: some prints, and the long waits of a protocol that was
 /// broken in many ways before.
@@ -76,7 +76,7 @@ impl World {
         for job in &open {
             // A stop may leave a job interrupted, if its plate could not be lifted.
             let id = number(job);
-            let waits = job.state == JobState::Interrupted && self.ended.get(&id) == Some(&"abort");
+            let waits = job.state == JobState::Interrupted && self.promises.ended.get(&id) == Some(&"abort");
             self.check("orders carried out", !waits, || {
                 format!("job {id}: an abort was accepted, and it is interrupted")
             });
@@ -90,7 +90,6 @@ impl World {
     pub(super) fn next_ask(&mut self, id: u32, snapshot: &Snapshot) -> Option<Ask> {
         let job = snapshot.job(&id.to_string())?;
         let refusals = self.patient.refusals.get(&id).copied().unwrap_or(0);
-        let is_asked = job.reason.as_ref().is_some_and(|reason| reason.contains("take out what is there"));
         match job.state {
             JobState::Paused | JobState::Interrupted | JobState::Queued if refusals > 3 => {
                 self.patient.refusals.insert(id, 0);
@@ -100,11 +99,11 @@ impl World {
             JobState::Interrupted if job.reason.as_ref().is_some_and(|reason| reason.contains("Abort it")) => {
                 Some(Ask::Abort(Some(id)))
             }
-            JobState::Interrupted => Some(Ask::Resume(id, job.in_doubt.map(|layer| (layer, self.judge(id, layer))))),
+            JobState::Interrupted => Some(Ask::Resume(id, self.judge(job))),
             JobState::Paused => Some(Ask::Resume(id, None)),
-            JobState::Queued if is_asked || job.reason.is_some() && snapshot.active().is_none() => {
+            JobState::Queued if asks_for_empty_plate(job) || job.reason.is_some() && snapshot.active().is_none() => {
                 let station = &self.stations[self.connected];
-                let is_low = station.machine.plate_um() < CLEAR_UM - 200 && station.hanging.part_um.is_some();
+                let is_low = !station.is_clear() && station.part_um.is_some();
                 Some(if is_low && refusals < 2 {
                     *self.patient.refusals.entry(id).or_default() += 1;
                     Ask::Raise
@@ -118,23 +117,25 @@ impl World {
 
     /// Accepted orders were carried out by now.
     fn check_obeyed(&mut self, snapshot: &Snapshot) {
-        for (id, order) in self.ended.clone() {
+        for (id, order) in self.promises.ended.clone() {
             let state = snapshot.job(&id.to_string()).map(|job| job.state);
             let holds = state.is_none_or(JobState::is_final);
             self.check("orders carried out", holds, || format!("job {id}: {order} was accepted, but it is {state:?}"));
         }
-        let pause = self.pauses.first_key_value().map(|(id, pause)| (*id, pause.at_us));
+        let pause = self.promises.pauses.first_key_value().map(|(id, pause)| (*id, pause.at_us));
         self.check("orders carried out", pause.is_none(), || {
             format!("a pause of job {pause:?} (and its time, µs) was accepted, and the job has not rested since")
         });
     }
 
-    /// Of what happens to the host and the line alone, every print survives that nobody told to end.
+    /// Every print survives what happens to the host and the line, unless somebody told it to end.
     fn check_survived(&mut self, snapshot: &Snapshot) {
         if !self.gentle {
             return;
         }
-        for job in snapshot.jobs.iter().filter(|job| !self.told_to_end.contains(&number(job))).collect::<Vec<_>>() {
+        for job in
+            snapshot.jobs.iter().filter(|job| !self.promises.told_to_end.contains(&number(job))).collect::<Vec<_>>()
+        {
             self.check("prints survive", job.state == JobState::Completed, || {
                 format!("job {} is {}: {:?}", job.id, job.state, job.reason)
             });

@@ -81,7 +81,7 @@ impl World {
     /// A layer has light: of a job that was paused, it must be the one under way.
     pub(super) fn check_pause(&mut self, id: ExposureId) {
         let Some(job) = self.truth.printed.get(&id.job).map(|printed| printed.job) else { return };
-        let Some(pause) = self.pauses.get_mut(&job) else { return };
+        let Some(pause) = self.promises.pauses.get_mut(&job) else { return };
         pause.lit.insert(id.layer);
         let (at_us, count) = (pause.at_us, pause.lit.len());
         self.check("orders carried out", count == 1, || {
@@ -96,7 +96,7 @@ impl World {
         for view in &snapshot.jobs {
             // It rests: the pause was carried out, or is not needed any more.
             if !matches!(view.state, JobState::Queued | JobState::Checking | JobState::Printing | JobState::Pausing) {
-                self.pauses.remove(&number(view));
+                self.promises.pauses.remove(&number(view));
             }
         }
         if self.plan.character != Character::Honest {
