@@ -15,7 +15,7 @@
 //! | [`solid`]     | which points are solid: convolution struts, exact union           |
 //! | [`layer`]     | one layer as pixels, the grid it is made for, export as PNG       |
 //! | [`mod@slice`] | a part as a stream of layers, drawn body by body                  |
-//! | [`stream`]    | computing ahead: thread, memory budget, queue of finished layers  |
+//! | [`stream`]    | computing ahead: task, memory budget, queue of finished layers    |
 //! | [`link`]      | the serial line: the host's session, the port; bytes: [`layerd_wire`] |
 //! | [`device`]    | drivers, layer encodings and the simulated devices                |
 //! | [`pipeline`]  | a part on a machine with a recipe: encoded layers, ahead          |
@@ -24,6 +24,7 @@
 //! | [`api`]       | the control API's types, for daemon and clients                   |
 //! | [`daemon`]    | control API, systemd, wiring the above together                   |
 //! | [`cli`]       | `layerctl`                                                        |
+//! | [`system`]    | files, wall clock, entropy, threads: what a simulation replaces   |
 //!
 //! `ARCHITECTURE.md` states the invariants and where to start reading.
 
