@@ -65,13 +65,13 @@ pub enum LineFault {
 }
 
 impl LineFault {
-    /// How long it lasts.
-    pub fn for_us(self) -> u64 {
+    /// How long it is felt: bytes keep their order, so what was held back holds back what is sent later.
+    pub fn felt_us(self) -> u64 {
         match self {
+            Self::Delay { extra_us, for_us } => extra_us + for_us,
+            Self::Merge { hold_us, for_us } => hold_us + for_us,
             Self::Noise { for_us, .. }
-            | Self::Delay { for_us, .. }
             | Self::Split { for_us }
-            | Self::Merge { for_us, .. }
             | Self::Stall { for_us }
             | Self::Unplugged { for_us } => for_us,
         }

@@ -4,7 +4,7 @@ use std::sync::PoisonError;
 
 use crate::host::{Host, config_path};
 use crate::line::LineFault;
-use crate::machine::{Character, Machine};
+use crate::machine::{Character, Lie, Machine};
 use crate::parts::{BAUD, capabilities, spool};
 use crate::plan::What;
 
@@ -85,6 +85,10 @@ impl World {
                 self.disk.replace_directory(&spool());
                 self.spool_is_new = true;
                 self.forget_spool();
+                if self.plan.character.lie() == Some(Lie::LosesMemory) {
+                    // Whoever replaces the spool of a machine that forgets clears its plate: nothing else tells of the part.
+                    self.stations[0].part_um = None;
+                }
             }
         }
     }
@@ -121,7 +125,7 @@ impl World {
         let from_us = self.line_faulty_until_us.max(now_us);
         self.line_faulty_until_us = match fault {
             LineFault::Stall { for_us } => from_us + for_us,
-            fault => from_us.max(now_us + fault.for_us()),
+            fault => from_us.max(now_us + fault.felt_us()),
         };
         self.shared.line().fault(fault, now_us);
     }

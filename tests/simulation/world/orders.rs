@@ -134,6 +134,10 @@ impl World {
                 self.promises.ended.entry(id).or_insert("stop");
             }
             Ask::Abort(_) => {
+                if *ask == Ask::Abort(None) {
+                    // The job may have been on its way when the abort was given.
+                    self.promises.told_to_end.insert(id);
+                }
                 if job.warning.is_none() {
                     self.promises.ended.insert(id, "abort");
                 }
