@@ -6,7 +6,7 @@ use layerd_wire::session::DeviceSession;
 
 use super::Machine;
 use super::character::{Character, Lie};
-use super::truth::FactKind;
+use super::facts::FactKind;
 
 /// Fault code of an open cover.
 const COVER_CODE: u16 = 2;
@@ -45,7 +45,7 @@ impl Machine {
             }
             Incident::PowerCut { off_us } => {
                 if self.is_on() {
-                    self.truth.note(FactKind::PowerOff, now_us);
+                    self.facts.note(FactKind::PowerOff, now_us);
                     self.shut_down(now_us);
                 }
                 self.off_until_us = self.off_until_us.max(Some(now_us + off_us));
@@ -55,7 +55,7 @@ impl Machine {
             Incident::PlateMovedByHand { to_um } => {
                 let (from_um, to_um) = (self.plate_um(), to_um.clamp(0, self.max_position_um()));
                 if self.core.push_plate(to_um, self.clock.machine_us(now_us)) {
-                    self.truth.note(FactKind::PlatePushed { from_um, to_um }, now_us);
+                    self.facts.note(FactKind::PlatePushed { from_um, to_um }, now_us);
                 }
             }
         }
@@ -73,12 +73,12 @@ impl Machine {
     /// An open cover cuts the lamp's power, whatever the firmware does.
     fn report_cover(&mut self, now_us: u64) {
         let fault = self.is_cover_open.then(|| Fault { code: COVER_CODE, text: "the cover is open".into() });
-        self.truth.note(FactKind::Fault(fault.clone()), now_us);
+        self.facts.note(FactKind::Fault(fault.clone()), now_us);
         self.core.set_fault(fault, self.clock.machine_us(now_us));
         self.drain(now_us);
         if self.is_cover_open {
             self.stray = None;
-            self.truth.lamp_off(now_us);
+            self.facts.lamp_off(now_us);
         }
     }
 
@@ -97,7 +97,7 @@ impl Machine {
         }
         self.forget_messages();
         self.stray = None;
-        self.truth.lamp_off(now_us);
+        self.facts.lamp_off(now_us);
         self.clock.correct(now_us);
         (self.picture, self.flood, self.position_offset_um) = (None, None, 0);
     }
@@ -105,7 +105,7 @@ impl Machine {
     pub(super) fn start(&mut self, now_us: u64) {
         self.off_until_us = None;
         self.session = DeviceSession::new(self.core.capabilities().clone(), self.settings, now_us);
-        self.truth.note(FactKind::Started { boot_id: self.boot_id }, now_us);
+        self.facts.note(FactKind::Started { boot_id: self.boot_id }, now_us);
         if self.is_cover_open {
             self.report_cover(now_us);
         }

@@ -6,15 +6,15 @@
 
 pub mod character;
 mod clock;
+mod facts;
 mod incident;
-mod truth;
 mod words;
 
 use std::collections::VecDeque;
 
 pub use character::{Character, Lie, all};
+pub use facts::{Fact, FactKind};
 pub use incident::Incident;
-pub use truth::{Fact, FactKind};
 
 use layerd::device::sim::{ActRecord, CoreAction, DeviceCore};
 use layerd::layer::Bitmap;
@@ -25,7 +25,7 @@ use super::line::Line;
 use super::rng::Rng;
 use character::Liar;
 use clock::Clock;
-use truth::Truth;
+use facts::Facts;
 
 /// Messages that may wait for room in the session. Beyond this, a host that acknowledges nothing is not heard, as in production.
 const MAX_WAITING: usize = 64;
@@ -53,7 +53,7 @@ pub struct Machine {
     session: DeviceSession,
     settings: DeviceSettings,
     liar: Liar,
-    truth: Truth,
+    facts: Facts,
     clock: Clock,
     rng: Rng,
     now_us: u64,
@@ -88,14 +88,14 @@ impl Machine {
             Character::Liar { lie: Lie::Reboots { every_us }, first, .. } => Some(every_us * u64::from(first)),
             _ => None,
         };
-        let mut truth = Truth::default();
-        truth.note(FactKind::Started { boot_id }, 0);
+        let mut facts = Facts::default();
+        facts.note(FactKind::Started { boot_id }, 0);
         Self {
             session: DeviceSession::new(capabilities.clone(), settings, 0),
             core: DeviceCore::new(capabilities, boot_id),
             settings,
             liar: Liar::new(character),
-            truth,
+            facts,
             clock: Clock::new(),
             rng,
             now_us: 0,
@@ -166,12 +166,12 @@ impl Machine {
 
     /// What physically happened since the last call, in order.
     pub fn facts(&mut self) -> impl Iterator<Item = Fact> + use<> {
-        self.truth.take().into_iter()
+        self.facts.take().into_iter()
     }
 
     /// Whether its lamp is on, whatever it says.
     pub fn is_lit(&self) -> bool {
-        self.truth.is_lit()
+        self.facts.is_lit()
     }
 
     /// Where its plate was when it was last called with a time, micrometres above the bottom of the vat, also before homing.
@@ -256,7 +256,7 @@ impl Machine {
         self.core.advance(self.clock.machine_us(now_us));
         self.drain(now_us);
         if self.stray.take_if(|stray| stray.until_us <= now_us).is_some() {
-            self.truth.lamp_off(now_us);
+            self.facts.lamp_off(now_us);
         }
         while self.later.front().is_some_and(|(at_us, _)| *at_us <= now_us) {
             self.waiting.extend(self.later.pop_front().map(|(_, message)| message));
@@ -303,7 +303,7 @@ impl Machine {
                 Some(DeviceEvent::Message(message)) => self.hear(message, now_us),
                 Some(DeviceEvent::Urgent { number, urgent }) => self.urgent(number, urgent, now_us),
                 Some(DeviceEvent::HostSilent) => {
-                    self.truth.note(FactKind::HostSilent, now_us);
+                    self.facts.note(FactKind::HostSilent, now_us);
                     self.core.host_silent(self.clock.machine_us(now_us));
                     self.drain(now_us);
                 }
@@ -322,7 +322,7 @@ impl Machine {
             }
         }
         let plate_um = self.core.plate_um(self.clock.machine_us(now_us));
-        self.truth.plate_moves(plate_um, self.core.plate_target(), now_us);
+        self.facts.plate_moves(plate_um, self.core.plate_target(), now_us);
         if self.core.next_timeout_us().is_none() {
             self.clock.correct(now_us);
         }
@@ -334,19 +334,19 @@ impl Machine {
             ("light_on", Some(id)) => {
                 let commanded_ms = self.core.exposure().map_or(0, |(_, commanded_ms)| commanded_ms);
                 self.stray = None;
-                self.truth.lamp_on(Some(id), commanded_ms, now_us);
+                self.facts.lamp_on(Some(id), commanded_ms, now_us);
             }
             ("light_off", Some(id)) if record.reason.is_some() => {
-                self.truth.lamp_off(now_us);
-                self.truth.note(FactKind::CutShort { id, lit_ms: record.duration_ms.unwrap_or(0) }, now_us);
+                self.facts.lamp_off(now_us);
+                self.facts.note(FactKind::CutShort { id, lit_ms: record.duration_ms.unwrap_or(0) }, now_us);
             }
             ("light_off", Some(_)) => self.end_exposure(now_us),
             ("exposed", Some(id)) => {
                 if let (Some(picture), Some(duration_ms)) = (self.picture.take(), record.duration_ms) {
-                    self.truth.note(FactKind::ExposedWhole { id, duration_ms, picture }, now_us);
+                    self.facts.note(FactKind::ExposedWhole { id, duration_ms, picture }, now_us);
                 }
             }
-            ("moved", _) => self.truth.plate_rests(self.core.plate_um(self.clock.machine_us(now_us)), now_us),
+            ("moved", _) => self.facts.plate_rests(self.core.plate_um(self.clock.machine_us(now_us)), now_us),
             _ => {}
         }
     }
@@ -362,7 +362,7 @@ impl Machine {
             Some(Lie::LampStays { extra_us }) => {
                 self.stray = Some(Stray { until_us: now_us + extra_us, is_known: true });
             }
-            _ => self.truth.lamp_off(now_us),
+            _ => self.facts.lamp_off(now_us),
         }
     }
 }

@@ -7,7 +7,7 @@ use layerd::link::message::{
 use layerd_wire::{FrameDecoder, FrameKind, Welcome, encode_frame};
 
 use super::character::{Asked, Lie};
-use super::truth::FactKind;
+use super::facts::FactKind;
 use super::{Flood, Machine, Stray};
 
 /// Requests without an answer that a machine remembers. A host has a few open; a machine that never answers forgets the oldest.
@@ -18,15 +18,15 @@ const WELCOME_BYTES: usize = 1024;
 impl Machine {
     /// A host begins a session.
     pub(super) fn hello(&mut self, session_id: u32, now_us: u64) {
-        self.truth.note(FactKind::Hello { session_id }, now_us);
+        self.facts.note(FactKind::Hello { session_id }, now_us);
         self.forget_messages();
         let lie = self.liar.due(|lie| matches!(lie, Lie::BackWithLight { .. } | Lie::OtherGeometry { .. }));
         self.is_other = matches!(lie, Some(Lie::OtherGeometry { .. }));
         if let Some(Lie::BackWithLight { for_us }) = lie
-            && !self.truth.is_lit()
+            && !self.facts.is_lit()
         {
             self.stray = Some(Stray { until_us: now_us + for_us, is_known: true });
-            self.truth.lamp_on(None, 0, now_us);
+            self.facts.lamp_on(None, 0, now_us);
         }
         self.note_lie(lie, now_us);
         let state = self.core.hello(self.clock.machine_us(now_us));
@@ -46,7 +46,7 @@ impl Machine {
 
     fn asked(&mut self, number: u32, mut request: Request, now_us: u64) {
         if request != Request::State {
-            self.truth.note(FactKind::Asked(request), now_us);
+            self.facts.note(FactKind::Asked(request), now_us);
         }
         if self.open.len() >= MAX_OPEN {
             self.open.pop_front();
@@ -189,13 +189,13 @@ impl Machine {
             self.drain(now_us);
             if matches!(urgent, Urgent::LightOff | Urgent::Abort) && self.shows_stray() {
                 self.stray = None;
-                self.truth.lamp_off(now_us);
+                self.facts.lamp_off(now_us);
             }
         }
         let is_lit = self.core.exposure().is_some() || self.shows_stray();
         let is_answered = !matches!(lie, Some(Lie::SilentUrgent | Lie::IgnoresUrgent { answers: false }));
         let light_on = is_answered.then_some(is_lit);
-        self.truth.note(FactKind::Urgent { number, urgent, obeyed, light_on }, now_us);
+        self.facts.note(FactKind::Urgent { number, urgent, obeyed, light_on }, now_us);
         if let Some(light_on) = light_on {
             self.session.urgent_done(number, light_on);
         }
@@ -236,7 +236,7 @@ impl Machine {
 
     pub(super) fn note_lie(&mut self, lie: Option<Lie>, now_us: u64) {
         if let Some(lie) = lie {
-            self.truth.note(FactKind::Lied(format!("{lie:?}")), now_us);
+            self.facts.note(FactKind::Lied(format!("{lie:?}")), now_us);
         }
     }
 

@@ -1,4 +1,4 @@
-//! What physically happened: the lamp and the plate as they are, whatever the machine says of them.
+//! The facts of a machine: what its lamp and its plate did, whatever the machine says of them.
 
 use std::collections::VecDeque;
 
@@ -103,23 +103,23 @@ pub enum FactKind {
     Lied(String),
 }
 
-/// The lamp, the plate and the facts that were not taken yet.
+/// The facts that were not taken yet, with the lamp and the plate that make them.
 #[derive(Debug, Default)]
-pub(super) struct Truth {
-    facts: VecDeque<Fact>,
+pub(super) struct Facts {
+    untaken: VecDeque<Fact>,
     /// Since when the lamp is on, and what for.
     lamp: Option<(u64, Option<ExposureId>)>,
     /// The motion under way: whether it is a homing.
     motion: Option<bool>,
 }
 
-impl Truth {
+impl Facts {
     pub(super) fn note(&mut self, what: FactKind, at_us: u64) {
-        self.facts.push_back(Fact { at_us, what });
+        self.untaken.push_back(Fact { at_us, what });
     }
 
     pub(super) fn take(&mut self) -> VecDeque<Fact> {
-        std::mem::take(&mut self.facts)
+        std::mem::take(&mut self.untaken)
     }
 
     pub(super) fn is_lit(&self) -> bool {
