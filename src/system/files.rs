@@ -1,4 +1,4 @@
-//! Files as the daemon uses them, and those of the operating system. `disk.rs` has the functions that the daemon's modules call.
+//! Files as the daemon uses them, and those of the operating system. `disk/mod.rs` has the functions that the daemon's modules call.
 
 use std::fmt::Debug;
 use std::fs::{self, File, OpenOptions, TryLockError};

@@ -42,7 +42,7 @@ pub(crate) const BUGS: &[Bug] = &[
     },
     Bug {
         name: "a new directory is not flushed",
-        file: "src/disk.rs",
+        file: "src/disk/names.rs",
         was: "made => made?,",
         becomes: "made => return made,",
     },
