@@ -3,7 +3,7 @@
 //!
 //! Times are microseconds of the device's own clock. The end of an exposure or a move is stamped with the time when it was due,
 //! however late [`DeviceCore::advance`] is called. The light is on only during an exposure. An exposure ends by the device's clock,
-//! by an urgent light-off or abort, by a fault, or by a reset. `tests/device_core.rs` shows every reply.
+//! by an urgent light-off or abort, by a fault, or by a reset. `tests/device_core/` shows every reply.
 
 mod upload;
 mod vat;
