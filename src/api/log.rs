@@ -47,6 +47,11 @@ pub enum LogRecord {
         /// Exposures of unknown jobs that the device showed and the operator confirmed.
         confirmed_exposures: u32,
     },
+    /// What the device had exposed last, of another job, when the first layer was about to be commanded.
+    LastExposed {
+        /// The other job's layer.
+        layer: u32,
+    },
     /// The exposure of a layer was about to be commanded.
     Commanded {
         /// The layer.

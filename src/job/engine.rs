@@ -97,6 +97,8 @@ pub struct Engine {
     memory: Memory,
     next: NextLayer,
     part: PartState,
+    /// What the device had exposed last, of another job, before this job had light.
+    exposed_before: Option<ExposureId>,
     /// A fault forbids moving.
     immobile: bool,
     act: ActWatch,
@@ -123,6 +125,7 @@ impl Engine {
             light: LightWatch::default(),
             memory: Memory::default(),
             part: PartState::new(start.touched, start.confirmed),
+            exposed_before: start.exposed_before,
             next: NextLayer::new(start),
             immobile: false,
             act: ActWatch::default(),

@@ -18,6 +18,7 @@
 use serde::Serialize;
 
 use super::{EndOrder, JobState, Record, Trace, Unconfirmed};
+use crate::link::message::ExposureId;
 
 /// The state that follows from a journal's records.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -45,6 +46,8 @@ pub struct History {
     pub plate_clear_on: Option<u32>,
     /// Exposures of unknown jobs that the operator has confirmed ([`Record::PlateClear`]).
     pub traces: Vec<Trace>,
+    /// What the device had exposed last, of another job, before this job's first layer ([`Record::LastExposed`]).
+    pub exposed_before: Option<ExposureId>,
     /// The job ended with its machine parked, so that the part is safe.
     pub parked: bool,
     /// What was dropped at the journal's end because it was damaged; the reader of the file sets it.
@@ -83,6 +86,8 @@ pub struct StartPoint {
     pub touched: bool,
     /// The device confirmed a layer of this job. Until it prints another job, its last exposure belongs to this one.
     pub confirmed: bool,
+    /// [`History::exposed_before`].
+    pub exposed_before: Option<ExposureId>,
 }
 
 /// Why a job cannot be resumed.
@@ -150,6 +155,7 @@ impl History {
             ordered: None,
             plate_clear_on: None,
             traces: Vec::new(),
+            exposed_before: None,
             parked: false,
             dropped: None,
             lit: false,
@@ -204,6 +210,7 @@ impl History {
             choice,
             touched: self.touched(),
             confirmed: self.confirmed,
+            exposed_before: self.exposed_before,
         }
     }
 
@@ -267,6 +274,9 @@ impl History {
                 self.plate_clear_on = Some(*boot_id);
                 let new = traces.iter().filter(|trace| !self.traces.contains(trace)).copied().collect::<Vec<_>>();
                 self.traces.extend(new);
+            }
+            Record::LastExposed { job, layer } => {
+                self.exposed_before = Some(ExposureId::first_pass(*job, *layer));
             }
             Record::Parked => self.parked = true,
             Record::Ended { state, reason } => {

@@ -87,6 +87,14 @@ pub enum Record {
         /// Which record, and where.
         what: String,
     },
+    /// What the device had exposed last, of another job, when this job's first layer was about to be commanded. If it names anything
+    /// else of another job later, that job was printed since.
+    LastExposed {
+        /// Key of the job.
+        job: u64,
+        /// The layer.
+        layer: u32,
+    },
 }
 
 impl Record {
@@ -100,6 +108,7 @@ impl Record {
             | Self::Paused
             | Self::Resumed
             | Self::PlateClear { .. }
+            | Self::LastExposed { .. }
             | Self::Dropped { .. } => false,
             Self::Confirmed { .. }
             | Self::NotExposed { .. }

@@ -79,6 +79,7 @@ fn decided(exposed: bool) -> World {
     world.journal = vec![
         accepted(),
         Record::Started { layer: 0 },
+        Record::LastExposed { job: KEY + 1, layer: 90 },
         Record::Commanded { layer: 0, boot_id: 1 },
         Record::InDoubt { layer: 0, why: "cut short".into() },
         Record::Decided { layer: 0, exposed },
@@ -96,6 +97,33 @@ fn a_first_layer_that_the_operator_decided_on_goes_on_with_an_older_jobs_exposur
     world.device.position_um = Some(50);
     assert!(world.run());
     assert_eq!((world.end(), world.exposed.as_slice()), ((JobState::Completed, ""), [1, 2, 3, 4].as_slice()));
+}
+
+/// The device names more than the journal says it had exposed before: another job was printed since, and its part is on the plate.
+#[test]
+fn a_first_layer_with_light_does_not_go_on_after_another_job() {
+    for commanded in [decided(true), decided(false), crashed()] {
+        let mut world = commanded;
+        world.device.last_exposed = Some(ExposureId::first_pass(KEY + 1, 91));
+        world.device.position_um = Some(50);
+        assert!(world.run());
+        assert!(world.end().0 == JobState::Interrupted && world.end().1.contains("another job"), "{:?}", world.end());
+        assert!(world.acts.is_empty() && world.exposed.is_empty(), "{:?} {:?}", world.acts, world.exposed);
+    }
+}
+
+/// A daemon starts again after layer 0 was commanded.
+fn crashed() -> World {
+    let mut world = World::new();
+    world.journal = vec![
+        accepted(),
+        Record::Started { layer: 0 },
+        Record::LastExposed { job: KEY + 1, layer: 90 },
+        Record::Commanded { layer: 0, boot_id: 1 },
+    ];
+    let history = History::replay(&world.journal).expect("true");
+    world.engine = Engine::new(plan(), history.start(ResumeChoice::None).expect("commanded"));
+    world
 }
 
 /// Cut short and to be repeated, layer 0 hangs on the plate half cured.

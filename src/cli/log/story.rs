@@ -59,6 +59,7 @@ impl Story {
                 }
                 Vec::new()
             }
+            LogRecord::LastExposed { .. } if !self.all => Vec::new(),
             LogRecord::Ordered { order } if !self.all && self.ordered == Some(*order) => Vec::new(),
             record => {
                 let mut lines = self.ended();
@@ -102,6 +103,7 @@ impl Story {
                 "the operator confirmed that the plate is empty, although the device shows {} of jobs unknown here",
                 count_text(u64::from(*confirmed_exposures), "exposure")
             ),
+            LogRecord::LastExposed { layer } => format!("before, the device exposed layer {layer} of another job last"),
             LogRecord::Commanded { layer } => commanded_text(*layer),
             LogRecord::Confirmed { layer } => format!("layer {layer}: exposed, the device confirms"),
             LogRecord::NotExposed { layer } => {

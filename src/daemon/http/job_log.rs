@@ -65,6 +65,7 @@ fn log_entry(Entry { at_unix_ms, record }: Entry) -> LogEntry {
         Record::PlateClear { traces, .. } => {
             LogRecord::PlateClear { confirmed_exposures: u32::try_from(traces.len()).unwrap_or(u32::MAX) }
         }
+        Record::LastExposed { layer, .. } => LogRecord::LastExposed { layer },
         Record::Commanded { layer, .. } => LogRecord::Commanded { layer },
         Record::Confirmed { layer } => LogRecord::Confirmed { layer },
         Record::NotExposed { layer } => LogRecord::NotExposed { layer },

@@ -7,7 +7,7 @@ use crate::deadline::Deadline;
 use crate::device::{Dose, Outcome};
 use crate::job::cycle::Lit;
 use crate::job::{JobState, Record};
-use crate::link::message::{DeviceState, Refusal};
+use crate::link::message::{DeviceState, ExposureId, Refusal};
 
 /// How often one layer may be commanded. Every time but the first follows a lost line or a refusal.
 const MAX_COMMANDS: u32 = 10;
@@ -21,6 +21,12 @@ impl Engine {
             return self.wind_down(JobState::Interrupted, text, now_us);
         }
         let boot_id = self.device.boot_id;
+        if self.part == PartState::Absent {
+            self.exposed_before = self.exposed_by_another();
+            if let Some(ExposureId { job, layer, .. }) = self.exposed_before {
+                self.out.journal(Record::LastExposed { job, layer });
+            }
+        }
         self.next.known = Known::Commanded { boot_id, sign: Sign::None };
         self.out.journal(Record::Commanded { layer, boot_id });
         self.phase = Phase::Commanding;

@@ -7,7 +7,7 @@ use super::{Engine, Phase, SECOND_US};
 use crate::deadline::Deadline;
 use crate::device::Light;
 use crate::job::{Fate, JobState, Record, ResumeChoice, fate};
-use crate::link::message::{DeviceState, Refusal};
+use crate::link::message::{DeviceState, ExposureId, Refusal};
 
 /// Polling interval while the device still moves or exposes.
 const ASK_EVERY_US: u64 = SECOND_US / 2;
@@ -110,7 +110,7 @@ impl Engine {
         if self.intent.is_abort() {
             return self.advance(now_us);
         }
-        if self.part == PartState::Confirmed && self.device.last_exposed.is_some_and(|id| id.job != self.plan.key) {
+        if self.was_displaced() {
             let text = "the device has exposed layers of another job since: this job's part is no longer where it was. Abort it";
             return self.end_unparked(text.into());
         }
@@ -134,6 +134,22 @@ impl Engine {
             return self.wind_down_at_rest(JobState::Failed, text, now_us);
         }
         self.advance(now_us);
+    }
+
+    /// What the device exposed last, if that is of another job.
+    pub(super) fn exposed_by_another(&self) -> Option<ExposureId> {
+        self.device.last_exposed.filter(|id| id.job != self.plan.key)
+    }
+
+    /// Whether the device has exposed layers of another job since this one had light.
+    fn was_displaced(&self) -> bool {
+        let Some(other) = self.exposed_by_another() else { return false };
+        match self.part {
+            PartState::Absent => false,
+            // The device may have had no light for this job yet, and still name what it exposed before.
+            PartState::Possible => self.exposed_before != Some(other),
+            PartState::Confirmed => true,
+        }
     }
 
     /// Finds out what became of the next layer, which was commanded.

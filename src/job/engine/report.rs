@@ -5,6 +5,11 @@ use super::{Engine, Intent, Phase};
 use crate::job::{JobState, Progress, Unconfirmed};
 
 impl Engine {
+    /// Whether the operator has ordered a pause, and neither resumed the job nor ended it since.
+    pub fn is_to_pause(&self) -> bool {
+        self.intent == Intent::Pause
+    }
+
     /// Where the job stands.
     pub fn progress(&self) -> Progress {
         Progress {
