@@ -2,7 +2,7 @@
 
 use crate::line::LineFault;
 use crate::machine::character::Asked;
-use crate::machine::{Character, Lie};
+use crate::machine::{Character, Incident, Lie};
 use crate::plan::{Plan, Planned, What, Wish};
 use crate::search::{Search, plan};
 use crate::world::run;
@@ -117,6 +117,41 @@ fn a_job_that_is_to_end_waits_for_no_empty_plate() {
             (3_676_843, What::DiskBroken { for_us: 2_387_402 }),
             (6_128_956, What::Order(Wish::Again { pick: 0 })),
             (12_286_469, What::Kill { after_calls: None, down_us: 300_000 }),
+        ],
+    );
+}
+
+/// The journal could not be written, so an abort was forgotten in a crash. Another job had printed meanwhile, and the device named its
+/// layer as the last one: the job that came back took its own first layer for unexposed, and exposed it again, on the other's part.
+#[test]
+fn a_job_does_not_go_on_where_another_has_printed_since() {
+    holds(
+        8_020_571,
+        Character::Honest,
+        vec![
+            (715_445, What::Order(Wish::Submit { part: 1 })),
+            (7_010_819, What::DiskBroken { for_us: 2_955_401 }),
+            (8_120_876, What::Order(Wish::Abort { pick: Some(0) })),
+            (9_968_535, What::Order(Wish::Again { pick: 1 })),
+            (13_557_620, What::Kill { after_calls: None, down_us: 300_000 }),
+        ],
+    );
+}
+
+/// A pause was accepted while the job began; the device did not fit, so the job went back into the queue, and the pause was forgotten.
+#[test]
+fn a_pause_outlives_the_way_back_into_the_queue() {
+    let lie = Lie::OtherGeometry { wider_px: 8, higher_um: 0 };
+    holds(
+        8_066_884,
+        Character::Liar { lie, first: 2, count: 2 },
+        vec![
+            (1_027_083, What::Machine(Incident::PowerCut { off_us: 15_302_311 })),
+            (1_139_267, What::Order(Wish::Submit { part: 2 })),
+            (2_607_370, What::PowerCut { after_calls: None, down_us: 1_500_000 }),
+            (10_165_032, What::DiskSlow { slow_us: 605_409, for_us: 7_708_473 }),
+            (14_944_910, What::Order(Wish::Resume { pick: 2 })),
+            (14_944_926, What::Order(Wish::Pause { pick: 3 })),
         ],
     );
 }

@@ -31,7 +31,7 @@ pub(crate) struct Job {
     pub past: Past,
     /// What it gets the machine for.
     pub take_up: TakeUp,
-    /// Whether it is to pause before its first layer: the order came while it was opened.
+    /// Whether it is to pause before its first layer: the order came while it was opened, or before it had to wait again.
     pub pauses: bool,
     /// Whether the operator must confirm first that the plate is empty, whatever device and spool show.
     pub awaits_plate: bool,

@@ -204,6 +204,7 @@ impl Printer {
         }
         let job = self.waiting(id)?;
         job.awaits_plate = false;
+        job.pauses = false;
         job.clear_told();
         self.set_raised(None);
         self.publish_job(id);

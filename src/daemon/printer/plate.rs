@@ -130,6 +130,9 @@ impl Printer {
         if let Some(TakeUp::Print(choice)) = self.jobs.get(id).map(|job| job.take_up) {
             self.jobs.take_up(id, TakeUp::Print(choice));
         }
+        if let Some(job) = self.jobs.get_mut(id) {
+            job.pauses = running.engine.is_to_pause();
+        }
         self.idle = Idle::after(running.engine.light().clone());
         self.releasing = true;
         let background = self.background.clone();
