@@ -50,6 +50,11 @@ pub(crate) enum Background {
         /// Who asked.
         reply: Reply,
     },
+    /// The journals that could not be read were tried again.
+    ReadAgain {
+        /// The jobs whose journals can be read now.
+        jobs: Vec<Job>,
+    },
     /// A finished job was deleted, or not.
     Removed {
         /// The job.

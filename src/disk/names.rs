@@ -43,7 +43,12 @@ pub(crate) fn create_directories(path: &Path) -> io::Result<()> {
             create_directories(parent)?;
             create_directory(path)?;
         }
-        Err(_) if is_directory(path) => return Ok(()),
+        // It may be there already. If that cannot be seen, the reason says more than "File exists".
+        Err(error) => match metadata(path) {
+            Ok(found) if found.kind == FileKind::Directory => return Ok(()),
+            Err(unseen) if error.kind() == ErrorKind::AlreadyExists => return Err(unseen),
+            _ => return Err(error),
+        },
         made => made?,
     }
     sync_parent(path)

@@ -190,6 +190,11 @@ impl Journal {
         Self { path: path.into(), file, length_bytes, reserved_bytes: length_bytes, unreserved: false, broken: false }
     }
 
+    /// The same journal after its directory was renamed.
+    pub(super) fn moved_to(self, path: PathBuf) -> Self {
+        Self { path, ..self }
+    }
+
     /// Whether space is reserved. Without it, a full disk can keep the end of a job from being written.
     pub fn is_reserved(&self) -> bool {
         !self.unreserved

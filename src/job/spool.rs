@@ -171,21 +171,22 @@ impl Spool {
         let directory = JobDirectory::of(&self.root, id);
         let hidden = jobs.join(format!(".{}", JobDirectory::name(id)));
         let part = job.part.to_path_buf();
-        let filled = self.fill(&hidden, job).and_then(|()| {
+        let made = self.fill(&hidden, job).and_then(|journal| {
             disk::rename(&hidden, directory.path()).map_err(io("rename", &hidden))?;
-            sync_parent(directory.path()).map_err(io("flush", &jobs))
+            sync_parent(directory.path()).map_err(io("flush", &jobs))?;
+            Ok(journal.moved_to(directory.journal()))
         });
-        if let Err(error) = filled {
-            // Best effort: the next opening deletes what is left.
+        let journal = made.inspect_err(|_| {
+            // Best effort: the next opening deletes what is left under a hidden name.
+            let _ = disk::rename(directory.path(), &hidden);
             let _ = disk::rename(&hidden.join(PART), &part);
             let _ = disk::remove_tree(&hidden);
-            return Err(error);
-        }
-        let (journal, _) = Journal::open(&directory.journal())?;
+            let _ = disk::sync_directory(&jobs);
+        })?;
         Ok((directory, journal))
     }
 
-    fn fill(&self, hidden: &Path, job: NewJob<'_>) -> Result<(), SpoolError> {
+    fn fill(&self, hidden: &Path, job: NewJob<'_>) -> Result<Journal, SpoolError> {
         disk::create_directory(hidden).map_err(io("create", hidden))?;
         for (name, text) in [(RECIPE, job.recipe), (MACHINE, job.machine)] {
             let path = hidden.join(name);
@@ -196,11 +197,12 @@ impl Spool {
             };
             write().map_err(io("write", &path))?;
         }
-        Journal::create(&hidden.join(JOURNAL), job.accepted, job.at_unix_ms)?;
+        let journal = Journal::create(&hidden.join(JOURNAL), job.accepted, job.at_unix_ms)?;
         let flush_part = File::open(job.part, How::Read).and_then(|file| file.sync_all());
         flush_part.map_err(io("flush", job.part))?;
         disk::rename(job.part, &hidden.join(PART)).map_err(io("move", job.part))?;
-        sync_parent(&hidden.join(PART)).map_err(io("flush", hidden))
+        sync_parent(&hidden.join(PART)).map_err(io("flush", hidden))?;
+        Ok(journal)
     }
 
     /// All jobs, in order of acceptance.

@@ -242,6 +242,17 @@ impl Job {
 }
 
 impl Job {
+    /// Whether its journal could not be read, and may become readable. An order for it that is under way comes first.
+    pub(crate) fn is_unread(&self) -> bool {
+        self.past.unknown && self.view.state == JobState::Interrupted && !self.ordered
+    }
+
+    /// Reads it again; `None` if its journal still cannot be read. Blocks.
+    pub(crate) fn read_again(directory: JobDirectory, awaits_plate: bool) -> Option<Self> {
+        read_journal(&directory.journal()).ok()?;
+        Some(Self::load(directory, awaits_plate)).filter(|job| !job.is_unread())
+    }
+
     /// Whether it is to get the machine to print, not to end.
     pub(crate) fn is_to_print(&self) -> bool {
         matches!(self.take_up, TakeUp::Print(_))

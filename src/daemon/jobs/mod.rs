@@ -42,23 +42,29 @@ impl Jobs {
         let forgotten = forgotten.into_iter().map(|job| (job.id, job)).collect();
         let mut jobs = Self { forgotten, ..Self::default() };
         for directory in directories {
-            let (id, job) = (directory.id, Job::load(directory, awaits_plate));
-            let (state, ordered) = (job.view.state, job.past.ordered);
-            // A journal that cannot be read is logged when it is opened.
-            if state == JobState::Interrupted && !job.past.unknown {
-                tracing::warn!(
-                    "job {id} is interrupted: {}",
-                    job.view.reason.as_deref().unwrap_or("no reason is known")
-                );
-            }
-            jobs.jobs.insert(id, job);
-            match (state, ordered) {
-                (JobState::Queued, _) => jobs.queue.push_back(id),
-                (JobState::Interrupted, Some(order)) => jobs.end_later(id, order),
-                _ => {}
-            }
+            jobs.add(Job::load(directory, awaits_plate));
         }
         jobs
+    }
+
+    /// Adds a job that was read from the spool, or replaces what was known of it.
+    pub(crate) fn add(&mut self, job: Job) {
+        let (id, state, ordered) = (job.directory.id, job.view.state, job.past.ordered);
+        // A journal that cannot be read is logged when it is opened.
+        if state == JobState::Interrupted && !job.past.unknown {
+            tracing::warn!("job {id} is interrupted: {}", job.view.reason.as_deref().unwrap_or("no reason is known"));
+        }
+        self.jobs.insert(id, job);
+        match (state, ordered) {
+            (JobState::Queued, _) => self.queue.push_back(id),
+            (JobState::Interrupted, Some(order)) => self.end_later(id, order),
+            _ => {}
+        }
+    }
+
+    /// The jobs whose journals could not be read, and may become readable.
+    pub(crate) fn unread(&self) -> impl Iterator<Item = &JobDirectory> {
+        self.jobs.values().filter(|job| job.is_unread()).map(|job| &job.directory)
     }
 
     /// Adds a new job at the end of the queue.

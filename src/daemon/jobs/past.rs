@@ -33,6 +33,8 @@ impl Past {
         self.touched = engine.touched();
         self.lifted = !engine.progress().part_in_vat;
         self.unconfirmed = engine.unconfirmed();
+        // It began with what the journal says.
+        self.unknown = false;
     }
 
     /// Notes an order to end.

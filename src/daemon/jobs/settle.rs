@@ -60,6 +60,11 @@ pub(crate) fn settle_in_journal(id: u32, path: &Path, past: &Past, change: Chang
         Ok((_, history)) => history,
         Err(error) => return settle_unreadable(id, &error, past, change),
     };
+    if past.unknown && matches!(change, Change::Resume(_)) {
+        // The printer must take in first what the journal says: whether the job is over, and what may be on the plate.
+        let text = format!("the journal of job {id} could not be read until now: look at the job, then try again");
+        return Err(OrderError::new(409, text));
+    }
     if history.state.is_final() {
         // The journal could not be read when the daemon started, and can be now.
         return Ok(ended(history.state, history.reason));

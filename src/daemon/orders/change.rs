@@ -43,6 +43,7 @@ impl Printer {
                     }
                     self.jobs.take_up(id, *take_up);
                 }
+                Err(_) if job.past.unknown => self.unread.hurry(),
                 Err(_) => {}
             }
         }

@@ -148,6 +148,7 @@ impl Printer {
             Background::Accepted { result, jobs_ended, reply } => self.accepted(result, jobs_ended, reply),
             Background::Sampled { job, result } => self.sampled(job, result),
             Background::Changed { job, result, reply } => self.changed(job, result, reply),
+            Background::ReadAgain { jobs } => self.read_again(jobs),
             Background::RaisedNoted { from_um, result } => self.raised_noted(from_um, result),
             Background::Removed { job, result, reply } => self.removed(job, result, reply),
             Background::Released { forgotten } => {
@@ -169,6 +170,7 @@ impl Printer {
         }
         self.late_faults();
         self.retry_raised();
+        self.retry_unread();
         self.publish();
     }
 }

@@ -12,12 +12,14 @@ pub(crate) mod publish;
 mod sampler;
 mod session;
 mod turn;
+pub(crate) mod unread;
 
 use std::sync::{Arc, Mutex};
 
 use tokio::sync::mpsc;
 
 use self::sampler::Sampler;
+use self::unread::Unread;
 use super::background::Background;
 use super::handle::Desk;
 use super::host::clock::Clock;
@@ -57,6 +59,8 @@ pub(crate) struct Printer {
     pub(crate) idle: Idle,
     /// From where the plate was raised, until it is known to be empty.
     pub(crate) raised: RaisedNote,
+    /// Journals that could not be read.
+    pub(crate) unread: Unread,
     /// Estimates how much resin parts take.
     pub(crate) sampler: Sampler,
     pub(crate) device: DeviceView,
@@ -110,6 +114,7 @@ impl Printer {
             capabilities: None,
             idle: Idle::default(),
             raised,
+            unread: Unread::default(),
             sampler,
             device: DeviceView::default(),
             faults: FaultNews::default(),

@@ -65,13 +65,17 @@ impl Printer {
         tracing::info!(job = id, "job begins");
         // The present value, not the one stored with the job: correcting it lets an interrupted job go on.
         opened.machine.set_time_scale(self.setting.machine.time_scale());
-        let light = std::mem::take(&mut self.idle).light;
+        let (light, key) = (std::mem::take(&mut self.idle).light, opened.key);
         let mut running = Running::new(id, opened, light, self.background.clone(), now_us);
         if let Some(command) = order {
             running.command(command, now_us);
         }
         if self.shutting_down {
             running.engine.handle(Event::Shutdown, now_us);
+        }
+        if let Some(job) = self.jobs.get_mut(id) {
+            // Its journal may not have been readable before.
+            job.key = key;
         }
         self.message = None;
         self.running = Some(running);

@@ -31,8 +31,8 @@ pub(crate) const BUGS: &[Bug] = &[
     Bug {
         name: "a new job's name is not flushed",
         file: "src/job/spool.rs",
-        was: "sync_parent(directory.path()).map_err(io(\"flush\", &jobs))",
-        becomes: "Ok(())",
+        was: "sync_parent(directory.path()).map_err(io(\"flush\", &jobs))?;",
+        becomes: "",
     },
     Bug {
         name: "a new job's recipe is not flushed",
@@ -80,7 +80,7 @@ pub(crate) const BUGS: &[Bug] = &[
     Bug {
         name: "an order is not carried out after a crash",
         file: "src/daemon/jobs/mod.rs",
-        was: "(JobState::Interrupted, Some(order)) => jobs.end_later(id, order),",
+        was: "(JobState::Interrupted, Some(order)) => self.end_later(id, order),",
         becomes: "",
     },
     Bug {
