@@ -22,13 +22,17 @@ pub(crate) const BAUD: u32 = 3_000_000;
 const BUDGET: &str = "8MiB";
 
 /// The files of the daemon's configuration.
-pub(crate) fn files() -> [(PathBuf, String); 3] {
+pub(crate) fn files(confirms_plate: bool) -> [(PathBuf, String); 3] {
     let config = format!(
         "socket = \"/run/layerd/control.sock\"\nspool = \"/var/lib/layerd\"\nmemory_budget = \"{BUDGET}\"\nthreads = 1\n\
          machine = \"machine.toml\"\nrecipe = \"recipe.toml\"\n"
     );
     let at = |name: &str| Path::new("/etc/layerd").join(name);
-    [(at("layerd.toml"), config), (at("machine.toml"), machine_text()), (at("recipe.toml"), recipe_text())]
+    [
+        (at("layerd.toml"), config),
+        (at("machine.toml"), machine_text(confirms_plate)),
+        (at("recipe.toml"), recipe_text()),
+    ]
 }
 
 /// Where the daemon keeps its jobs.
@@ -36,11 +40,11 @@ pub(crate) fn spool() -> PathBuf {
     "/var/lib/layerd".into()
 }
 
-fn machine_text() -> String {
+fn machine_text(confirms_plate: bool) -> String {
     let [width_px, height_px] = SIZE_PX;
     format!(
         "name = \"simulated\"\nkind = \"dlp\"\nwidth_px = {width_px}\nheight_px = {height_px}\npixel_um = [20.0, 20.0]\n\
-         build_height_um = 60000.0\nclear_height_um = {CLEAR_UM}.0\nconfirm_plate = true\n\n[link]\npath = \"/dev/ttyACM0\"\n\
+         build_height_um = 60000.0\nclear_height_um = {CLEAR_UM}.0\nconfirm_plate = {confirms_plate}\n\n[link]\npath = \"/dev/ttyACM0\"\n\
          baud = {BAUD}\nflow_control = \"none\"\n"
     )
 }
@@ -94,7 +98,7 @@ fn part(layers: u32) -> Part {
     let text = format!("1 0.15\n0 0 0 0.1 0.07 {top_mm}\n");
     std::fs::write(&source, text).expect("written");
     pack(&[source], &file, &PackOptions::default(), &mut |_| {}).expect("packed");
-    let machine = Machine::parse(Path::new("machine.toml"), &machine_text()).expect("a machine");
+    let machine = Machine::parse(Path::new("machine.toml"), &machine_text(true)).expect("a machine");
     let recipe = Recipe::parse(Path::new("recipe.toml"), &recipe_text()).expect("a recipe");
     let resolution = Resolution::of(&machine, &recipe);
     let budget = MemoryBudget::new(64 << 20);

@@ -13,6 +13,8 @@ const BUSY_US: [u64; 3] = [32 * SECOND_US, 18 * SECOND_US, 15 * SECOND_US];
 pub(crate) struct Plan {
     pub(crate) seed: u64,
     pub(crate) character: Character,
+    /// Whether the machine asks for a confirmation of the empty plate. If not, it changes plates by itself.
+    pub(crate) confirms_plate: bool,
     /// In order of time.
     pub(crate) events: Vec<Planned>,
 }
@@ -37,8 +39,10 @@ pub(crate) enum What {
     Line(LineFault),
     /// Other programs leave so little room on the disk.
     DiskFull { free_bytes: u64, for_us: u64 },
-    /// Writing fails.
-    DiskBroken { for_us: u64 },
+    /// So many of a million writing calls fail.
+    DiskBroken { per_million: u32, for_us: u64 },
+    /// So many of a million calls fail that read a file or directory of the spool; with `name`, only of those that are called so.
+    DiskUnreadable { name: Option<&'static str>, per_million: u32, for_us: u64 },
     /// Every access takes so much longer.
     DiskSlow { slow_us: u64, for_us: u64 },
     /// The disk answers nobody.
@@ -89,6 +93,7 @@ impl What {
             Self::Line(LineFault::Unplugged { .. }) => "line: unplugged",
             Self::DiskFull { .. } => "disk full",
             Self::DiskBroken { .. } => "disk fails",
+            Self::DiskUnreadable { .. } => "disk cannot be read",
             Self::DiskSlow { .. } => "disk slow",
             Self::DiskHangs { .. } => "disk hangs",
             Self::Kill { after_calls: None, .. } => "host: killed",
@@ -106,9 +111,18 @@ impl What {
     pub(crate) fn disturbs_light(&self) -> bool {
         let is_disk = matches!(
             self,
-            Self::DiskFull { .. } | Self::DiskBroken { .. } | Self::DiskSlow { .. } | Self::DiskHangs { .. }
+            Self::DiskFull { .. }
+                | Self::DiskBroken { .. }
+                | Self::DiskUnreadable { .. }
+                | Self::DiskSlow { .. }
+                | Self::DiskHangs { .. }
         );
         !is_disk && !matches!(self, Self::Order(_) | Self::WallClock { .. })
+    }
+
+    /// Whether records find their place on the disk nevertheless, if need be in the space that is set aside for them.
+    pub(crate) fn spares_records(&self) -> bool {
+        !matches!(self, Self::DiskBroken { .. } | Self::DiskUnreadable { .. } | Self::SpoolReplaced { .. })
     }
 
     /// Whether a print must survive it: what happens to the host and the line, and a slow disk.
@@ -174,7 +188,15 @@ const FAULTS: &[fn(&mut Rng) -> What] = &[
         free_bytes: rng.pick(&[0, 100, 5_000, 1 << 20]),
         for_us: rng.range(500_000..=10 * SECOND_US),
     },
-    |rng| What::DiskBroken { for_us: rng.range(10_000..=5 * SECOND_US) },
+    |rng| What::DiskBroken {
+        per_million: rng.pick(&[1_000_000, 300_000, 50_000]),
+        for_us: rng.range(10_000..=5 * SECOND_US),
+    },
+    |rng| What::DiskUnreadable {
+        name: rng.pick(&[None, None, Some("journal"), Some("part.layerd"), Some("recipe.toml"), Some("jobs")]),
+        per_million: rng.pick(&[1_000_000, 300_000, 50_000]),
+        for_us: rng.range(100_000..=20 * SECOND_US),
+    },
     |rng| What::DiskSlow { slow_us: rng.range(10_000..=SECOND_US), for_us: rng.range(500_000..=10 * SECOND_US) },
     |rng| What::DiskHangs { for_us: rng.range(100_000..=10 * SECOND_US) },
     |rng| What::Kill { after_calls: None, down_us: down_us(rng) },
@@ -214,7 +236,7 @@ impl Plan {
     /// A print of 30 layers in which nothing goes wrong and nobody interferes.
     pub(crate) fn calm(seed: u64) -> Self {
         let what = What::Order(Wish::Submit { part: 0 });
-        Self { seed, character: Character::Honest, events: vec![Planned { at_us: 10_000, what }] }
+        Self { seed, character: Character::Honest, confirms_plate: true, events: vec![Planned { at_us: 10_000, what }] }
     }
 
     /// Draws a run.
@@ -239,6 +261,17 @@ impl Plan {
                 let closes = What::Machine(Incident::InterlockCloses);
                 events.push(Planned { at_us: at_us + rng.range(10_000..=5 * SECOND_US), what: closes });
             }
+            if let What::DiskUnreadable { for_us, .. } = what {
+                // A daemon reads most when it starts, and when it takes in a part or opens a job.
+                let within_us = at_us + rng.below(for_us);
+                let reads = match rng.below(4) {
+                    0 => What::Kill { after_calls: None, down_us: 50_000 },
+                    1 => What::Order(Wish::Submit { part: 2 }),
+                    2 => What::Order(Wish::Again { pick: 0 }),
+                    _ => What::Order(Wish::Resume { pick: 0 }),
+                };
+                events.push(Planned { at_us: within_us, what: reads });
+            }
             events.push(Planned { at_us, what });
         }
         for _ in 0..rng.below(6) {
@@ -251,6 +284,8 @@ impl Plan {
             }
         }
         events.sort_by_key(|event| event.at_us);
-        Self { seed, character, events }
+        // Nobody looks at the plate of a machine that changes plates by itself: such a machine must be honest.
+        let confirms_plate = character != Character::Honest || rng.chance(0.7);
+        Self { seed, character, confirms_plate, events }
     }
 }

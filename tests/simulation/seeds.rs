@@ -37,7 +37,7 @@ fn a_search_in_which_nothing_goes_wrong_fails() {
 /// Runs what a search found, made smaller.
 fn holds(seed: u64, character: Character, events: Vec<(u64, What)>) {
     let events = events.into_iter().map(|(at_us, what)| Planned { at_us, what }).collect();
-    let report = run(&Plan { seed, character, events }, true);
+    let report = run(&Plan { seed, character, confirms_plate: true, events }, true);
     if let Some(violation) = report.violation {
         panic!("{}: {}\n{}", violation.invariant, violation.text, report.trace.join("\n"));
     }
@@ -114,7 +114,7 @@ fn a_job_that_is_to_end_waits_for_no_empty_plate() {
         vec![
             (605_523, What::Order(Wish::Submit { part: 2 })),
             (3_033_071, What::Order(Wish::Abort { pick: Some(0) })),
-            (3_676_843, What::DiskBroken { for_us: 2_387_402 }),
+            (3_676_843, What::DiskBroken { per_million: 1_000_000, for_us: 2_387_402 }),
             (6_128_956, What::Order(Wish::Again { pick: 0 })),
             (12_286_469, What::Kill { after_calls: None, down_us: 300_000 }),
         ],
@@ -130,7 +130,7 @@ fn a_job_does_not_go_on_where_another_has_printed_since() {
         Character::Honest,
         vec![
             (715_445, What::Order(Wish::Submit { part: 1 })),
-            (7_010_819, What::DiskBroken { for_us: 2_955_401 }),
+            (7_010_819, What::DiskBroken { per_million: 1_000_000, for_us: 2_955_401 }),
             (8_120_876, What::Order(Wish::Abort { pick: Some(0) })),
             (9_968_535, What::Order(Wish::Again { pick: 1 })),
             (13_557_620, What::Kill { after_calls: None, down_us: 300_000 }),
@@ -183,4 +183,47 @@ fn a_spool_that_is_moved_aside_is_told() {
             (14_000_000, What::Line(LineFault::Split { for_us: 100_000 })),
         ],
     );
+}
+
+/// An abort was answered, the daemon crashed, and the next one could not read the journal at first: nobody carried the abort out.
+#[test]
+fn a_journal_that_cannot_be_read_at_the_start_is_read_later() {
+    holds(
+        589,
+        Character::Honest,
+        vec![
+            (58_404, What::Order(Wish::Submit { part: 2 })),
+            (7_388_749, What::Order(Wish::Abort { pick: None })),
+            (7_420_000, What::DiskUnreadable { name: Some("journal"), per_million: 1_000_000, for_us: 4_000_000 }),
+            (7_450_000, What::Kill { after_calls: None, down_us: 300_000 }),
+        ],
+    );
+}
+
+/// The journal of a queued job could not be read at a start. It was resumed later as if its part were on the plate, so nobody was asked
+/// whether the plate is empty.
+#[test]
+fn a_queued_job_whose_journal_was_read_late_waits_for_an_empty_plate() {
+    holds(
+        590,
+        Character::Honest,
+        vec![
+            (58_404, What::Order(Wish::Submit { part: 2 })),
+            (5_000_000, What::Order(Wish::Submit { part: 2 })),
+            (16_000_000, What::DiskUnreadable { name: Some("journal"), per_million: 1_000_000, for_us: 4_000_000 }),
+            (16_500_000, What::Kill { after_calls: None, down_us: 300_000 }),
+        ],
+    );
+}
+
+/// A new job was in the spool, and then its journal could not be opened: the job was refused, and there after a restart.
+#[test]
+fn a_job_that_was_refused_is_not_there_after_a_crash() {
+    for seed in 0..20 {
+        let mut events =
+            vec![(100_000, What::DiskUnreadable { name: Some("journal"), per_million: 300_000, for_us: 3_000_000 })];
+        events.extend((0..8).map(|count| (200_000 + 300_000 * count, What::Order(Wish::Submit { part: 2 }))));
+        events.push((4_000_000, What::Kill { after_calls: None, down_us: 300_000 }));
+        holds(seed, Character::Honest, events);
+    }
 }

@@ -21,6 +21,7 @@ pub(crate) const INVARIANTS: &[&str] = &[
     "journal reads",
     "journal true",
     "orders carried out",
+    "orders recorded",
     "operators told the truth",
     "jobs end",
     "prints survive",

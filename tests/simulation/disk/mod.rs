@@ -1,4 +1,4 @@
-//! A simulated disk: what was not flushed is lost when the power fails, writes are torn, space runs out, the disk fails or is slow.
+//! A simulated disk: what was not flushed is lost when the power fails, writes are torn, space runs out, writing or reading fails.
 //!
 //! A killed process loses nothing that it wrote: the system's memory outlives it. A power cut keeps of each file what was flushed and a
 //! random beginning of what was written since, perhaps with zeros in place of its last block; and of each directory what was flushed
@@ -15,15 +15,18 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use layerd::system::{Disk, DiskFile, How, Metadata};
 
 use crate::rng::Rng;
-use state::{CAPACITY_BYTES, DirectoryNode, FileNode, Node, OUTSIDE, ROOT, State, full, names};
+pub(crate) use state::Unreadable;
+use state::{Access, CAPACITY_BYTES, DirectoryNode, FileNode, Node, OUTSIDE, ROOT, State, full, names};
 
 /// What the disk did to those who used it.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Harm {
     /// Calls that failed because the disk was full.
     pub(crate) full: u64,
-    /// Calls that failed with an input/output error.
+    /// Writing calls that failed with an input/output error.
     pub(crate) failed: u64,
+    /// Reading calls that did.
+    pub(crate) unread: u64,
     /// Files whose unflushed end was lost, whole or in part, in a power cut.
     pub(crate) lost: u64,
     /// Names whose change was lost in a power cut.
@@ -52,7 +55,8 @@ impl SimDisk {
             calls_left: None,
             taken_bytes: 0,
             used_bytes: 0,
-            broken: false,
+            broken_per_million: 0,
+            unreadable: None,
             open_files: 0,
             harm: Harm::default(),
         })))
@@ -103,9 +107,14 @@ impl SimDisk {
         state.taken_bytes = bytes.map_or(0, |bytes| free_bytes.saturating_sub(bytes));
     }
 
-    /// From now on writing fails, or works again.
-    pub(crate) fn set_broken(&self, broken: bool) {
-        self.state().broken = broken;
+    /// From now on so many of a million writing calls fail.
+    pub(crate) fn set_broken(&self, per_million: u32) {
+        self.state().broken_per_million = per_million;
+    }
+
+    /// From now on reading fails; `None` if it works again.
+    pub(crate) fn set_unreadable(&self, unreadable: Option<Unreadable>) {
+        self.state().unreadable = unreadable;
     }
 
     /// Moves a directory aside, and makes an empty one in its place.
@@ -154,22 +163,21 @@ impl SimDisk {
 }
 
 impl Mount {
-    fn enter(&self, writes: bool) -> io::Result<MutexGuard<'_, State>> {
+    fn enter(&self, access: Access<'_>) -> io::Result<MutexGuard<'_, State>> {
         let mut state = self.disk.state();
-        state.enter(self.process, writes)?;
+        state.enter(self.process, access)?;
         Ok(state)
     }
 }
 
 impl Disk for Mount {
     fn open(&self, path: &Path, how: How) -> io::Result<Box<dyn DiskFile>> {
-        let mut state = self.enter(how != How::Read && how != How::ReadWrite)?;
+        let reads = matches!(how, How::Read | How::ReadWrite);
+        let mut state = self.enter(if reads { Access::Reads(path) } else { Access::Writes })?;
         let node = match state.find(path) {
             Ok(_) if matches!(how, How::CreateNew | How::CreatePrivate) => return Err(ErrorKind::AlreadyExists.into()),
             Ok(node) => node,
-            Err(error) if error.kind() != ErrorKind::NotFound || matches!(how, How::Read | How::ReadWrite) => {
-                return Err(error);
-            }
+            Err(error) if reads || error.kind() != ErrorKind::NotFound => return Err(error),
             Err(_) => {
                 let (parent, name) = state.parent(path)?;
                 if state.free_bytes() == 0 {
@@ -181,8 +189,9 @@ impl Disk for Mount {
                 made
             }
         };
+        let opened = Box::new(SimFile { mount: self.clone(), node, path: path.into() });
         if self.process == OUTSIDE {
-            return Ok(Box::new(SimFile { mount: self.clone(), node }));
+            return Ok(opened);
         }
         if let Ok(file) = state.file(node) {
             file.opened += 1;
@@ -192,16 +201,16 @@ impl Disk for Mount {
             }
             state.open_files += 1;
         }
-        Ok(Box::new(SimFile { mount: self.clone(), node }))
+        Ok(opened)
     }
 
     fn metadata(&self, path: &Path, _follow: bool) -> io::Result<Metadata> {
-        let state = self.enter(false)?;
+        let state = self.enter(Access::Reads(path))?;
         Ok(state.metadata(state.find(path)?))
     }
 
     fn create_directory(&self, path: &Path) -> io::Result<()> {
-        let mut state = self.enter(true)?;
+        let mut state = self.enter(Access::Writes)?;
         if state.find(path).is_ok() {
             return Err(ErrorKind::AlreadyExists.into());
         }
@@ -212,13 +221,13 @@ impl Disk for Mount {
     }
 
     fn list(&self, path: &Path) -> io::Result<Vec<PathBuf>> {
-        let state = self.enter(false)?;
+        let state = self.enter(Access::Reads(path))?;
         let directory = state.directory(state.find(path)?).ok_or(ErrorKind::NotADirectory)?;
         Ok(directory.names.keys().map(|name| path.join(name)).collect())
     }
 
     fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
-        let mut state = self.enter(true)?;
+        let mut state = self.enter(Access::Writes)?;
         let node = state.find(from)?;
         let ((old, old_name), (new, new_name)) = (state.parent(from)?, state.parent(to)?);
         if let Some(there) = state.find(to).ok().and_then(|there| state.directory(there))
@@ -236,7 +245,7 @@ impl Disk for Mount {
     }
 
     fn link(&self, from: &Path, to: &Path) -> io::Result<()> {
-        let mut state = self.enter(true)?;
+        let mut state = self.enter(Access::Writes)?;
         let node = state.find(from)?;
         if state.find(to).is_ok() {
             return Err(ErrorKind::AlreadyExists.into());
@@ -248,7 +257,7 @@ impl Disk for Mount {
     }
 
     fn remove_file(&self, path: &Path) -> io::Result<()> {
-        let mut state = self.enter(true)?;
+        let mut state = self.enter(Access::Writes)?;
         let node = state.find(path)?;
         state.file(node)?;
         let (parent, name) = state.parent(path)?;
@@ -258,7 +267,7 @@ impl Disk for Mount {
     }
 
     fn remove_directory(&self, path: &Path) -> io::Result<()> {
-        let mut state = self.enter(true)?;
+        let mut state = self.enter(Access::Writes)?;
         let node = state.find(path)?;
         if !state.directory(node).ok_or(ErrorKind::NotADirectory)?.names.is_empty() {
             return Err(ErrorKind::DirectoryNotEmpty.into());
@@ -269,14 +278,14 @@ impl Disk for Mount {
     }
 
     fn sync_directory(&self, path: &Path) -> io::Result<()> {
-        let mut state = self.enter(true)?;
+        let mut state = self.enter(Access::Writes)?;
         let node = state.find(path)?;
         state.flush_directory(node);
         Ok(())
     }
 
     fn free_bytes(&self, directory: &Path) -> io::Result<u64> {
-        let state = self.enter(false)?;
+        let state = self.enter(Access::Asks)?;
         state.find(directory)?;
         Ok(state.free_bytes())
     }
@@ -287,11 +296,13 @@ impl Disk for Mount {
 struct SimFile {
     mount: Mount,
     node: u64,
+    /// As it was opened.
+    path: PathBuf,
 }
 
 impl DiskFile for SimFile {
     fn read_at(&self, bytes: &mut [u8], offset: u64) -> io::Result<usize> {
-        let mut state = self.mount.enter(false)?;
+        let mut state = self.mount.enter(Access::Reads(&self.path))?;
         let rest = state.file(self.node)?.bytes.get(offset as usize..).unwrap_or_default();
         let count = rest.len().min(bytes.len());
         bytes[..count].copy_from_slice(&rest[..count]);
@@ -299,7 +310,7 @@ impl DiskFile for SimFile {
     }
 
     fn write_at(&self, bytes: &[u8], offset: u64) -> io::Result<usize> {
-        let mut state = self.mount.enter(true)?;
+        let mut state = self.mount.enter(Access::Writes)?;
         let free_bytes = state.free_bytes();
         let file = state.file(self.node)?;
         let (end, before) = (offset + bytes.len() as u64, file.allocated_bytes());
@@ -321,7 +332,7 @@ impl DiskFile for SimFile {
     }
 
     fn set_len(&self, bytes: u64) -> io::Result<()> {
-        let mut state = self.mount.enter(true)?;
+        let mut state = self.mount.enter(Access::Writes)?;
         let file = state.file(self.node)?;
         file.bytes.resize(bytes as usize, 0);
         file.reserved_bytes = bytes;
@@ -330,14 +341,14 @@ impl DiskFile for SimFile {
     }
 
     fn sync(&self, _metadata: bool) -> io::Result<()> {
-        let mut state = self.mount.enter(true)?;
+        let mut state = self.mount.enter(Access::Writes)?;
         let file = state.file(self.node)?;
         file.flushed.clone_from(&file.bytes);
         Ok(())
     }
 
     fn reserve(&self, offset: u64, bytes: u64) -> io::Result<()> {
-        let mut state = self.mount.enter(true)?;
+        let mut state = self.mount.enter(Access::Writes)?;
         let free_bytes = state.free_bytes();
         let file = state.file(self.node)?;
         let grown = (offset + bytes).saturating_sub(file.allocated_bytes());
@@ -351,12 +362,12 @@ impl DiskFile for SimFile {
     }
 
     fn metadata(&self) -> io::Result<Metadata> {
-        let state = self.mount.enter(false)?;
+        let state = self.mount.enter(Access::Reads(&self.path))?;
         Ok(state.metadata(self.node))
     }
 
     fn try_lock(&self) -> Result<(), TryLockError> {
-        let mut state = self.mount.enter(false).map_err(TryLockError::Error)?;
+        let mut state = self.mount.enter(Access::Asks).map_err(TryLockError::Error)?;
         let process = state.process;
         let file = state.file(self.node).map_err(TryLockError::Error)?;
         match file.locked_by {

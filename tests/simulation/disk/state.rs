@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::io::{self, ErrorKind};
-use std::path::{Component, Path};
+use std::path::{Component, Path, PathBuf};
 
 use layerd::system::{FileKind, Metadata};
 
@@ -29,11 +29,35 @@ pub(super) struct State {
     /// Space that other programs take, bytes.
     pub(super) taken_bytes: u64,
     pub(super) used_bytes: u64,
-    /// Writing calls fail with an input/output error.
-    pub(super) broken: bool,
+    /// Writing calls that fail with an input/output error, of a million.
+    pub(super) broken_per_million: u32,
+    /// What cannot be read.
+    pub(super) unreadable: Option<Unreadable>,
     /// Files that the living process has open.
     pub(super) open_files: usize,
     pub(super) harm: Harm,
+}
+
+/// Files and directories whose reading fails with an input/output error.
+#[derive(Clone, Debug)]
+pub(crate) struct Unreadable {
+    /// Where they are.
+    pub(crate) below: PathBuf,
+    /// Their name; `None` for all.
+    pub(crate) name: Option<&'static str>,
+    /// Calls that fail, of a million.
+    pub(crate) per_million: u32,
+}
+
+/// What a call does.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Access<'a> {
+    /// It reads this file or directory, or what is known of it.
+    Reads(&'a Path),
+    /// It changes the disk.
+    Writes,
+    /// It does neither.
+    Asks,
 }
 
 #[derive(Debug)]
@@ -98,8 +122,8 @@ impl State {
         self.free_unnamed();
     }
 
-    /// Checks that `process` is alive, and counts its call. `writes` says whether the call changes the disk.
-    pub(super) fn enter(&mut self, process: u32, writes: bool) -> io::Result<()> {
+    /// Checks that `process` is alive and that the disk can do what the call asks, and counts the call.
+    pub(super) fn enter(&mut self, process: u32, access: Access<'_>) -> io::Result<()> {
         if process == OUTSIDE {
             return Ok(());
         }
@@ -112,11 +136,18 @@ impl State {
                 return Err(broken());
             }
         }
-        if writes && self.broken {
-            self.harm.failed += 1;
-            return Err(broken());
+        match access {
+            Access::Writes if self.rng.per_million(self.broken_per_million) => self.harm.failed += 1,
+            Access::Reads(path) if self.cannot_read(path) => self.harm.unread += 1,
+            _ => return Ok(()),
         }
-        Ok(())
+        Err(broken())
+    }
+
+    fn cannot_read(&mut self, path: &Path) -> bool {
+        let Some(Unreadable { below, name, per_million }) = &self.unreadable else { return false };
+        let is_meant = path.starts_with(below) && name.is_none_or(|name| path.ends_with(name));
+        is_meant && self.rng.per_million(*per_million)
     }
 
     pub(super) fn directory(&self, node: u64) -> Option<&DirectoryNode> {

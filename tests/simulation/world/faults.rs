@@ -2,6 +2,9 @@
 
 use std::sync::PoisonError;
 
+use layerd::job::JobState;
+
+use crate::disk::Unreadable;
 use crate::host::{Host, config_path};
 use crate::line::LineFault;
 use crate::machine::{Character, Lie, Machine};
@@ -18,6 +21,7 @@ impl World {
             self.disturbed_us = self.now_us;
         }
         self.gentle &= what.is_gentle();
+        self.reserve_holds &= what.spares_records();
         let now_us = self.now_us;
         match *what {
             What::Order(wish) => self.wish(wish),
@@ -36,10 +40,15 @@ impl World {
                 self.disk.leave_free(Some(free_bytes));
                 self.end_at(now_us + for_us, End::DiskFull);
             }
-            What::DiskBroken { for_us } => {
-                self.disk.set_broken(true);
+            What::DiskBroken { per_million, for_us } => {
+                self.disk.set_broken(per_million);
                 self.undeleted = true;
                 self.end_at(now_us + for_us, End::DiskBroken);
+            }
+            What::DiskUnreadable { name, per_million, for_us } => {
+                self.disk.set_unreadable(Some(Unreadable { below: spool(), name, per_million }));
+                self.undeleted = true;
+                self.end_at(now_us + for_us, End::DiskUnreadable);
             }
             What::DiskSlow { slow_us, for_us } => {
                 self.shared.set_slow(slow_us);
@@ -114,7 +123,8 @@ impl World {
         match end {
             End::OtherMachine => self.connect(0),
             End::DiskFull => self.disk.leave_free(None),
-            End::DiskBroken => self.disk.set_broken(false),
+            End::DiskBroken => self.disk.set_broken(0),
+            End::DiskUnreadable => self.disk.set_unreadable(None),
             End::DiskSlow => self.shared.set_slow(0),
         }
     }
@@ -141,6 +151,21 @@ impl World {
             if !goes_on {
                 self.stations[index].part_um = None;
             }
+        }
+    }
+
+    /// A machine that changes plates by itself does so when its plate is clear and no job has to go on with what is on it.
+    pub(super) fn change_plate(&mut self) {
+        let (false, Some(host)) = (self.plan.confirms_plate, &self.host) else { return };
+        let is_needed = host
+            .handle
+            .snapshot()
+            .jobs
+            .iter()
+            .any(|job| !job.state.is_final() && (job.started_ms.is_some() || job.state != JobState::Queued));
+        let station = &mut self.stations[self.connected];
+        if !is_needed && station.is_clear() && station.part_um.take().is_some() {
+            self.note(|| "machine: changes its plate".into());
         }
     }
 

@@ -108,8 +108,15 @@ impl World {
         let Some(host) = &self.host else { return };
         let snapshot = host.handle.snapshot().clone();
         let known: BTreeSet<u32> = snapshot.jobs.iter().map(number).collect();
-        let lost = self.promises.accepted.difference(&known).find(|id| !self.promises.going.contains(id)).copied();
+        let is_going = |id: &u32| self.promises.going.get(id).is_some_and(|count| *count > 0);
+        let lost = self.promises.accepted.difference(&known).find(|id| !is_going(id)).copied();
         self.check("orders carried out", lost.is_none(), || format!("job {lost:?} was accepted and is gone"));
+        let unanswered = std::mem::take(&mut self.promises.unanswered);
+        let new: Vec<_> = known.difference(&self.promises.accepted).copied().collect();
+        self.check("orders carried out", new.len() <= unanswered, || {
+            format!("jobs {new:?} are there, and nobody was told that they were accepted")
+        });
+        self.promises.accepted.extend(new);
         let back = self.promises.removed.intersection(&known).next().copied();
         self.check("orders carried out", back.is_none(), || format!("job {back:?} was removed and is back"));
     }

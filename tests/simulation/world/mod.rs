@@ -26,9 +26,10 @@ const SECOND_US: u64 = 1_000_000;
 /// Turns of the loop in a whole run: a run that is longer turns in circles.
 const MAX_TURNS: u64 = 3_000_000;
 /// What faults came to, counted.
-pub(crate) const EFFECTS: [&str; 5] = [
+pub(crate) const EFFECTS: [&str; 6] = [
     "effect: a write found no room",
     "effect: a write failed",
+    "effect: a read failed",
     "effect: unflushed bytes lost",
     "effect: unflushed names lost",
     "effect: lies told",
@@ -105,6 +106,8 @@ pub(crate) struct World {
     power_fails: bool,
     /// The spool was moved aside since the daemon's start: what it promises is void once it starts in the new one.
     spool_is_new: bool,
+    /// No fault but a lack of room has kept a record off the disk, and no space set aside was lost.
+    reserve_holds: bool,
     /// Only what a print must survive has happened so far.
     gentle: bool,
     /// Until when the line's faults last.
@@ -121,8 +124,10 @@ struct Promises {
     /// Jobs that were accepted and not removed.
     accepted: BTreeSet<u32>,
     removed: BTreeSet<u32>,
-    /// Jobs whose removal was ordered and not refused.
-    going: BTreeSet<u32>,
+    /// New jobs that were asked for, and whose answer did not come yet.
+    unanswered: usize,
+    /// How many orders to remove a job were given and not refused.
+    going: BTreeMap<u32, u32>,
     /// Jobs whose end was ordered, accepted without a warning.
     ended: BTreeMap<u32, &'static str>,
     /// Jobs that an operator told to stop or abort, at a random moment.
@@ -145,6 +150,7 @@ enum End {
     OtherMachine,
     DiskFull,
     DiskBroken,
+    DiskUnreadable,
     DiskSlow,
 }
 
@@ -154,7 +160,7 @@ impl World {
         parts();
         let mut rng = Rng::new(plan.seed ^ 0x5eed_7e57);
         let disk = SimDisk::new(rng.next_u64());
-        for (path, text) in files() {
+        for (path, text) in files(plan.confirms_plate) {
             disk.prepare(&path, text.as_bytes());
         }
         let line = Line::new(BAUD, rng.next_u64());
@@ -181,6 +187,7 @@ impl World {
             power_fails: false,
             spool_is_new: false,
             undeleted: false,
+            reserve_holds: true,
             line_faulty_until_us: 0,
             patient: Patient::default(),
             happened: BTreeMap::new(),
@@ -230,9 +237,9 @@ impl World {
                 *ended.entry(job.state.name()).or_default() += 1;
             }
         }
-        let Harm { full, failed, lost, lost_names } = self.disk.harm();
+        let Harm { full, failed, unread, lost, lost_names } = self.disk.harm();
         let lies = self.stations.iter().map(|it| u64::from(it.machine.lies_told())).sum();
-        for (name, count) in EFFECTS.iter().zip([full, failed, lost, lost_names, lies]) {
+        for (name, count) in EFFECTS.iter().zip([full, failed, unread, lost, lost_names, lies]) {
             *self.happened.entry(name).or_default() += count;
         }
         if let Some(host) = self.host.take() {
@@ -288,6 +295,7 @@ impl World {
         }
         self.run_host();
         self.look_at_host();
+        self.change_plate();
         self.watch_light();
         self.be_patient();
     }

@@ -68,8 +68,10 @@ impl World {
         if confirms && (holder.is_none() || holder == of) && self.stations[self.connected].part_um.take().is_some() {
             self.note(|| "operator: takes the part off".into());
         }
-        if let Ask::Remove(id) = ask {
-            self.promises.going.insert(*id);
+        match ask {
+            Ask::Remove(id) => *self.promises.going.entry(*id).or_default() += 1,
+            Ask::Submit { .. } | Ask::Again(_) => self.promises.unanswered += 1,
+            _ => {}
         }
         let decided = Decided { ask: ask.clone(), given_us: self.now_us, jobs_ended: snapshot.jobs_ended };
         let Some(host) = &self.host else { return };
@@ -90,6 +92,9 @@ impl World {
             };
             text
         });
+        if matches!(ask, Ask::Submit { .. } | Ask::Again(_)) {
+            self.promises.unanswered = self.promises.unanswered.saturating_sub(1);
+        }
         let job = match answer {
             Ok(Answer::Job(job)) => job,
             Ok(Answer::Removed(removed)) => {
@@ -100,8 +105,12 @@ impl World {
             }
             Ok(Answer::Raise(_)) => return,
             Err(error) => {
-                if let Ask::Remove(id) = ask {
-                    self.promises.going.remove(id);
+                // A removal that failed halfway is ended by the next start.
+                if let Ask::Remove(id) = ask
+                    && error.status != 500
+                    && let Some(count) = self.promises.going.get_mut(id)
+                {
+                    *count -= 1;
                 }
                 if error.message.contains("restart layerd")
                     && let Some(host) = &self.host
@@ -115,6 +124,10 @@ impl World {
             }
         };
         let id = number(job);
+        if matches!(ask, Ask::Stop(_) | Ask::Abort(_)) && self.reserve_holds && self.disk.harm().lost == 0 {
+            let unwritten = job.warning.clone().filter(|warning| warning.contains("could not be written"));
+            self.check("orders recorded", unwritten.is_none(), || format!("job {id}: {ask:?}: {unwritten:?}"));
+        }
         let over = self.promises.ended.get(&id).copied().filter(|_| matches!(ask, Ask::Resume(..)));
         self.check("orders carried out", over.is_none(), || format!("job {id} was resumed after its {over:?}"));
         if !matches!(ask, Ask::Pause(_)) {

@@ -16,6 +16,8 @@ use crate::parts::spool;
 const MAX_CALM_US: u64 = 1_200 * SECOND_US;
 /// How often the patient operator looks.
 const LOOK_US: u64 = 1_500_000;
+/// The daemon has tried again within this time to read a journal that could not be read before.
+const MAX_UNREAD_US: u64 = 12 * SECOND_US;
 /// An accepted order to pause, stop or abort is carried out within this time once nothing goes wrong any more.
 const MAX_OBEYED_US: u64 = 120 * SECOND_US;
 
@@ -74,9 +76,12 @@ impl World {
             return self.all_ended(&snapshot);
         }
         for job in &open {
-            // A stop may leave a job interrupted, if its plate could not be lifted.
+            // A stop may leave a job interrupted, if its plate could not be lifted. A journal that could not be read is tried again.
             let id = number(job);
-            let waits = job.state == JobState::Interrupted && self.promises.ended.get(&id) == Some(&"abort");
+            let unread = |reason: &String| reason.contains("the journal") && now_us - since_us < MAX_UNREAD_US;
+            let waits = job.state == JobState::Interrupted
+                && self.promises.ended.get(&id) == Some(&"abort")
+                && !job.reason.as_ref().is_some_and(unread);
             self.check("orders carried out", !waits, || {
                 format!("job {id}: an abort was accepted, and it is interrupted")
             });
