@@ -156,6 +156,32 @@ fn a_pause_outlives_the_way_back_into_the_queue() {
     );
 }
 
+/// The line was down when a job was aborted, so the abort was sent in the first session of the next job. That job's layers were refused,
+/// and it failed, before the answer to the abort arrived.
+#[test]
+fn a_job_begins_after_the_abort_of_the_one_before_is_answered() {
+    holds(
+        8_138_819,
+        Character::Honest,
+        vec![
+            (422_847, What::Order(Wish::Submit { part: 0 })),
+            (468_732, What::DiskBroken { for_us: 1_060_410 }),
+            (10_370_525, What::Line(LineFault::Unplugged { for_us: 6_307_208 })),
+            (12_739_829, What::Line(LineFault::Delay { extra_us: 1_500_000, for_us: 12_878_678 })),
+            (
+                19_770_831,
+                What::Line(LineFault::Noise {
+                    loss_per_million: 0,
+                    corrupt_per_million: 100_000,
+                    duplicate_per_million: 100_000,
+                    for_us: 13_129_224,
+                }),
+            ),
+            (21_706_370, What::Order(Wish::Abort { pick: Some(3) })),
+        ],
+    );
+}
+
 /// A paused job whose device broke the protocol three times was to end, and did not: it had parked already.
 #[test]
 fn a_paused_job_ends_when_the_device_breaks_the_protocol() {

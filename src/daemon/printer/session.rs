@@ -22,7 +22,7 @@ impl Printer {
                 self.faults.connected();
                 self.capabilities = Some(capabilities.clone());
                 self.device_state = Some(state.clone());
-                let may_begin = self.plate_allows(&state, now_us);
+                let may_begin = !self.abort_goes_first() && self.plate_allows(&state, now_us);
                 match &mut self.running {
                     Some(running) if may_begin => running.connected(&capabilities, &state, now_us),
                     Some(_) => {}
@@ -47,6 +47,13 @@ impl Printer {
             }
             LinkEvent::PortFailed(error) => self.lost(format!("the port failed: {error}"), now_us),
         }
+    }
+
+    /// Whether the abort of an earlier job is not answered yet. The device obeys it in this session and then needs a new one, so the
+    /// running job waits for that.
+    fn abort_goes_first(&self) -> bool {
+        let own = self.running.as_ref().and_then(|running| running.urgent).map(|(number, _)| number);
+        self.last_abort.is_some() && self.last_abort != own
     }
 
     /// Checks whether a device that connected can print here, and tells the operator once if not.
