@@ -143,7 +143,8 @@ impl World {
                 let pause = Pause { at_us: self.now_us, ..Pause::default() };
                 self.promises.pauses.entry(id).or_insert(pause);
             }
-            Ask::Stop(_) if job.warning.is_none() => {
+            // A job that has all its layers ends as completed: a stop has no effect on it.
+            Ask::Stop(_) if job.warning.is_none() && job.layers_done < job.layers_total => {
                 self.promises.ended.entry(id).or_insert("stop");
             }
             Ask::Abort(_) => {
