@@ -165,7 +165,7 @@ fn a_job_begins_after_the_abort_of_the_one_before_is_answered() {
         Character::Honest,
         vec![
             (422_847, What::Order(Wish::Submit { part: 0 })),
-            (468_732, What::DiskBroken { for_us: 1_060_410 }),
+            (468_732, What::DiskBroken { per_million: 1_000_000, for_us: 1_060_410 }),
             (10_370_525, What::Line(LineFault::Unplugged { for_us: 6_307_208 })),
             (12_739_829, What::Line(LineFault::Delay { extra_us: 1_500_000, for_us: 12_878_678 })),
             (
