@@ -5,9 +5,11 @@
 mod bitmap;
 pub mod export;
 mod raster;
+mod vectors;
 
 pub use bitmap::{Bitmap, Depth};
 pub use raster::{Mirror, Raster};
+pub use vectors::{HatchFrame, HatchLine, Mark, MarkClass, Run, Vectors};
 
 /// One layer of a part, by what a machine exposes it with.
 #[derive(Clone, Debug, PartialEq, Eq)]

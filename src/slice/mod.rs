@@ -45,6 +45,7 @@ mod body;
 mod error;
 mod footing;
 mod plan;
+pub mod scan;
 mod slicer;
 mod volume;
 mod workers;
