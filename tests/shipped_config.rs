@@ -5,6 +5,7 @@
 use std::path::{Path, PathBuf};
 
 use layerd::config::{DaemonConfig, Machine, Recipe, load_pair};
+use layerd::layer::MarkClass;
 
 fn shipped(directory: &str) -> Vec<PathBuf> {
     let directory = Path::new(env!("CARGO_MANIFEST_DIR")).join("config").join(directory);
@@ -37,11 +38,9 @@ fn a_recipe_may_name_its_kind_and_is_for_dlp_machines_if_it_does_not() {
     let plain = parse(&text).unwrap();
     assert_eq!(parse(&format!("kind = \"dlp\"\n{text}")).unwrap(), plain);
     let unknown = parse(&format!("kind = \"fdm\"\n{text}")).unwrap_err().to_string();
-    for word in ["my.toml", "line 1, column 8", "unknown kind `fdm`, expected `dlp`"] {
+    for word in ["my.toml", "line 1, column 8", "unknown kind `fdm`, expected `dlp` or `slm`"] {
         assert!(unknown.contains(word), "{unknown}");
     }
-    let laser = parse("\nkind = \"slm\"\nlaser_power_w = 200.0\n").unwrap_err().to_string();
-    assert!(laser.starts_with("my.toml: line 2: layerd cannot drive machines of kind `slm` yet"), "{laser}");
 }
 
 #[test]
@@ -56,7 +55,7 @@ fn a_recipe_for_another_kind_of_machine_is_told_with_both_files() {
         assert!(message.contains(word), "`{word}` is not in: {message}");
     }
     std::fs::write(&recipe, recipe_with("exposure_ms = 7")).unwrap();
-    let (_, Recipe::Dlp(recipe)) = load_pair(&machine, &recipe).unwrap();
+    let (_, Recipe::Dlp(recipe)) = load_pair(&machine, &recipe).unwrap() else { panic!("a recipe for DLP machines") };
     assert_eq!(recipe.exposure_ms, 7);
 }
 
@@ -113,7 +112,7 @@ fn mistakes_in_machine_and_daemon_files_are_told() {
             format!("kind = 7\n{}", machine.replace("kind = ", "# kind = ")),
             vec!["m.toml", "line 1, column 8", "expected a kind in quotes, as in `kind = \"dlp\"`"],
         ),
-        (machine.replace("\"dlp\"", "\"slm\""), vec!["m.toml", "line 4", "kind", "cannot drive", "`slm`", "`dlp`"]),
+        (machine.replace("\"dlp\"", "\"slm\""), vec!["m.toml", "clear_height_um", "unknown field", "field_um"]),
         (
             machine.replace("pixel_um = ", "pixel_um = [0.5, 40.0] # "),
             vec!["m.toml", "pixel_um[0]", "0.5", "1 to 1000"],
@@ -142,4 +141,94 @@ fn mistakes_in_machine_and_daemon_files_are_told() {
     assert!(message.contains("threads = 0: allowed is 1 to 256"), "all of them: {message}");
     let message = DaemonConfig::load(&directory.path().join("none.toml")).unwrap_err().to_string();
     assert!(message.contains("none.toml") && message.contains("No such file"), "{message}");
+}
+
+fn shipped_text(place: &str) -> String {
+    std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("config").join(place)).unwrap()
+}
+
+#[test]
+fn mistakes_in_files_for_slm_machines_are_told() {
+    let machine = shipped_text("machines/sim-slm.toml");
+    let machines = [
+        ("grid_um = ", "grid_um = 0.5 # ", ["grid_um", "0.5", "1 to 1000"]),
+        ("field_um = ", "field_um = [120000.0, 2e6] # ", ["field_um[1]", "2000000", "1000 to 983040"]),
+        ("max_power_w = ", "max_power_w = 0.0 # ", ["max_power_w", "0", "0.1 to 10000"]),
+        ("layer_height_range_um = ", "layer_height_range_um = [50.0, 20.0] # ", ["range_um[1]", "20", "50 to 1000"]),
+        ("beam_diameter_um", "beam_um", ["beam_um", "unknown field", "beam_diameter_um"]),
+    ];
+    for (old, new, words) in machines {
+        let message = Machine::parse(Path::new("m.toml"), &machine.replacen(old, new, 1)).unwrap_err().to_string();
+        for word in words.iter().chain(&["m.toml"]) {
+            assert!(message.contains(word), "{new}: `{word}` is not in: {message}");
+        }
+    }
+    let recipe = shipped_text("recipes/slm-demo.toml");
+    let recipes = [
+        ("mark_speed_mm_s = ", "mark_speed_mm_s = 0.0 # ", ["mark_speed_mm_s", "0", "1 to 50000"]),
+        ("hatch_spacing_um = ", "hatch_spacing_um = 0.0 # ", ["hatch_spacing_um", "0", "1 to 10000"]),
+        ("= \"stripes\"", "= \"spiral\"", ["spiral", "unknown variant", "chessboard"]),
+        ("stripe_overlap_um = ", "stripe_overlap_um = 3000.0 # ", ["stripe_overlap_um", "3000", "0 to 2500"]),
+        ("[contour]", "[contour]\nhatch_spacing_um = 50.0", ["contour.hatch_spacing_um", "only up_skin", "down_skin"]),
+        ("[contour]", "[point]\npoint_time_us = 0\n[contour]", ["point.point_time_us", "0", "1 to 1000000"]),
+        ("[down_skin]", "[down_skin]\nexposure_ms = 1", ["exposure_ms", "unknown field", "laser_power_w"]),
+        ("hatch_strategy = ", "# ", ["missing field", "hatch_strategy", "slm"]),
+    ];
+    for (old, new, words) in recipes {
+        let message = Recipe::parse(Path::new("slm.toml"), &recipe.replacen(old, new, 1)).unwrap_err().to_string();
+        for word in words {
+            assert!(message.contains(word), "{new}: `{word}` is not in: {message}");
+        }
+    }
+}
+
+#[test]
+fn a_wrong_value_that_all_classes_share_is_told_once() {
+    let recipe = shipped_text("recipes/slm-demo.toml").replacen("jump_speed_mm_s = ", "jump_speed_mm_s = nan # ", 1);
+    let message = Recipe::parse(Path::new("slm.toml"), &recipe).unwrap_err().to_string();
+    assert_eq!(message.matches("jump_speed_mm_s").count(), 1, "{message}");
+}
+
+#[test]
+fn a_recipe_beyond_the_limits_of_a_machine_is_told() {
+    let directory = tempfile::tempdir().unwrap();
+    let [machine, recipe] = ["m.toml", "r.toml"].map(|name| directory.path().join(name));
+    std::fs::write(&machine, shipped_text("machines/sim-slm.toml")).unwrap();
+    let text = shipped_text("recipes/slm-demo.toml");
+    std::fs::write(&recipe, &text).unwrap();
+    load_pair(&machine, &recipe).unwrap();
+    let strong = text.replacen("[contour]\nlaser_power_w = 120.0", "[contour]\nlaser_power_w = 250.0", 1);
+    std::fs::write(&recipe, strong.replacen("layer_height_um = 30.0", "layer_height_um = 10.0", 1)).unwrap();
+    let message = load_pair(&machine, &recipe).unwrap_err().to_string();
+    for word in ["r.toml", "layer_height_um = 10: allowed is 20 to 100", "laser_power_w = 250: allowed is at most 200"]
+    {
+        assert!(message.contains(word), "`{word}` is not in: {message}");
+    }
+}
+
+#[test]
+fn a_class_of_vectors_has_the_recipes_laser_parameters_or_its_own() {
+    let recipe = Recipe::parse(Path::new("slm.toml"), &shipped_text("recipes/slm-demo.toml")).unwrap();
+    let Recipe::Slm(recipe) = recipe else { panic!("a recipe for SLM machines") };
+    let [hatch, contour] = [MarkClass::Hatch, MarkClass::Contour].map(|class| recipe.laser(class));
+    assert_eq!((hatch.power_w, hatch.mark_speed_mm_s), (180.0, 1000.0));
+    assert_eq!((contour.power_w, contour.mark_speed_mm_s), (120.0, 600.0));
+    assert_eq!(contour.jump_speed_mm_s, hatch.jump_speed_mm_s);
+}
+
+#[test]
+fn the_daemon_does_not_start_with_an_slm_machine_yet() {
+    let directory = tempfile::tempdir().unwrap();
+    let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("config");
+    let [machine, recipe] = ["machines/sim-slm.toml", "recipes/slm-demo.toml"].map(|name| config.join(name));
+    let text = format!(
+        "spool = \"{0}\"\nsocket = \"{0}/s\"\nmachine = {machine:?}\nrecipe = {recipe:?}\n",
+        directory.path().display()
+    );
+    let place = directory.path().join("layerd.toml");
+    std::fs::write(&place, text).unwrap();
+    let errors = layerd::daemon::check(&place).errors.join("; ");
+    for word in ["sim-slm.toml", "kind `slm` yet", "layerctl slice"] {
+        assert!(errors.contains(word), "`{word}` is not in: {errors}");
+    }
 }

@@ -150,8 +150,9 @@ fn judge(
         }
         Err(error) => return Err(error.into()),
     };
-    let Recipe::Dlp(dlp) = recipe;
-    let process = Process::new(machine, recipe);
+    let (Recipe::Dlp(dlp), Some(process)) = (recipe, Process::new(machine, recipe)) else {
+        bail!("`check` knows machines of kind `dlp` only; `layerctl slice` writes the layers for others");
+    };
     let plan = placed.plan().clone();
     let threads = default_threads();
     let memory = placed.memory(threads, budget);

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::config::{ConfigText, DlpMachine, DlpRecipe, Folder, Machine, Recipe, find, names};
+use crate::config::{ConfigText, DlpMachine, DlpRecipe, Folder, Machine, Recipe, SlmRecipe, find, names};
 
 /// Show the machines or recipes that a name can mean.
 #[derive(Debug, clap::Args)]
@@ -91,13 +91,35 @@ fn entry(folder: Folder, name: String, figures: &impl Fn(&ConfigText) -> Result<
 }
 
 fn machine_figures(machine: &Machine) -> String {
-    let Machine::Dlp(DlpMachine { name, width_px, height_px, pixel_um: [x, y], build_height_um, .. }) = machine;
-    let height_mm = build_height_um / 1000.0;
-    format!("{name}: {width_px} × {height_px} pixels of {x} × {y} µm, {height_mm} mm high")
+    match machine {
+        Machine::Dlp(machine) => {
+            let DlpMachine { name, width_px, height_px, pixel_um: [x, y], build_height_um, .. } = machine;
+            let height_mm = build_height_um / 1000.0;
+            format!("{name}: {width_px} × {height_px} pixels of {x} × {y} µm, {height_mm} mm high")
+        }
+        Machine::Slm(machine) => {
+            let [x_mm, y_mm] = machine.field_um.map(|um| um / 1000.0);
+            let (height_mm, beam_um) = (machine.build_height_um / 1000.0, machine.beam_diameter_um);
+            format!("{}: a field of {x_mm} × {y_mm} mm, a beam of {beam_um} µm, {height_mm} mm high", machine.name)
+        }
+    }
 }
 
 fn recipe_figures(recipe: &Recipe) -> String {
-    let Recipe::Dlp(DlpRecipe { name, layer_height_um, exposure_ms, bottom_layers, bottom_exposure_ms, .. }) = recipe;
-    let [exposure_s, bottom_s] = [*exposure_ms, *bottom_exposure_ms].map(|ms| f64::from(ms) / 1000.0);
-    format!("{name}: layers of {layer_height_um} µm, {exposure_s} s each, the first {bottom_layers} {bottom_s} s")
+    match recipe {
+        Recipe::Dlp(recipe) => {
+            let DlpRecipe { name, layer_height_um, exposure_ms, bottom_layers, bottom_exposure_ms, .. } = recipe;
+            let [exposure_s, bottom_s] = [*exposure_ms, *bottom_exposure_ms].map(|ms| f64::from(ms) / 1000.0);
+            format!(
+                "{name}: layers of {layer_height_um} µm, {exposure_s} s each, the first {bottom_layers} {bottom_s} s"
+            )
+        }
+        Recipe::Slm(recipe) => {
+            let SlmRecipe { name, layer_height_um, laser_power_w, mark_speed_mm_s, hatch_spacing_um, .. } = recipe;
+            format!(
+                "{name}: layers of {layer_height_um} µm, {laser_power_w} W at {mark_speed_mm_s} mm/s, hatches every \
+                 {hatch_spacing_um} µm"
+            )
+        }
+    }
 }

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 
-use crate::config::Machine;
+use crate::config::{DlpMachine, Machine};
 use crate::device::sim::{FAULT_HELP, FaultSpec, SimulateOptions, Statistics, run as simulate};
 use crate::link::FlowControl;
 use crate::link::message::{Capabilities, Encoding, MachineCapabilities, VatCapabilities};
@@ -80,10 +80,18 @@ pub fn run(args: SimulateArgs) -> anyhow::Result<()> {
     if matches!(args.device, Kind::Slm) {
         bail!("there is no simulated slm yet; `layerctl simulate dlp` simulates a resin printer");
     }
-    let machine = args.machine.as_deref().map(super::find_machine).transpose()?.map(|(machine, _)| machine);
+    let machine = match args.machine.as_deref().map(super::find_machine).transpose()? {
+        None => None,
+        Some((Machine::Dlp(machine), _)) => Some(machine),
+        Some((machine, _)) => bail!(
+            "machine `{}` is of kind `{}`, and `simulate dlp` simulates a resin printer: name a machine of kind `dlp`",
+            machine.name(),
+            machine.kind()
+        ),
+    };
     let options = SimulateOptions {
         capabilities: capabilities(&args, machine.as_ref()),
-        escaped: machine.is_some_and(|machine| machine.link().flow_control == FlowControl::XonXoff),
+        escaped: machine.is_some_and(|machine| machine.link.flow_control == FlowControl::XonXoff),
         link: args.link,
         directory: args.output,
         baud: args.baud,
@@ -111,13 +119,12 @@ fn say(line: &str) {
     let _ = writeln!(stdout, "{line}").and_then(|()| stdout.flush());
 }
 
-fn capabilities(args: &SimulateArgs, machine: Option<&Machine>) -> Capabilities {
-    let (size_px, pixel_um, travel_um) =
-        machine.map_or(([960, 540], [40.0, 40.0], 60_000.0), |Machine::Dlp(machine)| {
-            // The plate must rise high enough to lift the finished part out.
-            let travel_um = machine.build_height_um.max(machine.clear_height_um) + 20_000.0;
-            ([machine.width_px, machine.height_px], machine.pixel_um, travel_um)
-        });
+fn capabilities(args: &SimulateArgs, machine: Option<&DlpMachine>) -> Capabilities {
+    let (size_px, pixel_um, travel_um) = machine.map_or(([960, 540], [40.0, 40.0], 60_000.0), |machine| {
+        // The plate must rise high enough to lift the finished part out.
+        let travel_um = machine.build_height_um.max(machine.clear_height_um) + 20_000.0;
+        ([machine.width_px, machine.height_px], machine.pixel_um, travel_um)
+    });
     Capabilities {
         name: "simulated dlp".into(),
         layer_slots: 2,

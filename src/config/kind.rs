@@ -5,7 +5,6 @@ use std::fmt;
 use std::path::Path;
 
 use serde::Deserialize;
-use toml::Spanned;
 
 use super::{ConfigError, in_words};
 
@@ -15,7 +14,7 @@ use super::{ConfigError, in_words};
 pub enum Kind {
     /// A vat of resin, and a projector or a masked panel.
     Dlp,
-    /// A bed of powder and a laser. A file may name it, but layerd cannot drive such a machine yet.
+    /// A bed of powder and a laser.
     Slm,
 }
 
@@ -31,21 +30,16 @@ impl fmt::Display for Kind {
 /// The one key of a file that says what the other keys are.
 #[derive(Deserialize)]
 struct Head {
-    kind: Option<Spanned<Kind>>,
+    kind: Option<Kind>,
 }
 
-/// The kind that a text names, and the line where it does; `None` if it names none.
-pub(super) fn named_in(path: &Path, text: &str) -> Result<Option<(Kind, usize)>, ConfigError> {
+/// The kind that a text names; `None` if it names none.
+pub(super) fn named_in(path: &Path, text: &str) -> Result<Option<Kind>, ConfigError> {
     let head: Head = toml::from_str(text).map_err(|error| {
         let message = in_words(&error.to_string())
             .replace("unknown variant", "unknown kind")
-            .replace("wanted string or table", "expected a kind in quotes, as in `kind = \"dlp\"`")
-            // The other kind would be refused as well.
-            .replace("expected `dlp` or `slm`", "expected `dlp`");
+            .replace("wanted string or table", "expected a kind in quotes, as in `kind = \"dlp\"`");
         ConfigError::Parse { path: path.into(), message }
     })?;
-    Ok(head.kind.map(|kind| {
-        let line = text.get(..kind.span().start).map_or(1, |before| before.matches('\n').count() + 1);
-        (kind.into_inner(), line)
-    }))
+    Ok(head.kind)
 }

@@ -7,7 +7,7 @@
 //! use layerd::config::{Recipe, find, Folder};
 //!
 //! let file = find(Folder::Recipes, "demo")?;
-//! let Recipe::Dlp(recipe) = Recipe::parse(&file.path, &file.text)?;
+//! let Recipe::Dlp(recipe) = Recipe::parse(&file.path, &file.text)? else { unreachable!() };
 //! assert_eq!(recipe.layer_exposure_ms(0), recipe.bottom_exposure_ms);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
@@ -23,8 +23,8 @@ use std::path::{Path, PathBuf};
 pub use daemon::{DEFAULT_SOCKET, DEFAULT_SPOOL, DaemonConfig, MAX_THREADS, MIN_BUDGET_BYTES, byte_size};
 pub use kind::Kind;
 pub use lookup::{ConfigText, FindError, Folder, NotFound, find, names};
-pub use machine::{DlpMachine, Machine};
-pub use recipe::{DlpRecipe, Recipe};
+pub use machine::{DlpMachine, Machine, SlmMachine};
+pub use recipe::{ClassSettings, DlpRecipe, LaserSettings, Recipe, SlmRecipe, Strategy};
 
 /// A configuration file that cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -45,13 +45,14 @@ pub enum ConfigError {
         /// What the parser found, with line and column.
         message: String,
     },
-    /// A kind of machine that layerd knows and cannot drive.
-    #[error("{}: line {line}: layerd cannot drive machines of kind `{kind}` yet; use one of kind `dlp`", path.display())]
+    /// A kind of machine that layers can be made for, and that layerd cannot drive.
+    #[error(
+        "{}: layerd cannot drive machines of kind `{kind}` yet; `layerctl slice` writes their layers. Use a machine of kind `dlp`",
+        path.display()
+    )]
     Undriven {
         /// The file.
         path: PathBuf,
-        /// Where it names the kind, counted from 1.
-        line: usize,
         /// The kind.
         kind: Kind,
     },

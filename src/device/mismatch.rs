@@ -1,7 +1,7 @@
 //! Checks that the connected device is the configured machine and can print a recipe. `tests/device_driver.rs` shows each message.
 
 use super::encoding::{self, Choice};
-use crate::config::{DlpMachine, Machine, Recipe};
+use crate::config::{DlpMachine, Kind, Machine, Recipe};
 use crate::layer::Depth;
 use crate::link::message::{Capabilities, MachineCapabilities, VatCapabilities};
 
@@ -80,7 +80,9 @@ fn encoding_remedy(other: bool, reads_other: bool) -> String {
 /// [`Misfit`] names the first thing that does not fit, and what to do.
 pub fn check_fit(machine: &Machine, recipe: &Recipe, capabilities: &Capabilities) -> Result<Choice, Misfit> {
     check_capabilities(machine, capabilities)?;
-    let Recipe::Dlp(recipe) = recipe;
+    let Recipe::Dlp(recipe) = recipe else {
+        return Err(other_kind(machine, capabilities, recipe.kind()).into());
+    };
     let names = || (recipe.name.clone(), capabilities.name.clone());
     let (longest_ms, allowed_ms) = (recipe.exposure_ms.max(recipe.bottom_exposure_ms), capabilities.max_exposure_ms);
     if longest_ms > allowed_ms {
@@ -101,13 +103,31 @@ pub fn check_fit(machine: &Machine, recipe: &Recipe, capabilities: &Capabilities
 /// # Errors
 /// [`MachineMismatch`] names the first difference, configured and found.
 pub fn check_capabilities(machine: &Machine, capabilities: &Capabilities) -> Result<(), MachineMismatch> {
-    let (name, difference) = match (machine, &capabilities.machine) {
-        (Machine::Dlp(machine), MachineCapabilities::Vat(vat)) => (&machine.name, vat_difference(machine, vat)),
+    let difference = match (machine, &capabilities.machine) {
+        (Machine::Dlp(machine), MachineCapabilities::Vat(vat)) => vat_difference(machine, vat),
+        (Machine::Slm(_), MachineCapabilities::Vat(_)) => {
+            return Err(other_kind(machine, capabilities, machine.kind()));
+        }
     };
     let Some(Difference { what, configured, found }) = difference.or_else(|| slots_difference(capabilities)) else {
         return Ok(());
     };
-    Err(MachineMismatch { machine: name.clone(), device: capabilities.name.clone(), what, configured, found })
+    let (machine, device) = (machine.name().to_owned(), capabilities.name.clone());
+    Err(MachineMismatch { machine, device, what, configured, found })
+}
+
+/// The device is of another kind than the one that is configured.
+fn other_kind(machine: &Machine, capabilities: &Capabilities, configured: Kind) -> MachineMismatch {
+    let found = match &capabilities.machine {
+        MachineCapabilities::Vat(_) => Kind::Dlp,
+    };
+    MachineMismatch {
+        machine: machine.name().to_owned(),
+        device: capabilities.name.clone(),
+        what: "kind",
+        configured: configured.to_string(),
+        found: found.to_string(),
+    }
 }
 
 /// What differs, as configured and as the device says.

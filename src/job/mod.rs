@@ -12,7 +12,7 @@
 //! # let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("config");
 //! # let machine = Machine::load(&root.join("machines/lcd-4k-35um.toml"))?;
 //! # let recipe = Recipe::load(&root.join("recipes/fine.toml"))?;
-//! let process = Process::new(&machine, &recipe);
+//! let process = Process::new(&machine, &recipe).expect("a vat");
 //! let plan = JobPlan { key: 7, layer_count: 100, time_scale: machine.time_scale(), process };
 //! let mut engine = Engine::new(plan, StartPoint::default());
 //! engine.handle(Event::Ready, 0);

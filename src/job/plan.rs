@@ -8,7 +8,7 @@
 //! # let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("config");
 //! let machine = Machine::load(&root.join("machines/lcd-4k-35um.toml"))?;
 //! let recipe = Recipe::load(&root.join("recipes/fine.toml"))?;
-//! let process = Process::new(&machine, &recipe);
+//! let process = Process::new(&machine, &recipe).expect("a vat");
 //! assert!(process.layer_ms(0) > f64::from(process.exposure_ms(0)), "the moves take time");
 //! # Ok::<(), layerd::config::ConfigError>(())
 //! ```
@@ -47,12 +47,13 @@ impl JobPlan {
 }
 
 impl Process {
-    /// What a machine does for a layer of a recipe.
-    pub fn new(machine: &Machine, recipe: &Recipe) -> Self {
+    /// What a machine does for a layer of a recipe; `None` if they are of different kinds, or of a kind that jobs cannot drive.
+    pub fn new(machine: &Machine, recipe: &Recipe) -> Option<Self> {
         match (machine, recipe) {
             (Machine::Dlp(machine), Recipe::Dlp(recipe)) => {
-                Self::Vat(VatPlan { recipe: recipe.clone(), clear_height_um: machine.clear_height_um })
+                Some(Self::Vat(VatPlan { recipe: recipe.clone(), clear_height_um: machine.clear_height_um }))
             }
+            (Machine::Slm(_), _) | (_, Recipe::Slm(_)) => None,
         }
     }
 

@@ -1,4 +1,4 @@
-//! The grid of pixels that a machine exposes, and the height it can build. `config/machine.rs` makes it.
+//! The grid of pixels that a machine exposes, and the height it can build. `config/machine/` makes it.
 
 /// Which axes of the picture run against the build file's.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use crate::buildfile::BuildFile;
 use crate::config::Machine;
 use crate::device::encoding;
-use crate::layer::Depth;
+use crate::layer::{Depth, Raster};
 use crate::slice::{BodySource, SlicePlan, Slicer};
 
 /// Memory of the line at most, bytes: queues of the session both ways, the serial buffers, bookkeeping of one layer.
@@ -53,8 +53,8 @@ impl PrintMemory {
 
     /// The least memory of any print on this machine, bytes: that of a part without struts, in one bit a pixel.
     pub fn min_bytes(machine: &Machine) -> u64 {
-        let Machine::Dlp(machine) = machine;
-        Self::of_pictures(Depth::Bit, machine.width_px, machine.height_px).need_bytes()
+        let Raster { width_px, height_px, .. } = machine.raster();
+        Self::of_pictures(Depth::Bit, width_px, height_px).need_bytes()
     }
 
     /// The least budget that is enough, bytes.

@@ -36,12 +36,14 @@ mod layers;
 mod memory;
 mod part;
 mod placed;
+mod scan_settings;
 
 pub use error::PartError;
 pub use layers::Layers;
 pub use memory::PrintMemory;
 pub use part::{EncodedLayer, EncodedLayers, Part};
 pub use placed::{Placed, Resolution};
+pub use scan_settings::scan_settings;
 
 use std::path::Path;
 use std::sync::Arc;

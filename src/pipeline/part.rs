@@ -53,9 +53,12 @@ impl Part {
     /// # Errors
     /// [`PartError`] if a layer cannot be computed within `limit_bytes`.
     pub fn footing(&self, recipe: &Recipe, limit_bytes: u64) -> Result<Footing, PartError> {
-        let Recipe::Dlp(recipe) = recipe;
+        let bottom_layers = match recipe {
+            Recipe::Dlp(recipe) => recipe.bottom_layers,
+            Recipe::Slm(_) => 1,
+        };
         let mut slicer = self.slicer(0, &MemoryBudget::new(limit_bytes))?;
-        Ok(Footing::of(&mut slicer, recipe.bottom_layers)?)
+        Ok(Footing::of(&mut slicer, bottom_layers)?)
     }
 
     fn slicer(&self, first: u32, budget: &MemoryBudget) -> Result<Slicer, PartError> {

@@ -15,7 +15,7 @@ use crate::stream::MemoryBudget;
 pub struct Resolution {
     /// The machine's grid of pixels.
     pub raster: Raster,
-    /// Bits a pixel.
+    /// Bits a pixel, of a layer of pixels.
     pub depth: Depth,
     /// Layer height, micrometres.
     pub layer_height_um: f64,
@@ -24,8 +24,11 @@ pub struct Resolution {
 impl Resolution {
     /// That of a recipe on a machine.
     pub fn of(machine: &Machine, recipe: &Recipe) -> Self {
-        let (Machine::Dlp(machine), Recipe::Dlp(recipe)) = (machine, recipe);
-        Self { raster: machine.raster(), depth: recipe.depth(), layer_height_um: recipe.layer_height_um }
+        let depth = match recipe {
+            Recipe::Dlp(recipe) => recipe.depth(),
+            Recipe::Slm(_) => Depth::Bit,
+        };
+        Self { raster: machine.raster(), depth, layer_height_um: recipe.layer_height_um() }
     }
 }
 

@@ -139,7 +139,7 @@ impl Job {
         let unconfirmed_ms = past
             .unconfirmed
             .zip(recipe.as_ref())
-            .map(|(commanded, Recipe::Dlp(recipe))| recipe.layer_exposure_ms(commanded.layer));
+            .and_then(|(commanded, recipe)| recipe.layer_exposure_ms(commanded.layer));
         view.recipe = recipe.as_ref().map_or_else(String::new, |recipe| recipe.name().into());
         let made_for = recipe
             .filter(|_| !view.state.is_final())

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::job::{TakeUp, record_dropped};
 use crate::config::{Machine, Recipe, load_pair};
-use crate::job::{JobDirectory, JobState, Journal, Record, StartPoint};
+use crate::job::{JobDirectory, JobState, Journal, Process, Record, StartPoint};
 use crate::pipeline::{Part, PartError, Placed, Resolution};
 use crate::system::unix_ms;
 
@@ -21,6 +21,8 @@ pub(crate) struct Opened {
     pub recipe: Recipe,
     /// As it was when the job was accepted.
     pub machine: Machine,
+    /// What the machine does for a layer.
+    pub process: Process,
     /// The part, placed on that machine.
     pub part: Arc<Part>,
 }
@@ -62,6 +64,8 @@ impl Opened {
         let start = start.map_err(|error| Unopened { text: error.to_string(), state })?;
         let open = || -> Result<_, String> {
             let (machine, recipe) = load_pair(&job.machine(), &job.recipe()).map_err(|error| error.to_string())?;
+            let process = Process::new(&machine, &recipe)
+                .ok_or_else(|| format!("layerd cannot drive machine `{}`", machine.name()))?;
             let part = Placed::open(&job.part(), &Resolution::of(&machine, &recipe))
                 .and_then(|placed| placed.fit(threads, limit_bytes))
                 .map_err(|error| spool_text(&error))?;
@@ -75,10 +79,12 @@ impl Opened {
                 let footing = part.footing(&recipe, limit_bytes).map_err(|error| spool_text(&error))?;
                 footing.problem(part.layer_count()).map_or(Ok(()), Err)?;
             }
-            Ok((recipe, machine, Arc::new(part)))
+            Ok((recipe, machine, process, Arc::new(part)))
         };
         match open() {
-            Ok((recipe, machine, part)) => Ok(Self { journal, key: history.key, start, recipe, machine, part }),
+            Ok((recipe, machine, process, part)) => {
+                Ok(Self { journal, key: history.key, start, recipe, machine, process, part })
+            }
             Err(text) => {
                 let ended = journal.append(Record::Ended { state, reason: text.clone() }, unix_ms());
                 Err(Unopened { text: ended.map_or_else(|error| error.to_string(), |_| text), state })

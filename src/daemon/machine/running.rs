@@ -10,7 +10,7 @@ use crate::daemon::jobs::opened::Opened;
 use crate::daemon::jobs::opened::spool_text;
 use crate::device::encoding::Choice;
 use crate::device::{DriverEvent, FramedDriver, LightWatch, Outcome, check_fit};
-use crate::job::{Action, Command, Engine, Event, JobPlan, Journal, Process, Record};
+use crate::job::{Action, Command, Engine, Event, JobPlan, Journal, Record};
 use crate::link::message::{Capabilities, DeviceState, MachineCapabilities, Urgent, VatCapabilities};
 use crate::pipeline::{EncodedLayer, Layers, Part};
 use crate::stream::{Finished, MemoryBudget, Room};
@@ -66,9 +66,8 @@ impl Running {
         background: mpsc::Sender<Background>,
         now_us: u64,
     ) -> Self {
-        let Opened { journal, key, start, recipe, machine, part } = opened;
+        let Opened { journal, key, start, recipe, machine, process, part } = opened;
         let layer_count = part.layer_count();
-        let process = Process::new(&machine, &recipe);
         let plan = JobPlan { key, layer_count, time_scale: machine.time_scale(), process };
         let mut engine = Engine::new(plan, start).watching(light);
         engine.handle(Event::Ready, now_us);

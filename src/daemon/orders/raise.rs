@@ -1,7 +1,7 @@
 //! `layerctl raise`: lifts the plate clear of the resin while no job runs. The plate only moves up. `tests/plate.rs` tests it.
 
 use crate::api::RaiseView;
-use crate::config::{DlpRecipe, Recipe};
+use crate::config::Recipe;
 use crate::daemon::error::OrderError;
 use crate::daemon::handle::{Answer, Reply};
 use crate::daemon::jobs::sign::CLEAR_TOLERANCE_UM;
@@ -93,7 +93,10 @@ impl Printer {
 
     fn command_raise(&mut self, view: RaiseView) -> Result<RaiseView, OrderError> {
         let RaiseView { from_um, to_um, .. } = view;
-        let Recipe::Dlp(DlpRecipe { lift_speed_um_s: speed_um_s, .. }) = self.setting.recipe;
+        let speed_um_s = match &self.setting.recipe {
+            Recipe::Dlp(recipe) => recipe.lift_speed_um_s,
+            Recipe::Slm(_) => return Err(OrderError::new(409, "only a plate in a vat of resin can be raised")),
+        };
         let now_us = self.clock.now_us();
         let driver = self.idle.driver.as_mut().ok_or_else(absent)?;
         let act = Act::Vat(VatAct::Move { position_um: to_um, speed_um_s });

@@ -6,7 +6,6 @@
 //! they start the next job or before they confirm one that waited in the queue.
 
 use super::Printer;
-use crate::config::Machine;
 use crate::daemon::background::Background;
 use crate::daemon::jobs::Account;
 use crate::daemon::jobs::job::{Job, TakeUp};
@@ -49,8 +48,7 @@ impl Printer {
     /// The height at which the plate is clear of the resin, or the device's highest if that is lower, micrometres.
     pub(crate) fn clear_um(&self) -> i32 {
         // `as` saturates; the configuration allows two metres.
-        let Machine::Dlp(machine) = &self.setting.machine;
-        let clear_um = machine.clear_height_um.ceil() as i32;
+        let clear_um = self.setting.machine.clear_height_um().ceil() as i32;
         let highest_um = self
             .capabilities
             .as_ref()

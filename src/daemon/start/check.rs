@@ -8,7 +8,7 @@ use std::path::Path;
 use rustix::fs::{Access, access};
 
 use super::descriptors;
-use crate::config::{DEFAULT_SOCKET, DEFAULT_SPOOL, DlpMachine, Machine};
+use crate::config::{DEFAULT_SOCKET, DEFAULT_SPOOL, Machine};
 use crate::daemon::http::socket::{self, BindError};
 use crate::daemon::setting::Setting;
 use crate::disk::{self, File, How};
@@ -135,7 +135,8 @@ impl Findings {
                 machine.time_scale()
             ));
         }
-        let Machine::Dlp(DlpMachine { width_px, height_px, .. }) = machine;
+        let raster = machine.raster();
+        let (width_px, height_px) = (raster.width_px, raster.height_px);
         let need_bytes = PrintMemory::min_bytes(machine);
         if need_bytes > config.memory_budget {
             self.warnings.push(format!(

@@ -1,20 +1,10 @@
-//! Recipes, by kind of machine. The file is flat: `kind` says which keys it has. [`config`](super) has an example.
-
-use std::path::Path;
+//! A recipe for DLP machines. `config/recipes/default.toml` explains its keys.
 
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
-use super::kind::{self, Kind};
-use super::{ConfigError, Machine, OutOfRange, parse, read_text, within};
+use crate::config::{OutOfRange, within};
 use crate::layer::Depth;
-
-/// A recipe, `config/recipes/*.toml`. Its methods tell what recipes of every kind have.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Recipe {
-    /// For a DLP machine.
-    Dlp(DlpRecipe),
-}
 
 /// A recipe for a DLP machine: exposure of the layers and moves of the plate.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -66,56 +56,8 @@ fn full_power() -> u8 {
     255
 }
 
-impl Recipe {
-    /// Reads and checks a recipe file.
-    ///
-    /// # Errors
-    /// [`ConfigError`] names file, key, value and the allowed range.
-    pub fn load(path: &Path) -> Result<Self, ConfigError> {
-        Self::parse(path, &read_text(path)?)
-    }
-
-    /// Parses and checks a recipe's text. Errors name `path`.
-    ///
-    /// # Errors
-    /// [`ConfigError`] names file, key, value and the allowed range.
-    pub fn parse(path: &Path, text: &str) -> Result<Self, ConfigError> {
-        match kind::named_in(path, text)? {
-            Some((kind @ Kind::Slm, line)) => Err(ConfigError::Undriven { path: path.into(), line, kind }),
-            Some((Kind::Dlp, _)) | None => Ok(Self::Dlp(parse(path, text, DlpRecipe::check)?)),
-        }
-    }
-
-    /// The same of a recipe that is to be used on `machine`, which was read from the file `place`.
-    ///
-    /// # Errors
-    /// [`ConfigError::OtherKind`] names both files if the recipe is for machines of another kind; else as [`Recipe::parse`].
-    pub fn parse_for(machine: &Machine, place: &Path, path: &Path, text: &str) -> Result<Self, ConfigError> {
-        let kind = kind::named_in(path, text)?.map_or(Kind::Dlp, |(kind, _)| kind);
-        if kind != machine.kind() {
-            let machine_kind = machine.kind();
-            return Err(ConfigError::OtherKind { path: path.into(), kind, machine: place.into(), machine_kind });
-        }
-        Self::parse(path, text)
-    }
-
-    /// Its name, for people.
-    pub fn name(&self) -> &str {
-        match self {
-            Self::Dlp(recipe) => &recipe.name,
-        }
-    }
-
-    /// Layer height, micrometres.
-    pub fn layer_height_um(&self) -> f64 {
-        match self {
-            Self::Dlp(recipe) => recipe.layer_height_um,
-        }
-    }
-}
-
 impl DlpRecipe {
-    fn check(&self) -> Vec<OutOfRange> {
+    pub(super) fn check(&self) -> Vec<OutOfRange> {
         // No resin needs an exposure of ten minutes. Moves are limited so that a typing error cannot take hours.
         [
             within("layer_height_um", self.layer_height_um, 1.0, 1000.0),

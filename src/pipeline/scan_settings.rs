@@ -1,0 +1,40 @@
+//! How a recipe's scan vectors are made on a machine: its defaults follow from the beam. `layerctl slice` uses it.
+
+use crate::config::{SlmMachine, SlmRecipe, Strategy};
+use crate::slice::scan::{HatchSettings, HatchStrategy, ScanSettings};
+
+/// The settings of a recipe on a machine.
+pub fn scan_settings(machine: &SlmMachine, recipe: &SlmRecipe) -> ScanSettings {
+    let beam_um = machine.beam_diameter_um;
+    let strategy = match recipe.hatch_strategy {
+        Strategy::Zigzag => HatchStrategy::Zigzag,
+        Strategy::Unidirectional => HatchStrategy::Unidirectional,
+        Strategy::Stripes => {
+            HatchStrategy::Stripes { width_um: recipe.stripe_width_um, overlap_um: recipe.stripe_overlap_um }
+        }
+        Strategy::Chessboard => {
+            HatchStrategy::Chessboard { island_um: recipe.island_um, overlap_um: recipe.island_overlap_um }
+        }
+    };
+    let hatch = |spacing_um| HatchSettings {
+        strategy,
+        spacing_um,
+        angle_deg: recipe.hatch_angle_deg,
+        rotation_deg: recipe.hatch_rotation_deg,
+        end_offset_um: recipe.hatch_end_offset_um.unwrap_or(beam_um / 2.0),
+    };
+    ScanSettings {
+        beam_diameter_um: beam_um,
+        simplify_tolerance_um: recipe.simplify_tolerance_um,
+        contour_count: recipe.contour_count,
+        contour_offset_um: recipe.contour_offset_um.unwrap_or(beam_um / 2.0),
+        contour_spacing_um: recipe.contour_spacing_um.unwrap_or(beam_um),
+        thin_below_um: recipe.thin_below_um.unwrap_or(2.0 * beam_um),
+        contour_only_below_um: recipe.contour_only_below_um.unwrap_or(4.0 * beam_um),
+        point_below_um: recipe.point_below_um.unwrap_or(beam_um / 2.0),
+        shortest_mark_um: recipe.shortest_mark_um,
+        hatch: Some(hatch(recipe.hatch_spacing_um)),
+        up_skin: recipe.up_skin.as_ref().map(|skin| hatch(recipe.skin_spacing_um(skin))),
+        down_skin: recipe.down_skin.as_ref().map(|skin| hatch(recipe.skin_spacing_um(skin))),
+    }
+}
