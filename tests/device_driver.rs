@@ -311,7 +311,7 @@ fn a_recipe_that_the_device_cannot_print_is_named_with_its_limit() {
 
 #[test]
 fn each_refusal_of_a_layer_has_a_remedy_of_its_own() {
-    let Recipe::Dlp(recipe) = recipe(400, false);
+    let Recipe::Dlp(recipe) = recipe(400, false) else { panic!("a recipe for a vat machine") };
     let process = Process::Vat(VatPlan { recipe, clear_height_um: 20_000.0 });
     let plan = JobPlan { key: 7, layer_count: 3, time_scale: 1.0, process };
     let state = DeviceState { slots: vec![None; 2], position_um: Some(30_000), ..DeviceState::default() };

@@ -115,7 +115,7 @@ fn recipe_figures(recipe: &Recipe) -> String {
             )
         }
         Recipe::Slm(recipe) => {
-            let SlmRecipe { name, layer_height_um, laser_power_w, mark_speed_mm_s, hatch_spacing_um, .. } = recipe;
+            let SlmRecipe { name, layer_height_um, laser_power_w, mark_speed_mm_s, hatch_spacing_um, .. } = &**recipe;
             format!(
                 "{name}: layers of {layer_height_um} µm, {laser_power_w} W at {mark_speed_mm_s} mm/s, hatches every \
                  {hatch_spacing_um} µm"

@@ -25,7 +25,9 @@ pub(crate) fn plan() -> JobPlan {
     let text = "name = \"test\"\nlayer_height_um = 50.0\nexposure_ms = 2000\nbottom_exposure_ms = 20000\nbottom_layers = 1\n\
                 transition_layers = 1\nlift_height_um = 5000\nlift_speed_um_s = 1000\nretract_speed_um_s = 3000\n\
                 light_off_delay_ms = 500\nwait_before_exposure_ms = 500\nwait_after_exposure_ms = 200\nwait_after_lift_ms = 300\n";
-    let Recipe::Dlp(recipe) = Recipe::parse(Path::new("test.toml"), text).expect("a recipe");
+    let Recipe::Dlp(recipe) = Recipe::parse(Path::new("test.toml"), text).expect("a recipe") else {
+        panic!("a recipe for a vat machine")
+    };
     let process = Process::Vat(VatPlan { recipe, clear_height_um: f64::from(CLEAR_UM) });
     JobPlan { key: KEY, layer_count: LAYERS, time_scale: 1.0, process }
 }

@@ -16,7 +16,7 @@ pub enum Recipe {
     /// For a DLP machine.
     Dlp(DlpRecipe),
     /// For an SLM machine.
-    Slm(SlmRecipe),
+    Slm(Box<SlmRecipe>),
 }
 
 impl Recipe {
@@ -34,7 +34,7 @@ impl Recipe {
     /// [`ConfigError`] names file, key, value and the allowed range.
     pub fn parse(path: &Path, text: &str) -> Result<Self, ConfigError> {
         match kind::named_in(path, text)? {
-            Some(Kind::Slm) => Ok(Self::Slm(parse(path, text, SlmRecipe::check)?)),
+            Some(Kind::Slm) => Ok(Self::Slm(Box::new(parse(path, text, SlmRecipe::check)?))),
             Some(Kind::Dlp) | None => Ok(Self::Dlp(parse(path, text, DlpRecipe::check)?)),
         }
     }
