@@ -11,7 +11,7 @@ use layerd::api::{InDoubt, JobView, NAME_HEADER};
 use layerd::daemon::caller::Caller;
 use layerd::daemon::handle::{Again, Answer, Handle, Order, OrderError};
 use layerd::daemon::http::upload;
-use layerd::job::Spool;
+use layerd::job::{JobState, Spool};
 use tokio::sync::Semaphore;
 
 use crate::host::Shared;
@@ -93,6 +93,12 @@ async fn ordered(ask: &Ask, jobs_ended: u64, handle: &Handle) -> Result<Answer, 
 /// Whether a job waits until its operator has looked at plate and vat.
 pub(crate) fn asks_for_empty_plate(job: &JobView) -> bool {
     job.reason.as_ref().is_some_and(|reason| reason.contains("take out what is there"))
+}
+
+/// Whether the job's journal could not be read when the daemon started.
+pub(crate) fn is_unread(job: &JobView) -> bool {
+    job.state == JobState::Interrupted
+        && job.reason.as_ref().is_some_and(|reason| reason.contains("If its part is on the plate, take it off"))
 }
 
 /// A job's name says which part it is.

@@ -8,7 +8,7 @@ use layerd::system::Disk;
 
 use super::{SECOND_US, World};
 use crate::machine::Incident;
-use crate::operators::{Ask, asks_for_empty_plate, number};
+use crate::operators::{Ask, asks_for_empty_plate, is_unread, number};
 use crate::parts::spool;
 
 /// Once nothing goes wrong any more, all jobs have ended after this time: some prints, and the long waits of a protocol that was
@@ -16,8 +16,8 @@ use crate::parts::spool;
 const MAX_CALM_US: u64 = 1_200 * SECOND_US;
 /// How often the patient operator looks.
 const LOOK_US: u64 = 1_500_000;
-/// The daemon has tried again within this time to read a journal that could not be read before.
-const MAX_UNREAD_US: u64 = 12 * SECOND_US;
+/// So often in a row it may see a job whose journal could not be read: the daemon tries that again every 10 s.
+const MAX_UNREAD_LOOKS: u32 = 8;
 /// An accepted order to pause, stop or abort is carried out within this time once nothing goes wrong any more.
 const MAX_OBEYED_US: u64 = 120 * SECOND_US;
 
@@ -29,6 +29,8 @@ pub(super) struct Patient {
     pub(super) look_us: u64,
     /// How often each job refused to go on.
     pub(super) refusals: BTreeMap<u32, u32>,
+    /// How often in a row it saw a job whose journal could not be read.
+    unread_looks: u32,
     /// The last job, which must complete.
     pub(super) last: Option<u32>,
     /// How often it looked whether all is given back.
@@ -75,13 +77,19 @@ impl World {
         if open.is_empty() {
             return self.all_ended(&snapshot);
         }
+        let is_unread = open.iter().any(|job| is_unread(job));
+        self.patient.unread_looks = if is_unread { self.patient.unread_looks + 1 } else { 0 };
+        let unread_looks = self.patient.unread_looks;
+        self.check("jobs end", unread_looks <= MAX_UNREAD_LOOKS, || {
+            format!("the disk works again, and no journal was read again: {}", states.join(", "))
+        });
+        if is_unread {
+            return;
+        }
         for job in &open {
-            // A stop may leave a job interrupted, if its plate could not be lifted. A journal that could not be read is tried again.
+            // A stop may leave a job interrupted, if its plate could not be lifted.
             let id = number(job);
-            let unread = |reason: &String| reason.contains("the journal") && now_us - since_us < MAX_UNREAD_US;
-            let waits = job.state == JobState::Interrupted
-                && self.promises.ended.get(&id) == Some(&"abort")
-                && !job.reason.as_ref().is_some_and(unread);
+            let waits = job.state == JobState::Interrupted && self.promises.ended.get(&id) == Some(&"abort");
             self.check("orders carried out", !waits, || {
                 format!("job {id}: an abort was accepted, and it is interrupted")
             });
