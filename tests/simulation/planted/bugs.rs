@@ -29,6 +29,12 @@ pub(crate) const BUGS: &[Bug] = &[
         becomes: "return self.expose(now_us);",
     },
     Bug {
+        name: "no space is set aside for the last records",
+        file: "src/job/journal.rs",
+        was: "if self.unreserved || self.length_bytes + bytes <= self.reserved_bytes {",
+        becomes: "if self.length_bytes + bytes > 0 {",
+    },
+    Bug {
         name: "a new job's name is not flushed",
         file: "src/job/spool.rs",
         was: "sync_parent(directory.path()).map_err(io(\"flush\", &jobs))?;",
@@ -81,6 +87,12 @@ pub(crate) const BUGS: &[Bug] = &[
         name: "an order is not carried out after a crash",
         file: "src/daemon/jobs/mod.rs",
         was: "(JobState::Interrupted, Some(order)) => self.end_later(id, order),",
+        becomes: "",
+    },
+    Bug {
+        name: "a journal that could not be read is not read again",
+        file: "src/daemon/printer/event_loop.rs",
+        was: "self.retry_unread();",
         becomes: "",
     },
     Bug {
