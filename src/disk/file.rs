@@ -33,7 +33,10 @@ impl File {
             Err(error) => return Err(error),
         }
         let file = Self(on_disk(|disk| disk.open(path, how))?);
-        regular(file.metadata()?)?;
+        // A file that was made now is one, and would be left over if this failed.
+        if !matches!(how, How::CreateNew | How::CreatePrivate) {
+            regular(file.metadata()?)?;
+        }
         Ok(file)
     }
 

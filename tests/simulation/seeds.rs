@@ -182,6 +182,33 @@ fn a_job_begins_after_the_abort_of_the_one_before_is_answered() {
     );
 }
 
+/// A file for an upload was made, and then could not be looked at: it was left over.
+#[test]
+fn a_file_that_was_made_is_not_left_over_when_reading_fails() {
+    holds(
+        9_022_475,
+        Character::Honest,
+        vec![
+            (404_050, What::Order(Wish::Submit { part: 1 })),
+            (2_124_436, What::Kill { after_calls: None, down_us: 50_000 }),
+            (
+                6_368_802,
+                What::Line(LineFault::Noise {
+                    loss_per_million: 300_000,
+                    corrupt_per_million: 300_000,
+                    duplicate_per_million: 0,
+                    for_us: 2_893_803,
+                }),
+            ),
+            (9_000_863, What::Order(Wish::Resume { pick: 1 })),
+            (11_995_819, What::End { down_us: 300_000 }),
+            (12_412_899, What::DiskUnreadable { name: None, per_million: 300_000, for_us: 9_624_339 }),
+            (17_893_579, What::Order(Wish::Resume { pick: 1 })),
+            (20_704_233, What::Order(Wish::Submit { part: 2 })),
+        ],
+    );
+}
+
 /// A paused job whose device broke the protocol three times was to end, and did not: it had parked already.
 #[test]
 fn a_paused_job_ends_when_the_device_breaks_the_protocol() {

@@ -5,13 +5,13 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use layerd::job::{Entry, History, JobDirectory, JobState, JournalError, Record, read_journal};
-use layerd::system::{Disk, System, install};
+use layerd::system::{Disk, How, System, install};
 
 use super::World;
 use crate::disk::Mount;
 use crate::machine::Character;
 use crate::operators::{number, part_of};
-use crate::parts::spool;
+use crate::parts::{parts, spool};
 use crate::truth::Printed;
 
 /// A journal, or why it cannot be read.
@@ -44,10 +44,25 @@ impl World {
     }
 
     fn learn_job(&mut self, id: u32, history: &History) {
-        if let Some(part) = part_of(&history.name) {
+        if self.truth.knows(history.key) {
+            return;
+        }
+        // A job that repeats one whose journal cannot be read has no name.
+        if let Some(part) = part_of(&history.name).or_else(|| self.part_in_spool(id)) {
             let new = Printed { job: id, part, ..Printed::default() };
             self.truth.printed.entry(history.key).or_insert(new);
         }
+    }
+
+    /// Which part lies in the spool for a job.
+    fn part_in_spool(&self, id: u32) -> Option<usize> {
+        self.outside(|mount| {
+            let file = mount.open(&JobDirectory::of(&spool(), id).part(), How::Read).ok()?;
+            parts().iter().position(|part| {
+                let mut found = vec![0; part.file.len() + 1];
+                file.read_at(&mut found, 0).is_ok_and(|count| found[..count] == part.file)
+            })
+        })
     }
 
     /// What the journals say after a start: each can be read, and says of every layer what is true.
