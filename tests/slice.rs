@@ -6,38 +6,17 @@ mod slice_part;
 use std::sync::Arc;
 
 use layerd::buildfile::{
-    Blend, BodySettings, Bounds, BuildFile, Cap, Caps, Header, Lattice, Placement, Strut, Writer, WriterSettings,
+    Blend, BodySettings, Bounds, BuildFile, Cap, Header, Lattice, Placement, Strut, Writer, WriterSettings,
 };
 use layerd::layer::{Bitmap, Depth, Mirror, Raster};
 use layerd::slice::{BodySource, Footing, MemoryStruts, PlanError, SliceError, SlicePlan, Slicer};
 use layerd::solid::{Beam, InstructionSet};
 use layerd::stream::MemoryBudget;
 use proptest::prelude::*;
-use slice_part::{HEIGHT, PIXEL_UM, Part, WIDTH, beam, body, header, lattice, lit, raster, strut};
+use slice_part::{HEIGHT, PIXEL_UM, Part, WIDTH, any_strut, beam, body, header, lattice, lit, raster, strut};
 
 const SUPPORT_UM: f64 = 150.0;
 const CONVOLUTION: Blend = Blend::Convolution { support_um: SUPPORT_UM };
-
-fn node() -> impl Strategy<Value = [i32; 3]> {
-    (0..1600_i32, 0..1200_i32, 0..300_i32).prop_map(|(x, y, z)| [x, y, z])
-}
-
-fn any_strut() -> impl Strategy<Value = Strut> {
-    let cap = || prop_oneof![Just(Cap::Sphere), Just(Cap::Hemisphere), Just(Cap::Butt)];
-    (node(), node(), 10..120_u32, 10..120_u32, 0..8_u8, cap(), cap()).prop_map(
-        |(a, mut b, ra, mut rb, kind, ca, cb)| {
-            match kind {
-                0 => (b, rb) = (a, ra),           // a ball
-                1 => b[2] = a[2],                 // in the layer plane
-                2 => (b[1], b[2]) = (a[1], a[2]), // along a row
-                3 => b = a.map(|x| x + 3),        // very short
-                4 => rb = ra,
-                _ => {}
-            }
-            Strut { caps: Caps { a: ca, b: cb }, ..strut(a, b, ra, rb) }
-        },
-    )
-}
 
 /// Exactly: is `p` in the beam? And by how much, for points too near the surface to decide.
 fn union_excess(strut: &Strut, p: [f64; 3]) -> f64 {

@@ -1,4 +1,5 @@
-//! A band: some rows of a layer, into which all bodies are drawn. `slicer` makes them, brushes fill them.
+//! A band: some rows of a layer, into which all bodies are drawn. `slicer` makes bands of pixels, `scan/field.rs` bands of a field, and
+//! brushes fill them.
 
 use crate::layer::Depth;
 
@@ -52,5 +53,32 @@ impl Rows<'_> {
     /// The bytes of each row.
     pub(super) fn each_mut(&mut self) -> impl Iterator<Item = &mut [u8]> {
         self.bytes.chunks_exact_mut(self.stride_bytes)
+    }
+}
+
+/// Successive rows of a field: by how far each pixel's centre lies within the solid, about micrometres near the border. Each body raises
+/// what the others have drawn.
+pub(super) struct FieldBand<'a> {
+    /// Number in the layer of the first row.
+    pub(super) first: usize,
+    values: &'a mut [f32],
+    width_px: usize,
+}
+
+impl<'a> FieldBand<'a> {
+    /// Rows from `first` on that no body has raised yet. Overwrites `values`, `width_px` for each row.
+    pub(super) fn empty(first: usize, values: &'a mut [f32], width_px: usize) -> Self {
+        values.fill(f32::NEG_INFINITY);
+        Self { first, values, width_px }
+    }
+
+    /// Number of rows.
+    pub(super) fn count(&self) -> usize {
+        self.values.len() / self.width_px
+    }
+
+    /// The values of each row.
+    pub(super) fn each_mut(&mut self) -> impl Iterator<Item = &mut [f32]> {
+        self.values.chunks_exact_mut(self.width_px)
     }
 }

@@ -29,6 +29,19 @@ pub enum SliceError {
     /// The bitmap does not have the size and depth of the plan.
     #[error("the bitmap does not have the size and depth of the plan")]
     WrongBitmap,
+    /// The contours of a layer take more memory than the budget has.
+    #[error(
+        "layer {layer} is too complex: {exceeded}; choose a larger memory budget, fewer threads or a larger pixel pitch"
+    )]
+    TooComplex {
+        /// Number of the layer.
+        layer: u32,
+        /// What did not fit.
+        exceeded: BudgetExceeded,
+    },
+    /// The tolerance of contours is out of range.
+    #[error("a contour tolerance of {0} µm: allowed are 0 and more")]
+    BadTolerance(f64),
     /// The number of threads is out of range.
     #[error("{threads} threads: allowed are 1 to {max}")]
     BadThreads {

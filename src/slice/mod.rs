@@ -41,6 +41,7 @@
 //! ```
 
 mod band;
+mod bodies;
 mod body;
 mod error;
 mod footing;

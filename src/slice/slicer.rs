@@ -1,23 +1,18 @@
 //! The slicer: a part as a stream of layers. [`slice`](crate::slice) has an example.
 
-use std::sync::Arc;
-
 use super::band::Band;
-use super::body::{Body, BodySource, Cut};
-use super::workers::Workers;
+use super::bodies::{self, Bodies};
+use super::body::{BodySource, Cut, PixelBody};
 use super::{SliceError, SlicePlan};
-use crate::buildfile::BuildFile;
 use crate::layer::Bitmap;
 use crate::solid::{Effort, InstructionSet};
-use crate::stream::{Charge, MemoryBudget};
+use crate::stream::MemoryBudget;
 
 /// Computes the layers of a plan, in ascending order.
 pub struct Slicer {
     plan: SlicePlan,
     next_layer: u32,
-    bodies: Vec<Box<dyn Body>>,
-    workers: Workers,
-    _files: Charge,
+    bodies: Bodies<dyn PixelBody>,
 }
 
 impl Slicer {
@@ -55,20 +50,15 @@ impl Slicer {
         first_layer: u32,
         budget: &MemoryBudget,
     ) -> Result<Self, SliceError> {
-        if !(1..=Self::MAX_THREADS).contains(&threads) {
-            return Err(SliceError::BadThreads { threads, max: Self::MAX_THREADS });
-        }
-        let files = budget.charge("the open build file", file_bytes(&bodies, threads))?;
-        let bodies: Result<_, _> =
-            bodies.into_iter().map(|source| source.body(instructions, &plan, threads, budget)).collect();
-        let workers = Workers::new(threads)?;
-        Ok(Self { plan, next_layer: first_layer, bodies: bodies?, workers, _files: files })
+        let body = |source: BodySource| source.pixels(instructions, &plan, threads, budget);
+        let bodies = Bodies::new(bodies, threads, budget, body)?;
+        Ok(Self { plan, next_layer: first_layer, bodies })
     }
 
     /// Memory that a slicer will charge to its budget, bytes. It is known before a chunk is read.
     pub fn memory_bytes(bodies: &[BodySource], plan: &SlicePlan, threads: usize) -> u64 {
-        let each = bodies.iter().map(|body| body.memory_bytes(plan, threads));
-        each.fold(file_bytes(bodies, threads), u64::saturating_add)
+        let each = bodies.iter().map(|body| body.pixels_memory_bytes(plan, threads));
+        each.fold(bodies::file_bytes(bodies, threads), u64::saturating_add)
     }
 
     /// Draws the next layer and returns its number; `None` after the last. Overwrites `bitmap`.
@@ -93,9 +83,7 @@ impl Slicer {
         if (bitmap.width_px(), bitmap.height_px(), bitmap.depth()) != wanted {
             return Err(SliceError::WrongBitmap);
         }
-        for body in &mut self.bodies {
-            body.advance(z_um, &self.workers)?;
-        }
+        self.bodies.advance(z_um)?;
         self.draw_bands(&Cut { z_um, shift_px }, bitmap);
         Ok(())
     }
@@ -103,15 +91,16 @@ impl Slicer {
     /// Draws all bodies band by band. Each free thread takes the next band.
     fn draw_bands(&mut self, cut: &Cut, bitmap: &mut Bitmap) {
         let (depth, width_px, stride_bytes) = (bitmap.depth(), bitmap.width_px() as usize, bitmap.stride_bytes());
-        let Some(rows_per_band) = self.bodies.iter().map(|body| body.rows_per_band()).min() else { return };
-        let mut threads: Vec<Vec<_>> = (0..self.workers.count()).map(|_| Vec::new()).collect();
-        for body in &mut self.bodies {
+        let Some(rows_per_band) = self.bodies.rows_per_band() else { return };
+        let (bodies, workers) = self.bodies.parts();
+        let mut threads: Vec<Vec<_>> = (0..workers.count()).map(|_| Vec::new()).collect();
+        for body in bodies {
             for (brushes, brush) in threads.iter_mut().zip(body.brushes(cut)) {
                 brushes.push(brush);
             }
         }
         let bands = bitmap.data_mut().chunks_mut(stride_bytes * rows_per_band).enumerate();
-        self.workers.run(bands, &mut threads, |brushes, (number, bytes)| {
+        workers.run(bands, &mut threads, |brushes, (number, bytes)| {
             let mut band = Band::dark(depth, number * rows_per_band, bytes, stride_bytes);
             for brush in brushes {
                 brush.cover(&mut band);
@@ -122,27 +111,16 @@ impl Slicer {
 
     /// Number of struts and balls within reach of the plane drawn last.
     pub fn active_struts(&self) -> usize {
-        self.bodies.iter().map(|body| body.active_count()).sum()
+        self.bodies.active_count()
     }
 
     /// Work since the slicer was made.
     pub fn effort(&self) -> Effort {
-        self.bodies.iter().map(|body| body.effort()).sum()
+        self.bodies.effort()
     }
 
     /// The plan.
     pub fn plan(&self) -> &SlicePlan {
         &self.plan
     }
-}
-
-/// Memory of the open build files, each counted once, and of what `threads` threads need to read their chunks, bytes.
-fn file_bytes(bodies: &[BodySource], threads: usize) -> u64 {
-    let mut files: Vec<&Arc<BuildFile>> = Vec::new();
-    for file in bodies.iter().filter_map(BodySource::file) {
-        if !files.iter().any(|known| Arc::ptr_eq(known, file)) {
-            files.push(file);
-        }
-    }
-    files.into_iter().map(|file| (file.memory_bytes() + threads * file.scratch_bytes()) as u64).sum()
 }

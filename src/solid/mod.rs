@@ -14,6 +14,7 @@
 
 mod block;
 mod convolution;
+mod excess;
 mod instruction_set;
 mod lowest;
 mod pixels;
@@ -26,6 +27,7 @@ mod weight;
 
 pub(crate) use block::{Block, StrutRecord};
 pub(crate) use convolution::Convolution;
+pub(crate) use excess::UnionExcess;
 pub use instruction_set::InstructionSet;
 pub(crate) use lowest::lowest_z;
 pub(crate) use probe::PlaneProbe;
@@ -80,9 +82,6 @@ pub(crate) trait Shape: Send + Sync + Sized {
     /// Content of a strip for each pixel while struts are drawn.
     type Cell: Copy + Default + Send;
 
-    /// Rows above and below a band, and columns at both sides, that [`Shape::merge_coverage`] reads.
-    const HALO: usize;
-
     /// Radii, in quanta and at most [`MAX_RADIUS`], and caps, in the form that a [`StrutRecord`] holds. `quantum` is the length of a
     /// quantum in the unit of the solid.
     fn ends(radii: [u32; 2], caps: [Cap; 2], is_ball: bool, quantum: f64) -> [u32; 2];
@@ -94,6 +93,12 @@ pub(crate) trait Shape: Send + Sync + Sized {
         plane: &Plane,
         strip: &mut Strip<Self::Cell>,
     );
+}
+
+/// A shape whose cells become pixels.
+pub(crate) trait PixelShape: Shape {
+    /// Rows above and below a band, and columns at both sides, that [`PixelShape::merge_coverage`] reads.
+    const HALO: usize;
 
     /// Sets the bits of the pixels of one row whose centres are solid; other bits stay. The first pixel of a byte is its highest bit;
     /// `out` begins with pixel `8 × first_byte`. `row` is counted from the first row of the band.
@@ -114,4 +119,18 @@ pub(crate) trait Shape: Send + Sync + Sized {
         first_pixel: usize,
         out: &mut [u8],
     );
+}
+
+/// A shape whose cells become a field: by how far each pixel's centre lies within the solid. The excess is 0 or more where the centre
+/// is solid, changes continuously across the border, and near it is about the distance from it in micrometres.
+pub(crate) trait FieldShape: Shape {
+    /// Micrometres of excess for each unit of a cell, in a body whose largest radius is `radius_um`. `unit_um` is the unit of length.
+    fn excess_um(unit_um: f64, radius_um: f64) -> f32;
+
+    /// The excess of pixels that no strut reaches: the least one that counts. `pitch_um` is the larger pixel pitch.
+    fn outside_um(excess_um: f32, pitch_um: f64) -> f32;
+
+    /// Raises the pixels of one row to their excess, micrometres; greater values stay. `out` begins with pixel `first_pixel`. `row` is
+    /// counted from the first row of the band.
+    fn merge_excess(strip: &Strip<Self::Cell>, row: usize, first_pixel: usize, excess_um: f32, out: &mut [f32]);
 }

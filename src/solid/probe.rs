@@ -4,7 +4,7 @@
 //! those of each tile; empty regions are skipped. Each tile has its own grid, so `f32` is precise enough however far tiles are apart.
 //! `buildfile/store/bottom.rs` finds the lowest point of a part with it.
 
-use super::{Block, Convolution, Grid, InstructionSet, Plane, Shape, Strip, StrutRecord};
+use super::{Block, Convolution, Grid, InstructionSet, PixelShape, Plane, Shape, Strip, StrutRecord};
 
 /// Rows and columns of a tile: 256 KiB of fields, which fit a level-2 cache.
 const TILE_ROWS: usize = 64;

@@ -7,7 +7,7 @@
 //! `slice/body/lattice` draws with it if the blend is a union.
 
 use super::block::StrutRecord;
-use super::{Block, Cap, Grid, InstructionSet, Plane, Shape, Strip};
+use super::{Block, Cap, Grid, InstructionSet, PixelShape, Plane, Shape, Strip};
 
 /// A point is solid if it lies in any beam or ball.
 #[derive(Clone, Copy, Debug)]
@@ -15,18 +15,18 @@ pub(crate) struct Union;
 
 /// A beam or ball, in micrometres.
 #[derive(Clone, Copy, Debug)]
-struct UnionStrut {
-    a: [f64; 3],
+pub(super) struct UnionStrut {
+    pub(super) a: [f64; 3],
     /// Unit vector of the axis; zero for a ball.
-    u: [f64; 3],
+    pub(super) u: [f64; 3],
     /// 0 for a ball.
-    length: f64,
-    radius: [f64; 2],
-    caps: [Cap; 2],
+    pub(super) length: f64,
+    pub(super) radius: [f64; 2],
+    pub(super) caps: [Cap; 2],
 }
 
 /// An interval of x. It is empty if the first number is greater.
-type Interval = [f64; 2];
+pub(super) type Interval = [f64; 2];
 
 /// The bits of a cap are above those of a radius, of which there are 30: see [`super::MAX_RADIUS`].
 const CAP_SHIFT: u32 = 30;
@@ -36,8 +36,6 @@ const CAPS: [Cap; 3] = [Cap::Sphere, Cap::Hemisphere, Cap::Butt];
 impl Shape for Union {
     /// One bit for each sub-pixel, eight for each sub-row.
     type Cell = u64;
-
-    const HALO: usize = 0;
 
     /// The radius in quanta, and the cap in the two highest bits.
     fn ends(radii: [u32; 2], caps: [Cap; 2], _is_ball: bool, _quantum: f64) -> [u32; 2] {
@@ -51,7 +49,7 @@ impl Shape for Union {
             strip.count(block.len(), 0);
             for at in 0..block.len() {
                 let shape = UnionStrut::new(block.get(at), *quantum);
-                let Some(range) = shape.row_range(grid, *z) else { continue };
+                let Some(range) = shape.row_range(grid, *z, 0.0) else { continue };
                 let rows = strip.rows_within(range);
                 strip.count(0, usize::from(!rows.is_empty()));
                 for row in rows {
@@ -60,6 +58,10 @@ impl Shape for Union {
             }
         }
     }
+}
+
+impl PixelShape for Union {
+    const HALO: usize = 0;
 
     fn merge_bits(_: InstructionSet, strip: &Strip<u64>, row: usize, first_byte: usize, out: &mut [u8]) {
         let pixels = strip.pixels(row, first_byte * 8).as_chunks::<8>().0;
@@ -80,10 +82,10 @@ fn sub_offset(index: u32, samples: u32) -> f64 {
     (f64::from(index) + 0.5) / f64::from(samples) - 0.5
 }
 
-const EMPTY: Interval = [1.0, 0.0];
+pub(super) const EMPTY: Interval = [1.0, 0.0];
 
 impl UnionStrut {
-    fn new(record: StrutRecord, quantum: f64) -> Self {
+    pub(super) fn new(record: StrutRecord, quantum: f64) -> Self {
         let (a, u, length) = record.axis(quantum);
         let radius = record.ends.map(|end| f64::from(end & ((1 << CAP_SHIFT) - 1)) * quantum);
         let caps = record.ends.map(|end| CAPS[(end >> CAP_SHIFT) as usize % CAPS.len()]);
@@ -99,13 +101,15 @@ impl UnionStrut {
         }
     }
 
-    fn row_range(&self, grid: &Grid, z: f64) -> Option<[i32; 2]> {
+    /// First and last row of the grid within `margin` of what it may reach in the plane; `None` if it does not reach the plane.
+    pub(super) fn row_range(&self, grid: &Grid, z: f64, margin: f64) -> Option<[i32; 2]> {
         let radius = self.radius[0].max(self.radius[1]);
         let (dz, run) = (z - self.a[2], self.u[2] * self.length);
         if dz < run.min(0.0) - radius || dz > run.max(0.0) + radius {
             return None;
         }
         // Only the part of the axis within the larger radius of the plane matters.
+        let radius = radius + margin;
         let along = |height: f64| if run == 0.0 { 0.0 } else { (height / run).clamp(0.0, 1.0) * self.length };
         let (from, to) = if run == 0.0 { (0.0, self.length) } else { (along(dz - radius), along(dz + radius)) };
         let (y1, y2) = (self.a[1] + self.u[1] * from, self.a[1] + self.u[1] * to);
@@ -219,7 +223,7 @@ fn roots(second: f64, half_first: f64, zeroth: f64, discriminant: f64) -> Interv
 }
 
 /// The interval in which |v|² ≤ r².
-fn ball(y: f64, z: f64, radius: f64) -> Interval {
+pub(super) fn ball(y: f64, z: f64, radius: f64) -> Interval {
     let rest = radius * radius - y * y - z * z;
     if rest < 0.0 {
         return EMPTY;
@@ -228,7 +232,7 @@ fn ball(y: f64, z: f64, radius: f64) -> Interval {
 }
 
 /// The interval in which `low ≤ g + u·x ≤ high`.
-fn slab(g: f64, u: f64, low: f64, high: f64) -> Interval {
+pub(super) fn slab(g: f64, u: f64, low: f64, high: f64) -> Interval {
     if u == 0.0 {
         return if low <= g && g <= high { [f64::NEG_INFINITY, f64::INFINITY] } else { EMPTY };
     }
@@ -236,6 +240,6 @@ fn slab(g: f64, u: f64, low: f64, high: f64) -> Interval {
     [one.min(two), one.max(two)]
 }
 
-fn meet(one: Interval, two: Interval) -> Interval {
+pub(super) fn meet(one: Interval, two: Interval) -> Interval {
     [one[0].max(two[0]), one[1].min(two[1])]
 }

@@ -1,11 +1,12 @@
 //! A part in memory on a small raster, sliced layer after layer.
 #![allow(dead_code, unreachable_pub, reason = "each test file uses its part")]
 
-use layerd::buildfile::{Blend, BodyHeader, Bounds, Caps, Header, Lattice, Placement, Strut};
+use layerd::buildfile::{Blend, BodyHeader, Bounds, Cap, Caps, Header, Lattice, Placement, Strut};
 use layerd::layer::{Bitmap, Depth, Mirror, Raster};
 use layerd::slice::{BodySource, MemoryStruts, SlicePlan, Slicer};
 use layerd::solid::{Beam, InstructionSet};
 use layerd::stream::MemoryBudget;
+use proptest::prelude::*;
 
 pub const WIDTH: u32 = 100;
 pub const HEIGHT: u32 = 70;
@@ -22,6 +23,28 @@ pub fn strut(a: [i32; 3], b: [i32; 3], radius_a: u32, radius_b: u32) -> Strut {
     } else {
         Strut { a: b, b: a, radius_a: radius_b, radius_b: radius_a, caps }
     }
+}
+
+fn node() -> impl Strategy<Value = [i32; 3]> {
+    (0..1600_i32, 0..1200_i32, 0..300_i32).prop_map(|(x, y, z)| [x, y, z])
+}
+
+/// A strut or ball of any kind within the raster.
+pub fn any_strut() -> impl Strategy<Value = Strut> {
+    let cap = || prop_oneof![Just(Cap::Sphere), Just(Cap::Hemisphere), Just(Cap::Butt)];
+    (node(), node(), 10..120_u32, 10..120_u32, 0..8_u8, cap(), cap()).prop_map(
+        |(a, mut b, ra, mut rb, kind, ca, cb)| {
+            match kind {
+                0 => (b, rb) = (a, ra),           // a ball
+                1 => b[2] = a[2],                 // in the layer plane
+                2 => (b[1], b[2]) = (a[1], a[2]), // along a row
+                3 => b = a.map(|x| x + 3),        // very short
+                4 => rb = ra,
+                _ => {}
+            }
+            Strut { caps: Caps { a: ca, b: cb }, ..strut(a, b, ra, rb) }
+        },
+    )
 }
 
 pub fn header(struts: &[Strut], blend: Blend) -> Header {

@@ -1,12 +1,13 @@
 //! Bodies, from which layers are drawn. Each is cut by a plane that rises through it.
 //!
-//! A second kind of body is a variant of [`BodySource`] and an implementer of [`Body`]. `slicer` shows how they are used.
+//! A second kind of body is a variant of [`BodySource`] and an implementer of [`Body`],
+//! [`PixelBody`] and [`FieldBody`]. `slicer` shows how they are used.
 
 pub(super) mod lattice;
 
 use std::sync::Arc;
 
-use super::band::Band;
+use super::band::{Band, FieldBand};
 use super::workers::Workers;
 use super::{SliceError, SlicePlan};
 use crate::buildfile::{Blend, BodyHeader, BuildFile, Lattice};
@@ -45,26 +46,47 @@ impl BodySource {
         source.file()
     }
 
-    /// Memory that [`BodySource::body`] charges, bytes. It is known before anything is read, and does not include
+    /// Memory that [`BodySource::pixels`] charges, bytes. It is known before anything is read, and does not include
     /// [`BodySource::file`].
-    pub(super) fn memory_bytes(&self, plan: &SlicePlan, threads: usize) -> u64 {
+    pub(super) fn pixels_memory_bytes(&self, plan: &SlicePlan, threads: usize) -> u64 {
         let Self::Lattice(source) = self;
-        lattice::memory_bytes(&**source, plan, threads)
+        lattice::pixels_memory_bytes(&**source, plan, threads)
     }
 
-    /// The body, to be drawn with `instructions` on `threads` threads. Its memory is charged to `budget`.
+    /// As [`BodySource::pixels_memory_bytes`], for [`BodySource::field`].
+    pub(super) fn field_memory_bytes(&self, plan: &SlicePlan, threads: usize) -> u64 {
+        let Self::Lattice(source) = self;
+        lattice::field_memory_bytes(&**source, plan, threads)
+    }
+
+    /// The body as pixels, to be drawn with `instructions` on `threads` threads. Its memory is charged to `budget`.
     ///
     /// # Errors
     /// [`SliceError`] if the memory is not free or the body cannot be drawn.
-    pub(super) fn body(
+    pub(super) fn pixels(
         self,
         instructions: InstructionSet,
         plan: &SlicePlan,
         threads: usize,
         budget: &MemoryBudget,
-    ) -> Result<Box<dyn Body>, SliceError> {
+    ) -> Result<Box<dyn PixelBody>, SliceError> {
         let Self::Lattice(source) = self;
-        lattice::body(instructions, source, plan, threads, budget)
+        lattice::pixels(instructions, source, plan, threads, budget)
+    }
+
+    /// As [`BodySource::pixels`], as a field.
+    ///
+    /// # Errors
+    /// As [`BodySource::pixels`].
+    pub(super) fn field(
+        self,
+        instructions: InstructionSet,
+        plan: &SlicePlan,
+        threads: usize,
+        budget: &MemoryBudget,
+    ) -> Result<Box<dyn FieldBody>, SliceError> {
+        let Self::Lattice(source) = self;
+        lattice::field(instructions, source, plan, threads, budget)
     }
 }
 
@@ -77,9 +99,10 @@ pub(super) struct Cut {
     pub(super) shift_px: [f64; 2],
 }
 
-/// One body of a part. It is called once per layer and once per band, never for single pixels.
+/// One body of a part. It is called once per layer and once per band, never for single pixels. What is drawn of it is up to
+/// [`PixelBody`] and [`FieldBody`].
 pub(super) trait Body: Send {
-    /// Most rows in a band that [`Brush::cover`] takes.
+    /// Most rows in a band that its brushes take.
     fn rows_per_band(&self) -> usize;
 
     /// Moves the plane up to `z_um`, micrometres. It never moves down.
@@ -88,9 +111,6 @@ pub(super) trait Body: Send {
     /// If the primitives cannot be read, or contradict the header or the index.
     fn advance(&mut self, z_um: f64, workers: &Workers) -> Result<(), SliceError>;
 
-    /// Brushes for the plane last given to [`Body::advance`], one for each thread.
-    fn brushes(&mut self, cut: &Cut) -> Vec<Box<dyn Brush + '_>>;
-
     /// Number of primitives within reach of that plane.
     fn active_count(&self) -> usize;
 
@@ -98,8 +118,26 @@ pub(super) trait Body: Send {
     fn effort(&self) -> Effort;
 }
 
-/// Draws one body on one thread.
+/// A body that is drawn as pixels.
+pub(super) trait PixelBody: Body {
+    /// Brushes for the plane last given to [`Body::advance`], one for each thread.
+    fn brushes(&mut self, cut: &Cut) -> Vec<Box<dyn Brush + '_>>;
+}
+
+/// Draws the pixels of one body on one thread.
 pub(super) trait Brush: Send {
     /// Merges the body into a band.
     fn cover(&mut self, band: &mut Band<'_>);
+}
+
+/// A body that is drawn as a field.
+pub(super) trait FieldBody: Body {
+    /// Brushes for the plane last given to [`Body::advance`], one for each thread.
+    fn brushes(&mut self, cut: &Cut) -> Vec<Box<dyn FieldBrush + '_>>;
+}
+
+/// Draws the field of one body on one thread.
+pub(super) trait FieldBrush: Send {
+    /// Raises a band to the body's excess.
+    fn raise(&mut self, band: &mut FieldBand<'_>);
 }

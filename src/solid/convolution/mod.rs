@@ -15,8 +15,8 @@ mod reach;
 
 use super::instruction_set::Work;
 use super::pixels::{Coverage, PackBits};
-use super::vector::LANES;
-use super::{Block, Cap, InstructionSet, Plane, Shape, Strip, weight};
+use super::vector::{self, LANES};
+use super::{Block, Cap, FieldShape, ISOVALUE, InstructionSet, PixelShape, Plane, Shape, Strip, weight};
 use cut::Footprints;
 use line::ConvolutionStrut;
 use reach::{Reach, Window};
@@ -35,8 +35,6 @@ const ENDLESS: f64 = 1e30;
 impl Shape for Convolution {
     type Cell = f32;
 
-    const HALO: usize = 1;
-
     /// The weights at both ends, as bits of `f32`. A ball has one weight, stored twice.
     fn ends(radii: [u32; 2], _caps: [Cap; 2], is_ball: bool, quantum: f64) -> [u32; 2] {
         let weight = if is_ball { weight::ball } else { weight::strut };
@@ -51,6 +49,10 @@ impl Shape for Convolution {
     ) {
         instructions.run(Draw { blocks, plane, strip });
     }
+}
+
+impl PixelShape for Convolution {
+    const HALO: usize = 1;
 
     fn merge_bits(instructions: InstructionSet, strip: &Strip<f32>, row: usize, first_byte: usize, out: &mut [u8]) {
         instructions.run(PackBits { cells: strip.pixels(row, first_byte * 8), out });
@@ -64,6 +66,25 @@ impl Shape for Convolution {
         out: &mut [u8],
     ) {
         instructions.run(Coverage { around: strip.around(row, first_pixel), out });
+    }
+}
+
+impl FieldShape for Convolution {
+    /// The slope of the field on the surface of an endless strut of radius ρ: `F = C ((R² − h²) / (R² − ρ²))^{5/2}` at distance h, so
+    /// `dF/dh = −5 C ρ / (R² − ρ²)` at ρ.
+    fn excess_um(unit_um: f64, radius_um: f64) -> f32 {
+        ((unit_um * unit_um - radius_um * radius_um) / (5.0 * ISOVALUE * radius_um)) as f32
+    }
+
+    fn outside_um(excess_um: f32, _pitch_um: f64) -> f32 {
+        -(ISOVALUE as f32) * excess_um
+    }
+
+    fn merge_excess(strip: &Strip<f32>, row: usize, first_pixel: usize, excess_um: f32, out: &mut [f32]) {
+        for (excess, field) in out.iter_mut().zip(strip.pixels(row, first_pixel)) {
+            // The difference of two numbers near each other is exact, so its sign says what `merge_bits` says.
+            *excess = vector::greater(*excess, (field - ISOVALUE as f32) * excess_um);
+        }
     }
 }
 

@@ -2,10 +2,10 @@
 
 use super::active::ActiveSet;
 use crate::layer::Depth;
-use crate::slice::band::Band;
-use crate::slice::body::Brush;
+use crate::slice::band::{Band, FieldBand};
+use crate::slice::body::{Brush, FieldBrush};
 use crate::slice::{SliceError, SlicePlan};
-use crate::solid::{Effort, InstructionSet, Plane, Shape, Strip};
+use crate::solid::{Effort, FieldShape, InstructionSet, PixelShape, Plane, Shape, Strip};
 use crate::stream::{Charge, MemoryBudget};
 
 /// Largest strip, bytes, unless a single group of rows is longer. Compared with a strip of half this size it saves a tenth of the
@@ -31,20 +31,21 @@ impl<S: Shape> Strips<S> {
     pub(super) fn new(
         plan: &SlicePlan,
         instructions: InstructionSet,
+        halo: usize,
         threads: usize,
         budget: &MemoryBudget,
     ) -> Result<Self, SliceError> {
-        let charge = budget.charge("the strips of the rasteriser", Self::memory_bytes(plan, threads))?;
-        let (width, halo) = (plan.raster.width_px as usize, halo::<S>(plan.depth));
-        let rows_per_band = rows_per_band::<S>(plan);
+        let charge = budget.charge("the strips of the rasteriser", Self::memory_bytes(plan, halo, threads))?;
+        let width = plan.raster.width_px as usize;
+        let rows_per_band = rows_per_band::<S>(plan, halo);
         let strips = (0..threads).map(|_| Strip::new(width, rows_per_band, halo)).collect();
         Ok(Self { rows_per_band, instructions, strips, _charge: charge })
     }
 
     /// Memory of the strips, bytes.
-    pub(super) fn memory_bytes(plan: &SlicePlan, threads: usize) -> u64 {
-        let (width, rows) = (plan.raster.width_px as usize, rows_per_band::<S>(plan));
-        Strip::<S::Cell>::bytes(width, rows, halo::<S>(plan.depth)).saturating_mul(threads as u64)
+    pub(super) fn memory_bytes(plan: &SlicePlan, halo: usize, threads: usize) -> u64 {
+        let (width, rows) = (plan.raster.width_px as usize, rows_per_band::<S>(plan, halo));
+        Strip::<S::Cell>::bytes(width, rows, halo).saturating_mul(threads as u64)
     }
 
     /// Rows of a band.
@@ -69,14 +70,14 @@ impl<S: Shape> Strips<S> {
 }
 
 /// Rows of a band. Together with the halo they are a whole number of groups.
-pub(super) fn rows_per_band<S: Shape>(plan: &SlicePlan) -> usize {
+pub(super) fn rows_per_band<S: Shape>(plan: &SlicePlan, halo: usize) -> usize {
     let row_bytes = plan.raster.width_px as usize * size_of::<S::Cell>();
     let groups = MAX_STRIP_BYTES / (row_bytes * ROW_GROUP);
-    groups.clamp(1, MAX_GROUPS) * ROW_GROUP - 2 * halo::<S>(plan.depth)
+    groups.clamp(1, MAX_GROUPS) * ROW_GROUP - 2 * halo
 }
 
-/// Only grey reads neighbouring pixels.
-fn halo<S: Shape>(depth: Depth) -> usize {
+/// Rows and columns around a band that its pixels depend on: only grey reads neighbouring pixels.
+pub(super) fn halo<S: PixelShape>(depth: Depth) -> usize {
     match depth {
         Depth::Bit => 0,
         Depth::Grey => S::HALO,
@@ -91,6 +92,15 @@ pub(super) struct StripBrush<'a, S: Shape> {
     pub(super) strip: &'a mut Strip<S::Cell>,
 }
 
+/// The brush of one thread that draws a field.
+pub(super) struct FieldStripBrush<'a, S: Shape> {
+    pub(super) strip: StripBrush<'a, S>,
+    /// Micrometres of excess for each unit of a cell.
+    pub(super) excess_um: f32,
+    /// The excess where no strut reaches, micrometres.
+    pub(super) outside_um: f32,
+}
+
 impl<S: Shape> StripBrush<'_, S> {
     /// Draws `count` rows of the grid from `first` on, and the rows of the halo, on the strip.
     fn draw(&mut self, first: usize, count: usize, halo: usize) {
@@ -100,7 +110,7 @@ impl<S: Shape> StripBrush<'_, S> {
     }
 }
 
-impl<S: Shape> Brush for StripBrush<'_, S> {
+impl<S: PixelShape> Brush for StripBrush<'_, S> {
     fn cover(&mut self, band: &mut Band<'_>) {
         let width = self.plane.grid.width;
         match band {
@@ -120,6 +130,22 @@ impl<S: Shape> Brush for StripBrush<'_, S> {
                         S::merge_coverage(self.instructions, self.strip, row, pixels.start, &mut out[pixels]);
                     }
                 }
+            }
+        }
+    }
+}
+
+impl<S: FieldShape> FieldBrush for FieldStripBrush<'_, S> {
+    fn raise(&mut self, band: &mut FieldBand<'_>) {
+        let width = self.strip.plane.grid.width;
+        self.strip.draw(band.first, band.count(), 0);
+        for (row, out) in band.each_mut().enumerate() {
+            // Everywhere, so that the excess does not depend on which cells a kernel happened to touch.
+            for excess in &mut *out {
+                *excess = excess.max(self.outside_um);
+            }
+            for pixels in self.strip.strip.used_pixels(width) {
+                S::merge_excess(self.strip.strip, row, pixels.start, self.excess_um, &mut out[pixels]);
             }
         }
     }

@@ -8,14 +8,17 @@ mod sweep;
 pub(in crate::slice) use source::StoredLattice;
 pub use source::{ChunkSpan, MemoryStruts, StrutSource};
 
-use super::{Body, Brush, Cut};
+use super::{Body, Brush, Cut, FieldBody, FieldBrush, PixelBody};
 use crate::buildfile::Blend;
 use crate::layer::Depth;
 use crate::slice::workers::Workers;
 use crate::slice::{SliceError, SlicePlan};
-use crate::solid::{Convolution, Effort, Grid, InstructionSet, MAX_RADIUS_SHARE, Plane, Shape, Union};
+use crate::solid::{
+    Convolution, Effort, FieldShape, Grid, InstructionSet, MAX_RADIUS_SHARE, PixelShape, Plane, Shape, Union,
+    UnionExcess,
+};
 use crate::stream::MemoryBudget;
-use brush::{StripBrush, Strips};
+use brush::{FieldStripBrush, StripBrush, Strips};
 use sweep::Sweep;
 
 /// Struts and balls of one blend, as a body.
@@ -24,39 +27,86 @@ struct Lattice<S: Shape> {
     grid: Grid,
     /// Unit of length of the solid, micrometres.
     unit_um: f64,
+    /// Largest radius of a strut, micrometres.
+    radius_um: f64,
     sweep: Sweep,
     strips: Strips<S>,
 }
 
-/// A lattice to be drawn with `instructions` on `threads` threads. Its memory is charged to `budget`.
+/// A lattice to be drawn as pixels with `instructions` on `threads` threads. Its memory is charged to `budget`.
 ///
 /// # Errors
 /// [`SliceError`] if the memory is not free, or a strut is too thick for the support.
-pub(in crate::slice) fn body(
+pub(in crate::slice) fn pixels(
     instructions: InstructionSet,
     source: Box<dyn StrutSource>,
     plan: &SlicePlan,
     threads: usize,
     budget: &MemoryBudget,
-) -> Result<Box<dyn Body>, SliceError> {
-    match source.lattice().blend {
-        Blend::Convolution { support_um } => {
-            let radius_um = f64::from(source.lattice().radius_range[1]) * source.quantum_um();
-            if radius_um.partial_cmp(&(support_um * MAX_RADIUS_SHARE)) != Some(std::cmp::Ordering::Less) {
-                return Err(SliceError::RadiusTooLarge { radius_um, support_um });
-            }
-            Ok(Box::new(Lattice::<Convolution>::new(instructions, source, plan, support_um, threads, budget)?))
+) -> Result<Box<dyn PixelBody>, SliceError> {
+    let halo = match source.lattice().blend {
+        Blend::Convolution { .. } => brush::halo::<Convolution>(plan.depth),
+        Blend::Union => brush::halo::<Union>(plan.depth),
+    };
+    let unit_um = unit_um(&*source)?;
+    Ok(match source.lattice().blend {
+        Blend::Convolution { .. } => {
+            Box::new(Lattice::<Convolution>::new(instructions, source, plan, unit_um, halo, threads, budget)?)
         }
-        Blend::Union => Ok(Box::new(Lattice::<Union>::new(instructions, source, plan, 1.0, threads, budget)?)),
+        Blend::Union => Box::new(Lattice::<Union>::new(instructions, source, plan, unit_um, halo, threads, budget)?),
+    })
+}
+
+/// As [`pixels`], as a field.
+///
+/// # Errors
+/// As [`pixels`].
+pub(in crate::slice) fn field(
+    instructions: InstructionSet,
+    source: Box<dyn StrutSource>,
+    plan: &SlicePlan,
+    threads: usize,
+    budget: &MemoryBudget,
+) -> Result<Box<dyn FieldBody>, SliceError> {
+    let unit_um = unit_um(&*source)?;
+    Ok(match source.lattice().blend {
+        Blend::Convolution { .. } => {
+            Box::new(Lattice::<Convolution>::new(instructions, source, plan, unit_um, 0, threads, budget)?)
+        }
+        Blend::Union => Box::new(Lattice::<UnionExcess>::new(instructions, source, plan, unit_um, 0, threads, budget)?),
+    })
+}
+
+/// Memory that [`pixels`] charges, bytes. It is known before a chunk is read.
+pub(in crate::slice) fn pixels_memory_bytes(source: &dyn StrutSource, plan: &SlicePlan, threads: usize) -> u64 {
+    match source.lattice().blend {
+        Blend::Convolution { .. } => {
+            Lattice::<Convolution>::memory_bytes(source, plan, brush::halo::<Convolution>(plan.depth), threads)
+        }
+        Blend::Union => Lattice::<Union>::memory_bytes(source, plan, brush::halo::<Union>(plan.depth), threads),
     }
 }
 
-/// Memory that [`body`] charges, bytes. It is known before a chunk is read.
-pub(in crate::slice) fn memory_bytes(source: &dyn StrutSource, plan: &SlicePlan, threads: usize) -> u64 {
+/// Memory that [`field`] charges, bytes. It is known before a chunk is read.
+pub(in crate::slice) fn field_memory_bytes(source: &dyn StrutSource, plan: &SlicePlan, threads: usize) -> u64 {
     match source.lattice().blend {
-        Blend::Convolution { .. } => Lattice::<Convolution>::memory_bytes(source, plan, threads),
-        Blend::Union => Lattice::<Union>::memory_bytes(source, plan, threads),
+        Blend::Convolution { .. } => Lattice::<Convolution>::memory_bytes(source, plan, 0, threads),
+        Blend::Union => Lattice::<UnionExcess>::memory_bytes(source, plan, 0, threads),
     }
+}
+
+/// Unit of length of the solid: the support of a convolution, else a micrometre.
+fn unit_um(source: &dyn StrutSource) -> Result<f64, SliceError> {
+    let Blend::Convolution { support_um } = source.lattice().blend else { return Ok(1.0) };
+    let radius_um = radius_um(source);
+    if radius_um.partial_cmp(&(support_um * MAX_RADIUS_SHARE)) != Some(std::cmp::Ordering::Less) {
+        return Err(SliceError::RadiusTooLarge { radius_um, support_um });
+    }
+    Ok(support_um)
+}
+
+fn radius_um(source: &dyn StrutSource) -> f64 {
+    f64::from(source.lattice().radius_range[1]) * source.quantum_um()
 }
 
 impl<S: Shape> Lattice<S> {
@@ -65,17 +115,29 @@ impl<S: Shape> Lattice<S> {
         source: Box<dyn StrutSource>,
         plan: &SlicePlan,
         unit_um: f64,
+        halo: usize,
         threads: usize,
         budget: &MemoryBudget,
     ) -> Result<Self, SliceError> {
-        let strips = Strips::new(plan, instructions, threads, budget)?;
+        let strips = Strips::new(plan, instructions, halo, threads, budget)?;
+        let radius_um = radius_um(&*source);
         let sweep = Sweep::new::<S>(source, plan, unit_um, strips.rows_per_band(), threads, budget)?;
-        Ok(Self { grid: grid(plan, unit_um), unit_um, sweep, strips })
+        Ok(Self { grid: grid(plan, unit_um), unit_um, radius_um, sweep, strips })
     }
 
-    fn memory_bytes(source: &dyn StrutSource, plan: &SlicePlan, threads: usize) -> u64 {
-        let sweep = Sweep::memory_bytes(source, plan, brush::rows_per_band::<S>(plan), threads);
-        sweep.saturating_add(Strips::<S>::memory_bytes(plan, threads))
+    fn memory_bytes(source: &dyn StrutSource, plan: &SlicePlan, halo: usize, threads: usize) -> u64 {
+        let sweep = Sweep::memory_bytes(source, plan, brush::rows_per_band::<S>(plan, halo), threads);
+        sweep.saturating_add(Strips::<S>::memory_bytes(plan, halo, threads))
+    }
+
+    /// A brush for each thread.
+    fn strip_brushes(&mut self, cut: &Cut) -> impl Iterator<Item = StripBrush<'_, S>> {
+        let mut grid = self.grid;
+        grid.x0 += cut.shift_px[0] * grid.dx;
+        grid.y0 += cut.shift_px[1] * grid.dy;
+        let plane = Plane { grid, z: cut.z_um / self.unit_um, quantum: self.sweep.quantum() };
+        let (active, instructions) = (self.sweep.active(), self.strips.instructions());
+        self.strips.each_mut().map(move |strip| StripBrush { active, plane, instructions, strip })
     }
 }
 
@@ -88,22 +150,28 @@ impl<S: Shape> Body for Lattice<S> {
         self.sweep.advance(z_um, workers)
     }
 
-    fn brushes(&mut self, cut: &Cut) -> Vec<Box<dyn Brush + '_>> {
-        let mut grid = self.grid;
-        grid.x0 += cut.shift_px[0] * grid.dx;
-        grid.y0 += cut.shift_px[1] * grid.dy;
-        let plane = Plane { grid, z: cut.z_um / self.unit_um, quantum: self.sweep.quantum() };
-        let (active, instructions) = (self.sweep.active(), self.strips.instructions());
-        let brush = |strip| Box::new(StripBrush::<S> { active, plane, instructions, strip }) as Box<dyn Brush>;
-        self.strips.each_mut().map(brush).collect()
-    }
-
     fn active_count(&self) -> usize {
         self.sweep.active().alive()
     }
 
     fn effort(&self) -> Effort {
         self.strips.effort()
+    }
+}
+
+impl<S: PixelShape> PixelBody for Lattice<S> {
+    fn brushes(&mut self, cut: &Cut) -> Vec<Box<dyn Brush + '_>> {
+        self.strip_brushes(cut).map(|brush| Box::new(brush) as Box<dyn Brush>).collect()
+    }
+}
+
+impl<S: FieldShape> FieldBody for Lattice<S> {
+    fn brushes(&mut self, cut: &Cut) -> Vec<Box<dyn FieldBrush + '_>> {
+        let excess_um = S::excess_um(self.unit_um, self.radius_um);
+        let pitch_um = self.grid.dx.abs().max(self.grid.dy.abs()) * self.unit_um;
+        let outside_um = S::outside_um(excess_um, pitch_um);
+        let brush = |strip| Box::new(FieldStripBrush { strip, excess_um, outside_um }) as Box<dyn FieldBrush>;
+        self.strip_brushes(cut).map(brush).collect()
     }
 }
 
