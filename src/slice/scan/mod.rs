@@ -1,7 +1,8 @@
 //! Scan vectors: from the field of a layer to what a laser marks.
 //!
 //! A layer is cut along its border into [`Region`]s, and each is filled by the rules of [`ScanSettings`]. [`Contours`] computes the
-//! regions: it draws the field, finds where the border crosses the grid of pixels, and leaves out points within a tolerance.
+//! regions: it draws the field, finds where the border crosses the grid of pixels, and leaves out points within a tolerance. [`Fill`] makes
+//! vectors of them.
 //!
 //! ```
 //! use layerd::buildfile::{Blend, BodySettings, BuildFile, Caps, Placement, Strut, Writer, WriterSettings};
@@ -42,13 +43,26 @@
 mod charged;
 mod contour;
 mod contours;
+mod counts;
 mod field;
+mod fill;
+mod hatch;
 mod join;
+mod middle;
 mod nest;
+mod offset;
+mod order;
+mod path;
+mod pieces;
 mod region;
 mod settings;
 mod simplify;
+mod skin;
+mod thin;
 
 pub use contours::{ContourTimes, Contours, LayerRegions};
+pub use counts::ScanCounts;
+pub use fill::{Fill, FillError};
+pub use offset::MAX_FIELD_UM;
 pub use region::{Region, Ring};
-pub use settings::{HatchSettings, HatchStrategy, ScanSettings};
+pub use settings::{HatchSettings, HatchStrategy, ScanSettings, SettingsError};

@@ -67,3 +67,106 @@ pub enum HatchStrategy {
         overlap_um: f64,
     },
 }
+
+/// A length of the settings that cannot be used.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{name} is {found}: it must be {range}")]
+pub struct SettingsError {
+    name: &'static str,
+    found: f64,
+    range: String,
+}
+
+/// Longest of the lengths that belong to a beam, micrometres. Beams are below 1 mm wide; larger lengths are mistakes.
+const MAX_LENGTH_UM: f64 = 10_000.0;
+
+/// Smallest spacing, micrometres: the unit of vectors. A smaller one asks for memory and time for lines that lie on each other.
+const MIN_SPACING_UM: f64 = 1.0;
+
+/// Most contours: more than fill the widest part at 1 µm spacing that any setting calls narrow.
+const MAX_CONTOURS: f64 = 10_000.0;
+
+impl ScanSettings {
+    /// Whether all lengths can be used.
+    pub fn check(&self) -> Result<(), SettingsError> {
+        within("beam_diameter_um", self.beam_diameter_um, MIN_SPACING_UM, MAX_LENGTH_UM)?;
+        within("simplify_tolerance_um", self.simplify_tolerance_um, 0.0, MAX_LENGTH_UM)?;
+        within("contour_count", f64::from(self.contour_count), 0.0, MAX_CONTOURS)?;
+        within("contour_offset_um", self.contour_offset_um, 0.0, MAX_LENGTH_UM)?;
+        within("contour_spacing_um", self.contour_spacing_um, MIN_SPACING_UM, MAX_LENGTH_UM)?;
+        within("thin_below_um", self.thin_below_um, 0.0, MAX_LENGTH_UM)?;
+        within("contour_only_below_um", self.contour_only_below_um, 0.0, MAX_LENGTH_UM)?;
+        within("point_below_um", self.point_below_um, 0.0, MAX_LENGTH_UM)?;
+        within("shortest_mark_um", self.shortest_mark_um, 0.0, MAX_LENGTH_UM)?;
+        [&self.hatch, &self.up_skin, &self.down_skin].into_iter().flatten().try_for_each(HatchSettings::check)
+    }
+}
+
+impl HatchSettings {
+    fn check(&self) -> Result<(), SettingsError> {
+        within("spacing_um", self.spacing_um, MIN_SPACING_UM, MAX_LENGTH_UM)?;
+        within("angle_deg", self.angle_deg, -360.0, 360.0)?;
+        within("rotation_deg", self.rotation_deg, -360.0, 360.0)?;
+        within("end_offset_um", self.end_offset_um, 0.0, MAX_LENGTH_UM)?;
+        match self.strategy {
+            HatchStrategy::Zigzag | HatchStrategy::Unidirectional => Ok(()),
+            HatchStrategy::Stripes { width_um, overlap_um } => cells("width_um", width_um, overlap_um, self.spacing_um),
+            HatchStrategy::Chessboard { island_um, overlap_um } => {
+                cells("island_um", island_um, overlap_um, self.spacing_um)
+            }
+        }
+    }
+}
+
+/// Checks the size of stripes or squares, and that they overlap their neighbours alone.
+fn cells(name: &'static str, size_um: f64, overlap_um: f64, spacing_um: f64) -> Result<(), SettingsError> {
+    within(name, size_um, spacing_um, super::MAX_FIELD_UM)?;
+    within("overlap_um", overlap_um, 0.0, size_um / 2.0)
+}
+
+fn within(name: &'static str, found: f64, low: f64, high: f64) -> Result<(), SettingsError> {
+    // Not a number is in no range.
+    if (low..=high).contains(&found) {
+        return Ok(());
+    }
+    Err(SettingsError { name, found, range: format!("from {low} to {high}") })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn mistakes_are_told_with_name_value_and_range() {
+        let hatch = HatchSettings {
+            strategy: HatchStrategy::Stripes { width_um: 5000.0, overlap_um: 100.0 },
+            spacing_um: 80.0,
+            angle_deg: 57.0,
+            rotation_deg: 67.0,
+            end_offset_um: 40.0,
+        };
+        let good = ScanSettings {
+            beam_diameter_um: 80.0,
+            simplify_tolerance_um: 5.0,
+            contour_count: 1,
+            contour_offset_um: 40.0,
+            contour_spacing_um: 80.0,
+            thin_below_um: 160.0,
+            contour_only_below_um: 320.0,
+            point_below_um: 80.0,
+            shortest_mark_um: 40.0,
+            hatch: Some(hatch.clone()),
+            up_skin: None,
+            down_skin: None,
+        };
+        assert_eq!(good.check(), Ok(()));
+        let told = |settings: ScanSettings| settings.check().expect_err("a mistake").to_string();
+        let bad = ScanSettings { contour_spacing_um: 0.0, ..good.clone() };
+        assert_eq!(told(bad), "contour_spacing_um is 0: it must be from 1 to 10000");
+        let bad = ScanSettings { beam_diameter_um: f64::NAN, ..good.clone() };
+        assert_eq!(told(bad), "beam_diameter_um is NaN: it must be from 1 to 10000");
+        let strategy = HatchStrategy::Chessboard { island_um: 1000.0, overlap_um: 600.0 };
+        let bad = ScanSettings { up_skin: Some(HatchSettings { strategy, ..hatch }), ..good };
+        assert_eq!(told(bad), "overlap_um is 600: it must be from 0 to 500");
+    }
+}
