@@ -37,7 +37,7 @@ pub(super) struct Joint {
 /// wide part. Empty if the area is so small or round that nothing is left between its ends.
 pub(super) fn middle_lines(area: &Area, joints: &[Joint], rules: &ThinRules) -> Vec<Vec<[f64; 2]>> {
     let mut net = Net::new(&triangles(area, (rules.below_um * EDGE_SHARE).max(SHORTEST_EDGE_UM)));
-    net.prune();
+    net.prune(joints);
     let mut lines = net.lines();
     for joint in joints {
         connect(&mut lines, joint, rules.contour_um);
@@ -153,10 +153,10 @@ impl Net {
     }
 
     /// Cuts off branches that end in corners. Of three short ones the shortest goes, so that a line remains of a compact area.
-    fn prune(&mut self) {
+    fn prune(&mut self, joints: &[Joint]) {
         for _ in 0..MAX_PASSES {
             let ends = (0..self.knots.len() as u32).filter(|knot| self.knots[*knot as usize].links.len() == 1);
-            let mut branches: Vec<Branch> = ends.filter_map(|end| self.short_branch(end)).collect();
+            let mut branches: Vec<Branch> = ends.filter_map(|end| self.short_branch(end, joints)).collect();
             if branches.is_empty() {
                 return;
             }
@@ -177,8 +177,9 @@ impl Net {
         fork.tip_um = fork.tip_um.max(branch.length_um);
     }
 
-    /// The branch from an end to a fork, if it is shorter than the area is wide there.
-    fn short_branch(&self, end: u32) -> Option<Branch> {
+    /// The branch from an end to a fork, if it is shorter than the area is wide there. At a joint the area has two horns along the sides of
+    /// the wide part, which are longer.
+    fn short_branch(&self, end: u32, joints: &[Joint]) -> Option<Branch> {
         let mut knots = Vec::new();
         let mut length_um = self.knots[end as usize].tip_um;
         let (mut before, mut at) = (u32::MAX, end);
@@ -188,7 +189,10 @@ impl Net {
             knots.push(at);
             (before, at) = (at, next);
         }
-        (length_um < self.knots[at as usize].width_um).then_some(Branch { knots, fork: at, length_um })
+        let fork = &self.knots[at as usize];
+        let is_at_joint = joints.iter().any(|joint| distance_um(joint.at_um, fork.at_um) <= joint.width_um);
+        let limit_um = if is_at_joint { 2.0 * fork.width_um } else { fork.width_um };
+        (length_um < limit_um).then_some(Branch { knots, fork: at, length_um })
     }
 
     /// The lines between ends and forks, then those that run in a ring.

@@ -21,9 +21,7 @@ pub(super) fn simplify(line: &mut Vec<[f64; 2]>, tolerance_um: f64) {
         let fits =
             |end: &usize| line[at + 1..*end].iter().all(|point| off_um(*point, begin, line[*end]) <= tolerance_um);
         // A ring must not become a line there and back.
-        let enough = |end: &usize| {
-            !is_ring || kept + 1 + usize::from(*end < line.len() - 1) + (line.len() - 1 - end) + 1 >= least
-        };
+        let enough = |end: &usize| kept + 1 + line.len() - end >= least;
         let end = (at + 2..=farthest).take_while(fits).filter(enough).last().unwrap_or(at + 1);
         line[kept] = begin;
         kept += 1;

@@ -83,7 +83,7 @@ pub(super) fn split(area: Area, rules: &ThinRules) -> Split {
 /// What a thin part is marked with: lines along its middle, or a point if they are short. Never nothing.
 pub(super) fn thin_mark(part: &ThinPart, rules: &ThinRules) -> ThinMark {
     let mut lines = middle_lines(&part.area, &part.joints, rules);
-    if lines.iter().map(|line| length_um(line)).sum::<f64>() >= rules.point_below_um && !lines.is_empty() {
+    if lines.iter().any(|line| extent_um(line) >= rules.point_below_um) {
         lines.iter_mut().for_each(|line| simplify(line, rules.tolerance_um));
         return ThinMark::Lines(lines);
     }
@@ -167,6 +167,14 @@ fn joint(cut: &[Point; 2]) -> Option<Joint> {
 
 fn distance_um(a: [f64; 2], b: [f64; 2]) -> f64 {
     (a[0] - b[0]).hypot(a[1] - b[1])
+}
+
+/// How far a line reaches: the diagonal of its bounds. In a compact area a line may be longer than that, as it winds.
+fn extent_um(line: &[[f64; 2]]) -> f64 {
+    let bounds =
+        |axis: usize, pick: fn(f64, f64) -> f64, from: f64| line.iter().map(|point| point[axis]).fold(from, pick);
+    let [x, y] = [0, 1].map(|axis| bounds(axis, f64::max, f64::MIN) - bounds(axis, f64::min, f64::MAX));
+    x.hypot(y)
 }
 
 /// Centre of gravity of an area's first outer ring.
