@@ -237,15 +237,14 @@ impl<'a> LayerPlan<'a> {
         }
         let depth_um = if contour_count == 0 { 0.0 } else { contour_um(contour_count - 1) };
         let hatched = self.hatch(wide, depth_um, pieces, counts);
-        if let Some(hatched) = hatched {
+        if let Hatched::Only(hatched) = hatched {
             let next_um = if contour_count == 0 { contour_offset_um } else { contour_spacing_um };
             self.fill_narrow(inside.subtract(&hatched), hatched.is_empty(), next_um, pieces, counts);
         }
     }
 
-    /// Hatches what is wide enough. Returns what lies between the hatches' ends and the innermost contour, or the border; `None` if the
-    /// settings have no hatches.
-    fn hatch(&self, wide: &Area, depth_um: f64, pieces: &mut Pieces, counts: &mut ScanCounts) -> Option<Area> {
+    /// Hatches what is wide enough.
+    fn hatch(&self, wide: &Area, depth_um: f64, pieces: &mut Pieces, counts: &mut ScanCounts) -> Hatched {
         let core = Core::of(wide, self.settings.contour_only_below_um);
         let mut masks = [None, None];
         for (mask, cover) in masks.iter_mut().zip([&self.below, &self.above]) {
@@ -253,11 +252,11 @@ impl<'a> LayerPlan<'a> {
                 *mask = Some(exposed(wide, cover, self.settings.beam_diameter_um));
             }
         }
-        let mut reach = None;
+        let mut hatched = Hatched::All;
         for (number, filling) in self.fillings.iter().enumerate() {
             let Some(filling) = filling else { continue };
             let end_offset_um = filling.settings.end_offset_um;
-            let border = core.inset(wide, depth_um + end_offset_um);
+            let (border, is_whole) = core.inset(wide, depth_um + end_offset_um);
             let area = match (number, &masks) {
                 (0 | 1, _) => {
                     let own = masks[number].as_ref().map(|mask| border.intersect(mask)).unwrap_or_default();
@@ -266,11 +265,11 @@ impl<'a> LayerPlan<'a> {
                 _ => without(border.clone(), &masks),
             };
             if filling.class == MarkClass::Hatch {
-                reach = Some(border.offset(end_offset_um));
+                hatched = if is_whole { Hatched::All } else { Hatched::Only(border.offset(end_offset_um)) };
             }
             pieces.push_hatches(filling.class, (&filling.hatcher, filling.frame), &area, counts);
         }
-        reach
+        hatched
     }
 
     /// Fills what is too narrow for hatches with contours, up to the middle, and what remains between the innermost two with lines.
@@ -318,6 +317,14 @@ fn push_rings(area: &Area, pieces: &mut Pieces) {
     }
 }
 
+/// What of an area has hatches.
+enum Hatched {
+    /// All of it, or the settings have none.
+    All,
+    /// What lies here. It reaches to the innermost contour, or to the border if there is none.
+    Only(Area),
+}
+
 /// Where an area is wide enough for hatches.
 struct Core {
     /// Centres of a disc that rolls through it.
@@ -331,16 +338,17 @@ impl Core {
         Self { area: wide.offset(-radius_um), radius_um }
     }
 
-    /// The area at some distance from its border, where it is wide enough.
-    fn inset(&self, wide: &Area, depth_um: f64) -> Area {
+    /// The area at some distance from its border, where it is wide enough, and whether that is everywhere.
+    fn inset(&self, wide: &Area, depth_um: f64) -> (Area, bool) {
         if self.area.is_empty() {
-            return Area::default();
+            return (Area::default(), false);
         }
         let inset = wide.offset(-depth_um);
         let reach_um = self.radius_um - depth_um;
         if reach_um <= 0.0 {
-            return inset;
+            return (inset, true);
         }
-        inset.intersect(&self.area.offset(reach_um * CORNER_REACH))
+        let reached = self.area.offset(reach_um * CORNER_REACH);
+        if reached.surely_contains(&inset) { (inset, true) } else { (inset.intersect(&reached), false) }
     }
 }

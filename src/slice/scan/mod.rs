@@ -43,6 +43,7 @@
 mod charged;
 mod contour;
 mod contours;
+mod convex;
 mod counts;
 mod field;
 mod fill;

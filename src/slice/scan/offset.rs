@@ -15,6 +15,7 @@ use i_overlay::mesh::int::outline::offset::IntOutlineOffset;
 use i_overlay::mesh::int::style::{IntLineJoin, IntOutlineStyle};
 use i_overlay::mesh::math::MathMode;
 
+use super::convex::{contains, inset, is_convex, outset};
 use super::region::Region;
 
 /// Largest coordinate of a field, micrometres: the library computes with whole numbers below 2³⁰, here nanometres, and offsets need some
@@ -84,6 +85,12 @@ impl Area {
         if self.is_empty() || radius_um < 5e-4 {
             return self.clone();
         }
+        if let Some(ring) = self.convex_ring() {
+            let nm = radius_um * 1000.0;
+            let ring = if distance_um < 0.0 { inset(ring, nm) } else { outset(ring, nm, ARC_ERROR_UM * 1000.0) };
+            let is_left = doubled_area_nm2(&ring) > 2 * LEAST_AREA_NM2 as i64;
+            return Self { shapes: if is_left { vec![vec![ring]] } else { Vec::new() } };
+        }
         let step = 2.0 * (1.0 - ARC_ERROR_UM / radius_um).clamp(-1.0, 1.0).acos();
         let arc = ArcOptions { max_step: angle(step), ..ArcOptions::default() };
         let style = IntOutlineStyle::new((distance_um * 1000.0).round() as i32)
@@ -92,6 +99,18 @@ impl Area {
         // It has no way to fail, although its type says so.
         let shapes = self.shapes.outline_custom(&style, options()).unwrap_or_default();
         Self { shapes }
+    }
+
+    /// The ring of an area that is one convex shape without holes.
+    fn convex_ring(&self) -> Option<&Contour> {
+        let [shape] = &self.shapes[..] else { return None };
+        let [ring] = &shape[..] else { return None };
+        is_convex(ring).then_some(ring)
+    }
+
+    /// Whether an area is known to contain another: only told if it is convex.
+    pub(super) fn surely_contains(&self, other: &Self) -> bool {
+        self.convex_ring().is_some_and(|ring| other.rings().all(|inner| contains(ring, inner)))
     }
 
     /// What lies in both areas.

@@ -17,7 +17,7 @@ const MAX_PASSES: u32 = 3;
 const MAX_MOVED: usize = 3;
 
 /// How many near ends are tried for each end of a stop.
-const MAX_NEAR: usize = 8;
+const MAX_NEAR: usize = 5;
 
 /// Longest stretch of a tour that is turned or shifted by one change, so that the work for each is bounded.
 const MAX_STRETCH: usize = 1000;

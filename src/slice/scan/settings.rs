@@ -16,7 +16,7 @@ pub struct ScanSettings {
     pub contour_spacing_um: f64,
     /// Where the region is narrower than this, a centre line or a point is marked instead of contours.
     pub thin_below_um: f64,
-    /// Where it is narrower than this, it gets contours and no hatches.
+    /// Where it is narrower than this, it gets no hatches; contours fill it to the middle, however many `contour_count` asks for.
     pub contour_only_below_um: f64,
     /// Shorter centre lines become points.
     pub point_below_um: f64,

@@ -74,6 +74,9 @@ pub(super) fn split(area: Area, rules: &ThinRules) -> Split {
         return Split { wide: Area::default(), thin: thin.collect() };
     }
     let reached = core.offset(rules.below_um / 2.0 * REACH);
+    if reached.surely_contains(&area) {
+        return Split { wide: area, thin: Vec::new() };
+    }
     let thin: Vec<ThinPart> =
         left_out(&area, &reached).into_iter().filter_map(|shape| thin_part(&shape, rules)).collect();
     let wide = thin.iter().fold(area, |wide, part| wide.subtract(&part.area));

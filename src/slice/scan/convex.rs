@@ -1,0 +1,147 @@
+//! Offsets of convex rings, which most islands of a lattice are. `offset` uses them: they take a tenth of the time of the general way.
+//!
+//! Only additions, products, quotients and roots are used, so the result is the same on every machine.
+
+use super::offset::{Contour, Point};
+
+/// Longer rings go the general way: the time for a convex ring grows with the square of its length.
+const MAX_POINTS: usize = 200;
+
+/// Whether a ring turns left at each point, and is short enough.
+pub(super) fn is_convex(ring: &[Point]) -> bool {
+    let count = ring.len();
+    (3..=MAX_POINTS).contains(&count)
+        && (0..count).all(|number| {
+            let [a, b, c] = [0, 1, 2].map(|step| ring[(number + step) % count]);
+            cross(a, b, c) >= 0
+        })
+}
+
+/// Twice the area of a triangle, positive if it runs counter-clockwise.
+fn cross(a: Point, b: Point, c: Point) -> i64 {
+    let [ax, ay] = [i64::from(b.x) - i64::from(a.x), i64::from(b.y) - i64::from(a.y)];
+    let [bx, by] = [i64::from(c.x) - i64::from(a.x), i64::from(c.y) - i64::from(a.y)];
+    ax * by - ay * bx
+}
+
+/// Whether a convex ring contains all points of another ring.
+pub(super) fn contains(outer: &[Point], inner: &[Point]) -> bool {
+    let next = outer.iter().cycle().skip(1);
+    outer.iter().zip(next).all(|(&a, &b)| inner.iter().all(|&point| cross(a, b, point) >= 0))
+}
+
+/// The part of a convex ring farther than a distance from its border; empty if there is none.
+pub(super) fn inset(ring: &[Point], distance_nm: f64) -> Contour {
+    let origin = ring[0];
+    let mut left: Vec<[f64; 2]> = ring.iter().map(|point| from(origin, *point)).collect();
+    let mut cut = Vec::with_capacity(left.len() + 1);
+    for (normal, a) in edges(ring) {
+        // Depth of a point behind the edge moved inwards.
+        let depth = |point: &[f64; 2]| -(normal[0] * (point[0] - a[0]) + normal[1] * (point[1] - a[1])) - distance_nm;
+        cut.clear();
+        for (number, point) in left.iter().enumerate() {
+            let next = left[(number + 1) % left.len()];
+            let (here, there) = (depth(point), depth(&next));
+            if here >= 0.0 {
+                cut.push(*point);
+            }
+            if (here >= 0.0) != (there >= 0.0) {
+                let share = here / (here - there);
+                cut.push([0, 1].map(|axis| point[axis] + (next[axis] - point[axis]) * share));
+            }
+        }
+        std::mem::swap(&mut left, &mut cut);
+    }
+    rounded(origin, &left)
+}
+
+/// The points within a distance of a convex ring. Arcs leave their circles by at most `error_nm`.
+pub(super) fn outset(ring: &[Point], distance_nm: f64, error_nm: f64) -> Contour {
+    let origin = ring[0];
+    // Cosine of half the angle between two points of an arc, then of the whole.
+    let half = (1.0 - error_nm / distance_nm).max(std::f64::consts::FRAC_1_SQRT_2);
+    let least = 2.0 * half * half - 1.0;
+    let mut grown = Vec::with_capacity(3 * ring.len());
+    let edges: Vec<_> = edges(ring).collect();
+    let mut before = edges.last().map_or([0.0; 2], |edge| edge.0);
+    for (normal, a) in edges {
+        let at = |normal: [f64; 2]| [0, 1].map(|axis| a[axis] + normal[axis] * distance_nm);
+        grown.push(at(before));
+        arc(before, normal, least, &mut |normal| grown.push(at(normal)));
+        grown.push(at(normal));
+        before = normal;
+    }
+    rounded(origin, &grown)
+}
+
+/// Unit vectors between two, halving the angle until its cosine is at least `least`. Angles are below a straight one.
+fn arc(from: [f64; 2], to: [f64; 2], least: f64, push: &mut impl FnMut([f64; 2])) {
+    if from[0] * to[0] + from[1] * to[1] >= least {
+        return;
+    }
+    let sum = [from[0] + to[0], from[1] + to[1]];
+    let length = (sum[0] * sum[0] + sum[1] * sum[1]).sqrt();
+    // Opposite ones: the middle is to the left of the first.
+    let middle = if length > 1e-6 { sum.map(|part| part / length) } else { [-from[1], from[0]] };
+    arc(from, middle, least, push);
+    push(middle);
+    arc(middle, to, least, push);
+}
+
+/// Each edge that is longer than nothing: its unit normal outwards, and the point it begins at, from the first point of the ring.
+fn edges(ring: &[Point]) -> impl Iterator<Item = ([f64; 2], [f64; 2])> + '_ {
+    let origin = ring[0];
+    let next = ring.iter().cycle().skip(1);
+    ring.iter().zip(next).filter_map(move |(a, b)| {
+        let [x, y] = from(*a, *b);
+        let length = (x * x + y * y).sqrt();
+        (length > 0.0).then(|| ([y / length, -x / length], from(origin, *a)))
+    })
+}
+
+fn from(origin: Point, point: Point) -> [f64; 2] {
+    [f64::from(point.x) - f64::from(origin.x), f64::from(point.y) - f64::from(origin.y)]
+}
+
+/// In whole nanometres, without points that follow each other; empty if less than a triangle is left.
+fn rounded(origin: Point, ring: &[[f64; 2]]) -> Contour {
+    let point = |point: &[f64; 2]| Point::new(origin.x + point[0].round() as i32, origin.y + point[1].round() as i32);
+    let mut points: Contour = ring.iter().map(point).collect();
+    points.dedup();
+    if points.first() == points.last() {
+        points.pop();
+    }
+    if points.len() < 3 {
+        points.clear();
+    }
+    points
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn triangle() -> Contour {
+        vec![Point::new(0, 0), Point::new(3_000_000, 0), Point::new(0, 4_000_000)]
+    }
+
+    #[test]
+    fn a_triangle_shrinks_to_the_middle_of_its_inner_circle() {
+        // Sides of 3, 4 and 5 mm: the inner circle has a radius of 1 mm.
+        assert_eq!(inset(&triangle(), 500_000.0).len(), 3);
+        let small = inset(&triangle(), 999_000.0);
+        assert!(small.iter().all(|point| (point.x - 1_000_000).abs() < 4000 && (point.y - 1_000_000).abs() < 4000));
+        assert_eq!(inset(&triangle(), 1_001_000.0), []);
+    }
+
+    #[test]
+    fn what_grows_is_round_at_the_corners_and_contains_what_it_came_from() {
+        let grown = outset(&triangle(), 500_000.0, 500.0);
+        assert!(is_convex(&grown) && contains(&grown, &triangle()) && !contains(&triangle(), &grown));
+        let doubled_mm2: i64 = (1..grown.len() - 1).map(|at| cross(grown[0], grown[at], grown[at + 1])).sum();
+        let exact_mm2 = 6.0 + 12.0 * 0.5 + std::f64::consts::PI * 0.25;
+        assert!((doubled_mm2 as f64 / 2e12 - exact_mm2).abs() < 0.003, "{doubled_mm2}");
+        let notched = [[0, 0], [10, 0], [5, 1], [0, 10]].map(|[x, y]| Point::new(x, y));
+        assert!(!is_convex(&notched));
+    }
+}
