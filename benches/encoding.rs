@@ -98,7 +98,7 @@ fn measure(part: &Path, depth: Depth, encoding: Encoding) -> Sum {
         sum.encoding += cpu_time() - start;
         sum.bytes += bytes.len();
 
-        let mut decoder = Decoder::new(encoding, RASTER.width_px, RASTER.height_px);
+        let mut decoder = Decoder::new(encoding.picture().expect("a picture"), RASTER.width_px, RASTER.height_px);
         let start = cpu_time();
         for piece in bytes.chunks(PIECE_BYTES) {
             decoder.push(piece).expect("its own bytes");

@@ -3,9 +3,12 @@
 
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder};
-use layerd::device::encoding::{Choice, choose, encode, encode_shortest, largest_encoded_bytes};
-use layerd::layer::{Bitmap, Depth};
+use layerd::device::encoding::{
+    Choice, choose, choose_vectors, encode, encode_shortest, encode_vectors, largest_encoded_bytes,
+};
+use layerd::layer::{Bitmap, Depth, HatchFrame, HatchLine, Mark, MarkClass, Vectors};
 use layerd::link::message::Encoding;
+use layerd_wire::encoding::{LaserParameters, LayerSum, VectorDecoder, VectorEncodeError, VectorEncoding};
 
 const ALL: [Encoding; 4] = [Encoding::RawBit, Encoding::Group4, Encoding::RawGrey, Encoding::RunGrey];
 
@@ -115,4 +118,129 @@ fn a_lattice_layer_takes_fewer_bytes_than_the_best_png() {
     // Many small sections of every slope, close together: about the hardest a lattice offers. Measured: 0.386 and 0.533.
     assert!(bit * 100 <= bit_png * 40, "1-bit: {bit} of {bit_png}");
     assert!(grey * 100 <= grey_png * 55, "grey: {grey} of {grey_png}");
+}
+
+const FIELD_UM: [u32; 2] = [100_000, 100_000];
+
+fn lasers() -> [LaserParameters; 6] {
+    [100, 200, 180, 120, 90, 50]
+        .map(|power_w| LaserParameters { power_mw: power_w * 1000, ..LaserParameters::default() })
+}
+
+/// What a device reads of bytes.
+fn read_vectors(bytes: &[u8], encoding: VectorEncoding) -> (Vec<Mark>, LayerSum) {
+    let mut decoder = VectorDecoder::new(encoding, FIELD_UM, bytes.len() as u32);
+    let mut marks = Vec::new();
+    for mut piece in bytes.chunks(60) {
+        while let Some(vector) = decoder.next(&mut piece).expect("good bytes") {
+            let class = MarkClass::ALL[vector.class as usize];
+            marks.push(Mark { class, from_um: vector.from_um, to_um: vector.to_um });
+        }
+    }
+    for class in &marks {
+        let class = layerd_wire::encoding::MarkClass::ALL[class.class as usize];
+        assert_eq!(decoder.parameters(class), Some(&lasers()[class as usize]));
+    }
+    (marks, decoder.finish().expect("a whole layer"))
+}
+
+#[test]
+fn a_device_reads_the_vectors_of_the_layer_and_the_lasers_of_the_classes_used() {
+    let mut vectors = Vectors::default();
+    for point in 0..5 {
+        vectors.push_path(if point == 3 { MarkClass::Thin } else { MarkClass::Point }, &[[point * 300, 7]]);
+    }
+    vectors.push_path(MarkClass::Thin, &[[5, 5], [900, 20], [1000, 90]]);
+    for (index, angle_deg) in [0.0, 67.0, 134.0, 201.0, 268.0, -35.5].into_iter().enumerate() {
+        let frame = HatchFrame::new([50_000 - index as i32, 50_000], angle_deg, 61_235);
+        let line = |line: i32| {
+            let (from_um, to_um) = (-9000 + line * line, 7000 - line * 40);
+            if line % 2 == 0 {
+                HatchLine { line, from_um, to_um }
+            } else {
+                HatchLine { line, from_um: to_um, to_um: from_um }
+            }
+        };
+        vectors.push_hatches(MarkClass::UpSkin, frame, &(-100..100).map(line).collect::<Vec<_>>());
+        vectors.push_path(MarkClass::Contour, &[[9, 9], [9, 90], [90, 9], [9, 9]]);
+    }
+    let mut bytes = Vec::new();
+    for (encoding, lasers_only) in [(VectorEncoding::Plain, 1), (VectorEncoding::Coded, 0)] {
+        let sent = encode_vectors(&vectors, encoding, FIELD_UM, &lasers(), &mut bytes).expect("all lies in the field");
+        let (marks, sum) = read_vectors(&bytes, encoding);
+        assert_eq!(sum, sent);
+        assert!(marks.iter().copied().eq(vectors.marks()), "{encoding:?}");
+        assert_eq!(bytes[0] * lasers_only, 4 * lasers_only, "contour, up-skin, thin and point");
+    }
+    vectors.push_path(MarkClass::Contour, &[[100_001, 0]]);
+    let error = encode_vectors(&vectors, VectorEncoding::Plain, FIELD_UM, &lasers(), &mut bytes);
+    assert_eq!(error, Err(VectorEncodeError::OutsideField { point_um: [100_001, 0], field_um: FIELD_UM }));
+
+    let offered = [Encoding::RawBit, Encoding::Vectors];
+    assert_eq!(choose_vectors(&offered), Some(VectorEncoding::Plain));
+    assert_eq!(choose_vectors(&[Encoding::VectorsCoded, Encoding::Vectors]), Some(VectorEncoding::Coded));
+    assert_eq!(choose_vectors(&[Encoding::Group4]), None);
+    let error = encode(&Bitmap::new(8, 8, Depth::Bit), Encoding::Vectors, &mut bytes).expect_err("a picture");
+    assert_eq!(error.to_string(), "a picture of Bit pixels cannot be written as Vectors");
+}
+
+/// Sections of struts as a lattice has them: islands 120 to 400 µm wide, corners every 30 to 100 µm, hatches of 60 µm.
+fn lattice_vectors() -> Vectors {
+    let mut state = 0x9e37_79b9_7f4a_7c15_u64;
+    let mut random = move |least: f64, most: f64| {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        least + (most - least) * (state >> 11) as f64 / (1_u64 << 53) as f64
+    };
+    let mut vectors = Vectors::default();
+    let frame = HatchFrame::new([0, 0], 67.0, 60_000);
+    let (sin, cos) = 67.0_f64.to_radians().sin_cos();
+    for island in 0..900 {
+        // Along rows, forth and back.
+        let (row, column) = (island / 30, island % 30);
+        let column = if row % 2 == 0 { column } else { 29 - column };
+        let x = 2000.0 + 1300.0 * f64::from(column) + random(-300.0, 300.0);
+        let y = 2000.0 + 1300.0 * f64::from(row) + random(-300.0, 300.0);
+        let (long, wide, turn) = (random(60.0, 200.0), random(60.0, 120.0), random(0.0, 3.0));
+        let at = |angle: f64, wobble: f64| {
+            let (u, v) = (long * angle.cos() + wobble, wide * angle.sin());
+            [(x + u * turn.cos() - v * turn.sin()).round() as i32, (y + u * turn.sin() + v * turn.cos()).round() as i32]
+        };
+        let (mut ring, mut angle) = (Vec::new(), 0.0);
+        while angle < std::f64::consts::TAU - 0.2 {
+            ring.push(at(angle, random(-3.0, 3.0)));
+            angle += random(30.0, 100.0) / f64::max(long, wide);
+        }
+        ring.push(ring[0]);
+        vectors.push_path(MarkClass::Contour, &ring);
+        if wide < 100.0 {
+            continue;
+        }
+        // The chords of a disc of 75 µm less than the width stand for those of the offset ring.
+        let (along, across, radius) = (x * cos + y * sin, y * cos - x * sin, wide + 15.0);
+        let lines = ((across - radius) / 60.0).ceil() as i32..=((across + radius) / 60.0).floor() as i32;
+        let hatches = lines.filter_map(|line| {
+            let half = (radius * radius - (f64::from(line) * 60.0 - across).powi(2)).sqrt() + random(-20.0, 20.0);
+            let (from_um, to_um) = ((along - half) as i32, (along + half) as i32);
+            let turned = if line % 2 == 0 { (from_um, to_um) } else { (to_um, from_um) };
+            (half > 25.0).then_some(HatchLine { line, from_um: turned.0, to_um: turned.1 })
+        });
+        vectors.push_hatches(MarkClass::Hatch, frame, &hatches.collect::<Vec<_>>());
+    }
+    vectors
+}
+
+#[test]
+fn a_layer_of_a_lattice_takes_at_most_3_2_bytes_a_vector_and_2_2_coded() {
+    let vectors = lattice_vectors();
+    let count = vectors.mark_count() as f64;
+    let mut bytes = Vec::new();
+    for (encoding, most) in [(VectorEncoding::Plain, 3.2), (VectorEncoding::Coded, 2.2)] {
+        encode_vectors(&vectors, encoding, FIELD_UM, &lasers(), &mut bytes).expect("all lies in the field");
+        assert!(read_vectors(&bytes, encoding).0.into_iter().eq(vectors.marks()));
+        let each = bytes.len() as f64 / count;
+        println!("{encoding:?}: {each:.2} bytes for each of {count} vectors");
+        assert!(each <= most, "{encoding:?}: {each:.2} bytes a vector");
+    }
 }

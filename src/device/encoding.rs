@@ -1,4 +1,4 @@
-//! How layers are encoded for a device: which encoding, and a [`Layer`] in it. The encodings themselves are in
+//! How layers are encoded for a device: which encoding, and a [`Layer`] or [`Vectors`] in it. The encodings themselves are in
 //! [`layerd_wire::encoding`].
 //!
 //! ```
@@ -14,9 +14,12 @@
 //! # Ok::<(), layerd::device::encoding::WrongDepth>(())
 //! ```
 
-use layerd_wire::encoding;
+use layerd_wire::encoding::{
+    self, HatchFrame, HatchLine, LaserParameters, LayerSum, PictureEncoding, VectorEncodeError, VectorEncoder,
+    VectorEncoding,
+};
 
-use crate::layer::{Bitmap, Depth, Layer};
+use crate::layer::{Bitmap, Depth, Layer, MarkClass, Run, Vectors};
 use crate::link::message::Encoding;
 
 /// The encoding does not fit the depth of the picture.
@@ -38,8 +41,8 @@ pub struct Choice {
     pub raw: Option<Encoding>,
 }
 
-/// The pixel depth of an encoding.
-fn depth_of(encoding: Encoding) -> Depth {
+/// The pixel depth of a picture's encoding.
+pub fn depth_of(encoding: PictureEncoding) -> Depth {
     if encoding.bits_per_pixel() == 1 { Depth::Bit } else { Depth::Grey }
 }
 
@@ -91,7 +94,8 @@ pub fn encode_shortest(bitmap: &Bitmap, choice: Choice, bytes: &mut Vec<u8>) -> 
 /// The most bytes [`encode`] can write for a picture of `raw_bytes`, in any encoding of `depth`.
 pub fn largest_encoded_bytes(depth: Depth, raw_bytes: u64) -> u64 {
     // Never less than the raw rows.
-    encoding::largest_encoded_bytes(best(depth).encoding, raw_bytes)
+    let encodings = PictureEncoding::ALL.into_iter().filter(|encoding| depth_of(*encoding) == depth);
+    encodings.map(|encoding| encoding::largest_encoded_bytes(encoding, raw_bytes)).max().unwrap_or(raw_bytes)
 }
 
 /// Writes a picture into `bytes`, which is cleared first and keeps its memory.
@@ -100,9 +104,73 @@ pub fn largest_encoded_bytes(depth: Depth, raw_bytes: u64) -> u64 {
 /// [`WrongDepth`].
 pub fn encode(bitmap: &Bitmap, encoding: Encoding, bytes: &mut Vec<u8>) -> Result<(), WrongDepth> {
     let wrong = WrongDepth { depth: bitmap.depth(), encoding };
-    if depth_of(encoding) != bitmap.depth() {
-        return Err(wrong);
-    }
+    let picture = encoding.picture().filter(|picture| depth_of(*picture) == bitmap.depth()).ok_or(wrong)?;
     // A bitmap has whole rows of its depth.
-    encoding::encode(encoding, bitmap.width_px(), bitmap.data(), bytes).map_err(|_| wrong)
+    encoding::encode(picture, bitmap.width_px(), bitmap.data(), bytes).map_err(|_| wrong)
+}
+
+/// The best encoding of scan vectors among those that a device decodes; `None` if it decodes none.
+pub fn choose_vectors(offered: &[Encoding]) -> Option<VectorEncoding> {
+    [VectorEncoding::Coded, VectorEncoding::Plain].into_iter().find(|encoding| offered.contains(&(*encoding).into()))
+}
+
+/// Writes vectors into `bytes`, which is cleared first and keeps its memory. `lasers` has the parameters of each class, in the order of
+/// the classes' numbers; those of the classes that occur are written. The device's field has the sides `field_um`. Returns what the
+/// device computes of the vectors, too.
+///
+/// # Errors
+/// [`VectorEncodeError`]; the bytes are of no use then.
+pub fn encode_vectors(
+    vectors: &Vectors,
+    encoding: VectorEncoding,
+    field_um: [u32; 2],
+    lasers: &[LaserParameters; MarkClass::ALL.len()],
+    bytes: &mut Vec<u8>,
+) -> Result<LayerSum, VectorEncodeError> {
+    let mut occurs = [false; MarkClass::ALL.len()];
+    vectors.runs().for_each(|(class, _)| occurs[class as usize] = true);
+    let used = MarkClass::ALL.into_iter().filter(|class| occurs[*class as usize]);
+    let table: Vec<_> = used.map(|class| (wire_class(class), lasers[class as usize])).collect();
+    let mut encoder = VectorEncoder::new(encoding, field_um, &table, bytes)?;
+    // Single points that follow each other take one run.
+    let mut points: (MarkClass, Vec<[i32; 2]>) = (MarkClass::Point, Vec::new());
+    for (class, run) in vectors.runs() {
+        if let Run::Path(&[point_um]) = run {
+            if class != points.0 {
+                encoder.points(wire_class(points.0), &std::mem::take(&mut points.1))?;
+                points.0 = class;
+            }
+            points.1.push(point_um);
+            continue;
+        }
+        encoder.points(wire_class(points.0), &points.1)?;
+        points.1.clear();
+        match run {
+            Run::Path(points_um) => encoder.path(wire_class(class), points_um)?,
+            Run::Hatches(frame, lines) => {
+                let crate::layer::HatchFrame { origin_um, along, spacing_nm } = *frame;
+                let line = |line: &crate::layer::HatchLine| HatchLine {
+                    line: line.line,
+                    from_um: line.from_um,
+                    to_um: line.to_um,
+                };
+                let frame = HatchFrame { origin_um, along, spacing_nm };
+                encoder.hatches(wire_class(class), &frame, lines.iter().map(line))?;
+            }
+        }
+    }
+    encoder.points(wire_class(points.0), &points.1)?;
+    Ok(encoder.finish())
+}
+
+/// The class as the bytes have it.
+fn wire_class(class: MarkClass) -> encoding::MarkClass {
+    match class {
+        MarkClass::Contour => encoding::MarkClass::Contour,
+        MarkClass::Hatch => encoding::MarkClass::Hatch,
+        MarkClass::UpSkin => encoding::MarkClass::UpSkin,
+        MarkClass::DownSkin => encoding::MarkClass::DownSkin,
+        MarkClass::Thin => encoding::MarkClass::Thin,
+        MarkClass::Point => encoding::MarkClass::Point,
+    }
 }

@@ -106,7 +106,7 @@ fn part(layers: u32) -> Part {
     let layers = placed.encoded_layers(0, encoding::best(resolution.depth), &budget).expect("in the budget");
     let layers = layers.map(|layer| {
         let layer = layer.expect("computed");
-        let mut decoder = Decoder::new(layer.encoding, SIZE_PX[0], SIZE_PX[1]);
+        let mut decoder = Decoder::new(layer.encoding.picture().expect("a picture"), SIZE_PX[0], SIZE_PX[1]);
         decoder.push(&layer.bytes).expect("decodes");
         decoder.finish().expect("is whole").0
     });

@@ -293,8 +293,7 @@ fn read_encoding(reader: &mut Reader<'_>) -> Result<Encoding, WireError> {
 }
 
 fn encoding_from_code(code: u8) -> Option<Encoding> {
-    let known = [Encoding::RawBit, Encoding::Group4, Encoding::RawGrey, Encoding::RunGrey];
-    known.into_iter().find(|encoding| *encoding as u8 == code)
+    Encoding::ALL.into_iter().find(|encoding| *encoding as u8 == code)
 }
 
 fn read_refusal(reader: &mut Reader<'_>) -> Result<Refusal, WireError> {

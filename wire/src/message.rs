@@ -6,6 +6,8 @@
 use alloc::string::String;
 use alloc::vec::Vec;
 
+use crate::encoding::{PictureEncoding, VectorEncoding};
+
 /// Identifies an exposure for all time. Both ends compare it whole. The exposures of a job are ordered by layer, then by pass.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct ExposureId {
@@ -24,7 +26,7 @@ impl ExposureId {
     }
 }
 
-/// How the pixels of a layer are encoded.
+/// How a layer is encoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum Encoding {
@@ -36,22 +38,54 @@ pub enum Encoding {
     RawGrey = 2,
     /// 8 bits a pixel, runs and edge pixels, arithmetically coded.
     RunGrey = 3,
+    /// Scan vectors, as differences.
+    Vectors = 0x20,
+    /// Scan vectors, as differences, arithmetically coded.
+    VectorsCoded = 0x21,
 }
 
 impl Encoding {
-    /// Bits of a pixel in the raw rows: 1 or 8.
-    pub fn bits_per_pixel(self) -> u32 {
+    /// All encodings, in the order of their numbers.
+    pub const ALL: [Self; 6] =
+        [Self::RawBit, Self::Group4, Self::RawGrey, Self::RunGrey, Self::Vectors, Self::VectorsCoded];
+
+    /// The encoding of a picture; `None` for scan vectors.
+    pub const fn picture(self) -> Option<PictureEncoding> {
         match self {
-            Self::RawBit | Self::Group4 => 1,
-            Self::RawGrey | Self::RunGrey => 8,
+            Self::RawBit => Some(PictureEncoding::RawBit),
+            Self::Group4 => Some(PictureEncoding::Group4),
+            Self::RawGrey => Some(PictureEncoding::RawGrey),
+            Self::RunGrey => Some(PictureEncoding::RunGrey),
+            Self::Vectors | Self::VectorsCoded => None,
         }
     }
 
-    /// Bytes of a raw row of `width_px` pixels. Rows of single bits are padded to whole bytes.
-    pub fn row_bytes(self, width_px: u32) -> usize {
-        match self.bits_per_pixel() {
-            1 => (width_px as usize).div_ceil(8),
-            _ => width_px as usize,
+    /// The encoding of scan vectors; `None` for pictures.
+    pub const fn vectors(self) -> Option<VectorEncoding> {
+        match self {
+            Self::RawBit | Self::Group4 | Self::RawGrey | Self::RunGrey => None,
+            Self::Vectors => Some(VectorEncoding::Plain),
+            Self::VectorsCoded => Some(VectorEncoding::Coded),
+        }
+    }
+}
+
+impl From<PictureEncoding> for Encoding {
+    fn from(encoding: PictureEncoding) -> Self {
+        match encoding {
+            PictureEncoding::RawBit => Self::RawBit,
+            PictureEncoding::Group4 => Self::Group4,
+            PictureEncoding::RawGrey => Self::RawGrey,
+            PictureEncoding::RunGrey => Self::RunGrey,
+        }
+    }
+}
+
+impl From<VectorEncoding> for Encoding {
+    fn from(encoding: VectorEncoding) -> Self {
+        match encoding {
+            VectorEncoding::Plain => Self::Vectors,
+            VectorEncoding::Coded => Self::VectorsCoded,
         }
     }
 }
@@ -148,7 +182,7 @@ pub enum Request {
         encoding: Encoding,
         /// Number of bytes that follow.
         encoded_bytes: u32,
-        /// CRC-32 (IEEE) of the decoded raw rows.
+        /// CRC-32 (IEEE) of the decoded raw rows, or of the decoded vectors.
         decoded_crc32: u32,
     },
     /// A request that only vat machines know.

@@ -3,11 +3,12 @@
 #[path = "../../tests/properties/mod.rs"]
 mod properties;
 
-use layerd_wire::encoding::{DecodeError, Decoder, PartialRow, encode, largest_encoded_bytes, rows_crc32};
-use layerd_wire::message::Encoding;
+use layerd_wire::encoding::{
+    DecodeError, Decoder, PartialRow, PictureEncoding, encode, largest_encoded_bytes, rows_crc32,
+};
 use proptest::prelude::*;
 
-const ALL: [Encoding; 4] = [Encoding::RawBit, Encoding::Group4, Encoding::RawGrey, Encoding::RunGrey];
+const ALL: [PictureEncoding; 4] = PictureEncoding::ALL;
 
 /// A picture as its raw rows.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -17,13 +18,18 @@ struct Picture {
     rows: Vec<u8>,
 }
 
-fn encoded(picture: &Picture, encoding: Encoding) -> Vec<u8> {
+fn encoded(picture: &Picture, encoding: PictureEncoding) -> Vec<u8> {
     let mut bytes = vec![0xee; 3];
     encode(encoding, picture.width_px, &picture.rows, &mut bytes).expect("whole rows");
     bytes
 }
 
-fn decoded(bytes: &[u8], encoding: Encoding, size: (u32, u32), piece: usize) -> Result<(Vec<u8>, u32), DecodeError> {
+fn decoded(
+    bytes: &[u8],
+    encoding: PictureEncoding,
+    size: (u32, u32),
+    piece: usize,
+) -> Result<(Vec<u8>, u32), DecodeError> {
     let mut decoder = Decoder::new(encoding, size.0, size.1);
     for piece in bytes.chunks(piece) {
         decoder.push(piece)?;
@@ -32,7 +38,7 @@ fn decoded(bytes: &[u8], encoding: Encoding, size: (u32, u32), piece: usize) -> 
 }
 
 /// The picture in the depth of an encoding: with 1 bit a pixel, values above 127 are lit.
-fn from_pixels(width_px: u32, encoding: Encoding, pixels: &[u8]) -> Picture {
+fn from_pixels(width_px: u32, encoding: PictureEncoding, pixels: &[u8]) -> Picture {
     let height_px = pixels.len() as u32 / width_px;
     if encoding.bits_per_pixel() == 8 {
         return Picture { width_px, height_px, rows: pixels.to_vec() };
@@ -95,8 +101,8 @@ proptest! {
     #[test]
     fn group_4_is_what_another_coder_writes_and_reads((width, pixels) in pixels()) {
         use fax::{Color, VecWriter, decoder, encoder::Encoder};
-        let bitmap = from_pixels(width, Encoding::Group4, &pixels);
-        let ours = encoded(&bitmap, Encoding::Group4);
+        let bitmap = from_pixels(width, PictureEncoding::Group4, &pixels);
+        let ours = encoded(&bitmap, PictureEncoding::Group4);
 
         let mut rows = Vec::new();
         let height = bitmap.height_px;
@@ -104,7 +110,7 @@ proptest! {
             rows.extend(decoder::pels(changes, width).map(|color| if color == Color::Black { 255 } else { 0 }));
         });
         prop_assert!(read.is_some());
-        prop_assert_eq!(from_pixels(width, Encoding::Group4, &rows), bitmap.clone());
+        prop_assert_eq!(from_pixels(width, PictureEncoding::Group4, &rows), bitmap.clone());
 
         let mut theirs = Encoder::new(VecWriter::new());
         for row in pixels.chunks(width as usize) {
@@ -112,7 +118,7 @@ proptest! {
             let Ok(()) = theirs.encode_line(colors, width);
         }
         let Ok(writer) = theirs.finish();
-        let read = decoded(&writer.finish(), Encoding::Group4, (width, height), 7);
+        let read = decoded(&writer.finish(), PictureEncoding::Group4, (width, height), 7);
         prop_assert_eq!(read.map(|(rows, _)| rows), Ok(bitmap.rows));
     }
 
@@ -127,7 +133,7 @@ proptest! {
 
     #[test]
     fn a_damaged_byte_is_an_error_or_another_crc((width, pixels) in pixels(), place: prop::sample::Index, flip in 1u8..) {
-        for encoding in [Encoding::Group4, Encoding::RunGrey] {
+        for encoding in [PictureEncoding::Group4, PictureEncoding::RunGrey] {
             let bitmap = from_pixels(width, encoding, &pixels);
             let mut bytes = encoded(&bitmap, encoding);
             let place = place.index(bytes.len());
@@ -149,14 +155,14 @@ fn golden_bytes() {
         0, 0, 0, 128, 255, 255, 255, 128, 0, 0, 0, 255,
         0, 0, 0, 192, 255, 255, 255, 64,  0, 0, 9, 255,
     ];
-    let bit = from_pixels(12, Encoding::RawBit, &pixels);
-    let grey = from_pixels(12, Encoding::RawGrey, &pixels);
-    assert_eq!(encoded(&grey, Encoding::RawGrey), pixels);
+    let bit = from_pixels(12, PictureEncoding::RawBit, &pixels);
+    let grey = from_pixels(12, PictureEncoding::RawGrey, &pixels);
+    assert_eq!(encoded(&grey, PictureEncoding::RawGrey), pixels);
     let documented = include_str!("../../docs/encodings.md");
     for (bitmap, encoding, golden) in [
-        (&bit, Encoding::RawBit, "00 00 0f 00 1f 10 1e 10"),
-        (&bit, Encoding::Group4, "9b 75 5a c0 04 00 40"),
-        (&grey, Encoding::RunGrey, "51 21 d9 fe 00 fc a9 1f 1b 23 05 80 76 af 1c c0 00 00"),
+        (&bit, PictureEncoding::RawBit, "00 00 0f 00 1f 10 1e 10"),
+        (&bit, PictureEncoding::Group4, "9b 75 5a c0 04 00 40"),
+        (&grey, PictureEncoding::RunGrey, "51 21 d9 fe 00 fc a9 1f 1b 23 05 80 76 af 1c c0 00 00"),
     ] {
         assert_eq!(hex(&encoded(bitmap, encoding)), golden, "{encoding:?}");
         assert!(documented.contains(&format!("`{golden}`")), "{encoding:?}: docs/encodings.md gives other bytes");
@@ -170,12 +176,12 @@ fn hex(bytes: &[u8]) -> String {
 
 #[test]
 fn blank_and_straight_layers_take_next_to_nothing() {
-    let blank = encoded(&from_pixels(3840, Encoding::RunGrey, &vec![0; 3840 * 2160]), Encoding::RunGrey);
+    let blank = encoded(&from_pixels(3840, PictureEncoding::RunGrey, &vec![0; 3840 * 2160]), PictureEncoding::RunGrey);
     assert!(blank.len() <= 8, "{} bytes", blank.len());
     // Upright bars with grey edges: every row is the row above.
     let row: Vec<u8> = [vec![0; 20], vec![90], vec![255; 12], vec![201, 17]].concat();
     let row: Vec<u8> = row.into_iter().cycle().take(980).collect();
-    let bars = encoded(&from_pixels(980, Encoding::RunGrey, &row.repeat(500)), Encoding::RunGrey);
+    let bars = encoded(&from_pixels(980, PictureEncoding::RunGrey, &row.repeat(500)), PictureEncoding::RunGrey);
     assert!(bars.len() < 2000, "{} bytes", bars.len());
 }
 
@@ -186,9 +192,9 @@ fn rows_longer_than_a_zone_come_back() {
     row[199_000] = 40;
     let mut other = row.clone();
     other[150_000] = 3;
-    let bitmap = from_pixels(200_001, Encoding::RunGrey, &[row.clone(), row, other].concat());
-    let bytes = encoded(&bitmap, Encoding::RunGrey);
-    let read = decoded(&bytes, Encoding::RunGrey, (200_001, 3), 5);
+    let bitmap = from_pixels(200_001, PictureEncoding::RunGrey, &[row.clone(), row, other].concat());
+    let bytes = encoded(&bitmap, PictureEncoding::RunGrey);
+    let read = decoded(&bytes, PictureEncoding::RunGrey, (200_001, 3), 5);
     assert_eq!(read.map(|(rows, _)| rows == bitmap.rows), Ok(true));
 }
 
@@ -225,7 +231,7 @@ fn no_picture_takes_more_than_the_stated_bytes() {
             drawn(&|x, y| lit(matches!((x + 3 * y) % 6, 0 | 1 | 3))),
         ];
         for (number, pixels) in pictures.iter().enumerate() {
-            for encoding in [Encoding::Group4, Encoding::RunGrey] {
+            for encoding in [PictureEncoding::Group4, PictureEncoding::RunGrey] {
                 let bitmap = from_pixels(width, encoding, pixels);
                 let bytes = encoded(&bitmap, encoding);
                 let most = largest_encoded_bytes(encoding, bitmap.rows.len() as u64);
@@ -243,7 +249,7 @@ fn no_picture_takes_more_than_the_stated_bytes() {
 
 #[test]
 fn rows_that_are_not_whole_are_refused() {
-    let error = encode(Encoding::Group4, 12, &[0; 3], &mut Vec::new());
+    let error = encode(PictureEncoding::Group4, 12, &[0; 3], &mut Vec::new());
     assert_eq!(error, Err(PartialRow { bytes: 3, row_bytes: 2 }));
     for encoding in ALL {
         assert_eq!(encode(encoding, 0, &[], &mut Vec::new()), Ok(()), "an empty picture");
@@ -261,9 +267,9 @@ fn every_run_length_comes_back_and_is_what_another_coder_writes() {
         let second: Vec<u8> = (0..width).map(|x| if x >= run && x < run + 300 { 255 } else { 0 }).collect();
         let blank = vec![0; width];
         let pixels = [&blank[..], &first, &blank, &second].concat();
-        let bitmap = from_pixels(width as u32, Encoding::Group4, &pixels);
-        let ours = encoded(&bitmap, Encoding::Group4);
-        let read = decoded(&ours, Encoding::Group4, (width as u32, 4), 16);
+        let bitmap = from_pixels(width as u32, PictureEncoding::Group4, &pixels);
+        let ours = encoded(&bitmap, PictureEncoding::Group4);
+        let read = decoded(&ours, PictureEncoding::Group4, (width as u32, 4), 16);
         assert_eq!(read.map(|(rows, _)| rows == bitmap.rows), Ok(true), "run {run}");
         let mut theirs = Encoder::new(VecWriter::new());
         for row in pixels.chunks(width) {

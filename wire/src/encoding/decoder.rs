@@ -7,13 +7,12 @@ use alloc::vec::Vec;
 use super::bits::BitReader;
 use super::error::DecodeError;
 use super::range::RangeDecoder;
-use super::{group4, run_grey};
-use crate::message::Encoding;
+use super::{PictureEncoding, group4, run_grey};
 
 /// Turns the bytes of one layer, given in pieces, into a picture. Its memory besides the picture does not grow with the bytes.
 #[derive(Debug)]
 pub struct Decoder {
-    encoding: Encoding,
+    encoding: PictureEncoding,
     width_px: u32,
     height_px: u32,
     /// The picture's raw rows.
@@ -81,11 +80,11 @@ impl Code {
 
 impl Decoder {
     /// A decoder for one picture. The size is the device's own, never taken from the line.
-    pub fn new(encoding: Encoding, width_px: u32, height_px: u32) -> Self {
+    pub fn new(encoding: PictureEncoding, width_px: u32, height_px: u32) -> Self {
         let code = match encoding {
-            Encoding::RawBit | Encoding::RawGrey => Code::Raw(0),
-            Encoding::Group4 => Code::Group4(BitReader::default(), group4::RowDecoder::new(width_px)),
-            Encoding::RunGrey => Code::RunGrey(RangeDecoder::new(), Box::default()),
+            PictureEncoding::RawBit | PictureEncoding::RawGrey => Code::Raw(0),
+            PictureEncoding::Group4 => Code::Group4(BitReader::default(), group4::RowDecoder::new(width_px)),
+            PictureEncoding::RunGrey => Code::RunGrey(RangeDecoder::new(), Box::default()),
         };
         let rows = vec![0; encoding.row_bytes(width_px) * height_px as usize];
         Self { encoding, width_px, height_px, rows, rows_done: 0, code, failed: None }

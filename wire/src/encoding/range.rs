@@ -3,7 +3,7 @@
 //! The coder keeps an interval of 32 bits and gives each bit a share in proportion to its probability (Martin 1979; carries and
 //! bytewise renormalisation as in Schindler 1998). The last four bytes are the lower end of the interval. A decoder of intact
 //! bytes ends with exactly 0, so that missing, surplus or damaged bytes are noticed without an end mark.
-//! [`run_grey`](super::run_grey) uses it.
+//! [`run_grey`](super::run_grey) and [`vectors`](super::vectors) use it.
 
 use alloc::vec::Vec;
 
@@ -36,6 +36,7 @@ impl Probability {
 }
 
 /// Appends bits to bytes.
+#[derive(Debug)]
 pub(super) struct RangeEncoder<'a> {
     bytes: &'a mut Vec<u8>,
     low: u32,

@@ -1,10 +1,11 @@
 //! A layer on its way into a slot: announced, received in pieces, decoded as it arrives, checked. Part of
 //! [`DeviceCore`].
 
-use layerd_wire::encoding::Decoder;
+use layerd_wire::encoding::{Decoder, PictureEncoding};
 
 use super::DeviceCore;
-use crate::layer::{Bitmap, Depth};
+use crate::device::encoding::depth_of;
+use crate::layer::Bitmap;
 use crate::link::message::{Encoding, ExposureId, MachineCapabilities, Refusal, Reply};
 
 /// The layer being received.
@@ -13,7 +14,7 @@ pub(super) struct Upload {
     pub(super) number: u32,
     slot: usize,
     id: ExposureId,
-    encoding: Encoding,
+    encoding: PictureEncoding,
     remaining_bytes: usize,
     crc32: u32,
     decoder: Decoder,
@@ -39,9 +40,9 @@ impl DeviceCore {
         if self.vat.exposes_slot(slot) {
             return Err(Refusal::SlotBusy);
         }
-        if !self.capabilities.encodings.contains(&encoding) {
-            return Err(Refusal::BadEncoding);
-        }
+        // A vat exposes pictures alone, whatever its configuration says that it decodes.
+        let offered = self.capabilities.encodings.contains(&encoding);
+        let encoding = encoding.picture().filter(|_| offered).ok_or(Refusal::BadEncoding)?;
         if encoded_bytes == 0 {
             return Err(Refusal::BadLayer);
         }
@@ -81,10 +82,9 @@ impl DeviceCore {
     }
 
     /// Raw rows of this machine's size as a picture.
-    fn picture(&self, encoding: Encoding, rows: Vec<u8>) -> Option<Bitmap> {
+    fn picture(&self, encoding: PictureEncoding, rows: Vec<u8>) -> Option<Bitmap> {
         let MachineCapabilities::Vat(vat) = &self.capabilities.machine;
-        let depth = if encoding.bits_per_pixel() == 1 { Depth::Bit } else { Depth::Grey };
-        Bitmap::from_rows(vat.width_px, vat.height_px, depth, rows)
+        Bitmap::from_rows(vat.width_px, vat.height_px, depth_of(encoding), rows)
     }
 
     fn refuse_layer(&mut self, upload: &Upload) {
