@@ -1,5 +1,14 @@
-//! Layers as files that other programs read. `layerctl slice` writes them.
+//! Layers as files that other programs read. `layerctl slice` writes pictures. The files of vectors are for other programs of laser
+//! machines.
 
+mod cli;
+mod ovf;
 mod png;
+mod sl1;
+mod svg;
 
+pub use cli::CliWriter;
+pub use ovf::OvfWriter;
 pub use png::write_png;
+pub use sl1::{Sl1Print, Sl1Writer};
+pub use svg::write_svg;

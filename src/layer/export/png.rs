@@ -1,9 +1,8 @@
-//! A layer as a PNG file: what `layerctl slice` writes and what a simulated device writes of what it exposed.
+//! A layer as a PNG file: what `layerctl slice` writes, alone and in an `.sl1`, and what a simulated device writes of what it exposed.
 //!
 //! One encoder for both, so that equal layers are equal files. Always 8-bit grey, 0 dark and 255 lit: every viewer and
 //! library reads that, and deflate leaves nothing of the unused bits.
 
-use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
@@ -19,14 +18,17 @@ use crate::output::Output;
 /// Whatever the file system says; nothing is left behind then.
 pub fn write_png(path: &Path, bitmap: &Bitmap) -> io::Result<()> {
     let output = Output::create(path)?;
-    encode(output.file(), bitmap)?;
+    let mut file = BufWriter::new(output.file());
+    encode(&mut file, bitmap)?;
+    file.flush()?;
+    drop(file);
     output.publish()
 }
 
-fn encode(file: &File, bitmap: &Bitmap) -> io::Result<()> {
-    let mut file = BufWriter::new(file);
+/// Writes a layer's bytes.
+pub(super) fn encode(file: &mut impl Write, bitmap: &Bitmap) -> io::Result<()> {
     // Layers are long runs: the fast setting with the filter against the row above is both quick and small.
-    let encoder = PngEncoder::new_with_quality(&mut file, CompressionType::Fast, FilterType::Up);
+    let encoder = PngEncoder::new_with_quality(file, CompressionType::Fast, FilterType::Up);
     let (width_px, height_px) = (bitmap.width_px(), bitmap.height_px());
     let written = match bitmap.depth() {
         Depth::Grey => encoder.write_image(bitmap.data(), width_px, height_px, ExtendedColorType::L8),
@@ -35,8 +37,7 @@ fn encode(file: &File, bitmap: &Bitmap) -> io::Result<()> {
     written.map_err(|error| match error {
         image::ImageError::IoError(error) => error,
         other => io::Error::other(other),
-    })?;
-    file.flush()
+    })
 }
 
 fn grey_of_bits(bitmap: &Bitmap) -> Vec<u8> {
