@@ -1,21 +1,17 @@
-//! `layerctl slice`: writes the layers that a print would send, as PNG, with a manifest of where each lies.
-//! `tests/check.rs` compares its pictures with the mathematics.
+//! `layerctl slice`: writes the layers that a print would send, in one of several formats. `tests/slice_formats.rs` reads them.
 
-use std::io::Write;
+mod pictures;
+mod sl1;
+
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, bail, ensure};
+use anyhow::{bail, ensure};
 use clap::builder::RangedU64ValueParser;
-use serde::Serialize;
 
-use crate::buildfile::{BodyHeader, Header};
-use crate::layer::export::write_png;
-use crate::layer::{Bitmap, Depth, Mirror};
-use crate::output::Output;
+use crate::layer::{Bitmap, Depth};
 use crate::pipeline::{Placed, Resolution};
 use crate::slice::{SlicePlan, Slicer};
-use crate::solid::ISOVALUE;
 use crate::text::count_text;
 
 /// Write the layers of a part as pictures, the same that a print sends.
@@ -24,10 +20,15 @@ use crate::text::count_text;
 Examples:
   layerctl slice lattice.layerd --machine lcd-4k-35um --recipe fine -o layers
   layerctl slice lattice.layerd -m sim-dlp --layers 100..110 --antialias -o some    layers 100 to 109
+  layerctl slice lattice.layerd -m sl1s.toml --format sl1 -o lattice.sl1s           for a Prusa SL1S or UVtools
 
-manifest.json says where each picture lies in the build file's coordinates: `origin_mm` is the centre of the first pixel. `z_mm` is \
+With png, manifest.json says where each picture lies in the build file's coordinates: `origin_mm` is the centre of the first pixel. `z_mm` is \
 the middle of a layer, above the part's lowest point. `source_digest` is that of the file that was packed. A grey value is about the \
-share of the pixel that is inside the part."))]
+share of the pixel that is inside the part.
+
+With sl1, the archive has the recipe's exposures, and an exposure that falls from the first layer on; the printer moves as its own \
+settings say. Its printer is a Prusa SL1 (1440 × 2560 pixels) or SL1S (1620 × 2560) if the machine has the size of that panel, \
+else one of the machine's name."))]
 pub struct SliceArgs {
     /// Build file (.layerd)
     pub file: PathBuf,
@@ -49,9 +50,22 @@ pub struct SliceArgs {
     /// Threads that compute; one for each core by default
     #[arg(long, value_name = "N", value_parser = RangedU64ValueParser::<usize>::new().range(1..=Slicer::MAX_THREADS as u64))]
     pub threads: Option<usize>,
-    /// Directory for manifest.json and layer_000000.png, layer_000001.png, … (8 bits a pixel: 0 and 255, or grey); made if missing
+    /// What to write: pictures in a directory, or an archive for Prusa's SL1 and SL1S
+    #[arg(long, value_enum, default_value_t = Format::Png)]
+    pub format: Format,
+    /// For png a directory for manifest.json and layer_000000.png, layer_000001.png, … (8 bits a pixel: 0 and 255, or grey), made if
+    /// missing; for sl1 a file
     #[arg(long, short)]
     pub output: PathBuf,
+}
+
+/// What `layerctl slice` writes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Format {
+    /// A PNG picture a layer.
+    Png,
+    /// One archive of PNG pictures, for Prusa's SL1 and SL1S, PrusaSlicer and UVtools.
+    Sl1,
 }
 
 fn parse_layer_height(text: &str) -> Result<f64, String> {
@@ -84,7 +98,7 @@ fn parse_layers(text: &str) -> Result<LayerRange, String> {
 /// # Errors
 /// A file or value that cannot be used. Pictures already written stay; none is left incomplete.
 pub fn run(args: SliceArgs) -> anyhow::Result<()> {
-    let SliceArgs { file, machine, recipe, layer_height, layers, antialias, threads, output } = args;
+    let SliceArgs { file, machine, recipe, layer_height, layers, antialias, threads, format, output } = args;
     let (machine, recipe) = super::find_pair(&machine, &recipe)?;
     let mut resolution = Resolution::of(&machine, &recipe);
     if antialias {
@@ -96,46 +110,36 @@ pub fn run(args: SliceArgs) -> anyhow::Result<()> {
     let part = Placed::open(&file, &resolution)?;
     let range = layers_within(layers, part.plan().layer_count)?;
     let threads = threads.unwrap_or_else(Slicer::default_threads);
+    let selection = Selection { part, range, threads };
+    match format {
+        Format::Png => pictures::write(selection, &output),
+        Format::Sl1 => sl1::write(selection, &machine, &recipe, &output),
+    }
+}
 
-    ensure!(!output.is_file(), "{} is a file; -o wants a directory for the pictures", output.display());
-    std::fs::create_dir_all(&output).with_context(|| format!("cannot make the directory {}", output.display()))?;
-    let manifest_path = output.join("manifest.json");
-    // If this run fails, an earlier manifest would describe the wrong pictures.
-    match std::fs::remove_file(&manifest_path) {
-        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
-            return Err(error).with_context(|| cannot_write(&manifest_path));
+/// The layers to write.
+struct Selection {
+    part: Placed,
+    range: Range<u32>,
+    threads: usize,
+}
+
+impl Selection {
+    /// Computes the layers one after the other and hands each to `write`, with its number. Shows the progress.
+    fn pictures(self, mut write: impl FnMut(u32, &Bitmap) -> anyhow::Result<()>) -> anyhow::Result<()> {
+        let SlicePlan { raster, depth, .. } = *self.part.plan();
+        let mut bitmap = Bitmap::new(raster.width_px, raster.height_px, depth);
+        let mut slicer = self.part.slicer(self.threads, self.range.start)?;
+        let bar = super::progress_bar("{bar:40} {pos}/{len} layers, {eta} left");
+        bar.set_length(u64::from(self.range.end - self.range.start));
+        for _ in self.range {
+            let Some(layer) = slicer.next_layer(&mut bitmap)? else { bail!("the layers ended too early") };
+            write(layer, &bitmap)?;
+            bar.inc(1);
         }
-        _ => {}
+        bar.finish_and_clear();
+        Ok(())
     }
-    let mut manifest = Manifest::new(part.header(), part.plan());
-    let Resolution { raster, depth, .. } = resolution;
-    let mut bitmap = Bitmap::new(raster.width_px, raster.height_px, depth);
-    let mut slicer = part.slicer(threads, range.start)?;
-    let bar = super::progress_bar("{bar:40} {pos}/{len} layers, {eta} left");
-    bar.set_length(u64::from(range.end - range.start));
-    for _ in range {
-        let Some(layer) = slicer.next_layer(&mut bitmap)? else { bail!("the layers ended too early") };
-        let name = format!("layer_{layer:06}.png");
-        let path = output.join(&name);
-        write_png(&path, &bitmap).with_context(|| cannot_write(&path))?;
-        manifest.layers.push(LayerEntry { file: name, z_mm: slicer.plan().layer_z_um(layer) / 1000.0 });
-        bar.inc(1);
-    }
-    bar.finish_and_clear();
-    manifest.write(&manifest_path)?;
-    let others = manifest.other_pictures(&output)?;
-    if others > 0 {
-        super::eprint(&format!(
-            "note: {} of layers, from another run, left in {}; manifest.json does not name them",
-            count_text(others as u64, "more picture"),
-            output.display()
-        ));
-    }
-    super::print(&format!(
-        "{} and manifest.json in {}",
-        count_text(manifest.layers.len() as u64, "layer"),
-        output.display()
-    ))
 }
 
 fn cannot_write(path: &Path) -> String {
@@ -151,78 +155,6 @@ fn layers_within(wanted: Option<LayerRange>, layer_count: u32) -> anyhow::Result
         count_text(layer_count.into(), "layer")
     );
     Ok(first..end)
-}
-
-/// `manifest.json`.
-#[derive(Debug, Serialize)]
-struct Manifest {
-    width_px: u32,
-    height_px: u32,
-    pixel_um: [f64; 2],
-    /// Where the centre of the first pixel lies in the build file's coordinates.
-    origin_mm: [f64; 2],
-    mirror: Mirror,
-    layer_height_um: f64,
-    isovalue: f64,
-    bodies: Vec<BodyEntry>,
-    source_digest: String,
-    layers: Vec<LayerEntry>,
-}
-
-/// One body of the part.
-#[derive(Debug, Serialize)]
-struct BodyEntry {
-    kind: &'static str,
-    blend: &'static str,
-    /// R of a convolution surface; `null` for a union.
-    support_mm: Option<f64>,
-}
-
-#[derive(Debug, Serialize)]
-struct LayerEntry {
-    file: String,
-    z_mm: f64,
-}
-
-impl Manifest {
-    fn new(header: &Header, plan: &SlicePlan) -> Self {
-        let body = |BodyHeader::Lattice(lattice): &BodyHeader| {
-            let (blend, support_mm) = super::blend_figures(lattice.blend);
-            BodyEntry { kind: "lattice", blend, support_mm }
-        };
-        Self {
-            width_px: plan.raster.width_px,
-            height_px: plan.raster.height_px,
-            pixel_um: plan.raster.pixel_um,
-            origin_mm: plan.origin_um.map(|x| x / 1000.0),
-            mirror: plan.raster.mirror,
-            layer_height_um: plan.layer_height_um,
-            isovalue: ISOVALUE,
-            bodies: header.bodies.iter().map(body).collect(),
-            source_digest: header.source_digest.iter().map(|byte| format!("{byte:02x}")).collect(),
-            layers: Vec::new(),
-        }
-    }
-
-    /// Number of layer pictures in the directory that the manifest does not name.
-    fn other_pictures(&self, directory: &Path) -> anyhow::Result<usize> {
-        let is_picture = |name: &str| name.starts_with("layer_") && name.ends_with(".png");
-        let mut found = 0;
-        for entry in std::fs::read_dir(directory).with_context(|| format!("cannot read {}", directory.display()))? {
-            found += usize::from(entry?.file_name().to_str().is_some_and(is_picture));
-        }
-        Ok(found.saturating_sub(self.layers.len()))
-    }
-
-    fn write(&self, path: &Path) -> anyhow::Result<()> {
-        let text = serde_json::to_string_pretty(self)?;
-        let write = || {
-            let output = Output::create(path)?;
-            output.file().write_all(text.as_bytes())?;
-            output.publish()
-        };
-        write().with_context(|| cannot_write(path))
-    }
 }
 
 #[cfg(test)]

@@ -1,0 +1,127 @@
+//! `layerctl slice --format png`: a directory of pictures, with a manifest of where each lies. `tests/check.rs` compares them with the
+//! mathematics.
+
+use std::io::Write;
+use std::path::Path;
+
+use anyhow::{Context, ensure};
+use serde::Serialize;
+
+use super::{Selection, cannot_write};
+use crate::buildfile::{BodyHeader, Header};
+use crate::cli;
+use crate::layer::Mirror;
+use crate::layer::export::write_png;
+use crate::output::Output;
+use crate::slice::SlicePlan;
+use crate::solid::ISOVALUE;
+use crate::text::count_text;
+
+/// Writes the pictures and the manifest into a directory, which is made if it is missing.
+pub(super) fn write(selection: Selection, output: &Path) -> anyhow::Result<()> {
+    ensure!(!output.is_file(), "{} is a file; -o wants a directory for the pictures", output.display());
+    std::fs::create_dir_all(output).with_context(|| format!("cannot make the directory {}", output.display()))?;
+    let manifest_path = output.join("manifest.json");
+    // If this run fails, an earlier manifest would describe the wrong pictures.
+    match std::fs::remove_file(&manifest_path) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+            return Err(error).with_context(|| cannot_write(&manifest_path));
+        }
+        _ => {}
+    }
+    let plan = selection.part.plan().clone();
+    let mut manifest = Manifest::new(selection.part.header(), &plan);
+    selection.pictures(|layer, bitmap| {
+        let name = format!("layer_{layer:06}.png");
+        let path = output.join(&name);
+        write_png(&path, bitmap).with_context(|| cannot_write(&path))?;
+        manifest.layers.push(LayerEntry { file: name, z_mm: plan.layer_z_um(layer) / 1000.0 });
+        Ok(())
+    })?;
+    manifest.write(&manifest_path)?;
+    let others = manifest.other_pictures(output)?;
+    if others > 0 {
+        cli::eprint(&format!(
+            "note: {} of layers, from another run, left in {}; manifest.json does not name them",
+            count_text(others as u64, "more picture"),
+            output.display()
+        ));
+    }
+    cli::print(&format!(
+        "{} and manifest.json in {}",
+        count_text(manifest.layers.len() as u64, "layer"),
+        output.display()
+    ))
+}
+
+/// `manifest.json`.
+#[derive(Debug, Serialize)]
+struct Manifest {
+    width_px: u32,
+    height_px: u32,
+    pixel_um: [f64; 2],
+    /// Where the centre of the first pixel lies in the build file's coordinates.
+    origin_mm: [f64; 2],
+    mirror: Mirror,
+    layer_height_um: f64,
+    isovalue: f64,
+    bodies: Vec<BodyEntry>,
+    source_digest: String,
+    layers: Vec<LayerEntry>,
+}
+
+/// One body of the part.
+#[derive(Debug, Serialize)]
+struct BodyEntry {
+    kind: &'static str,
+    blend: &'static str,
+    /// R of a convolution surface; `null` for a union.
+    support_mm: Option<f64>,
+}
+
+#[derive(Debug, Serialize)]
+struct LayerEntry {
+    file: String,
+    z_mm: f64,
+}
+
+impl Manifest {
+    fn new(header: &Header, plan: &SlicePlan) -> Self {
+        let body = |BodyHeader::Lattice(lattice): &BodyHeader| {
+            let (blend, support_mm) = cli::blend_figures(lattice.blend);
+            BodyEntry { kind: "lattice", blend, support_mm }
+        };
+        Self {
+            width_px: plan.raster.width_px,
+            height_px: plan.raster.height_px,
+            pixel_um: plan.raster.pixel_um,
+            origin_mm: plan.origin_um.map(|x| x / 1000.0),
+            mirror: plan.raster.mirror,
+            layer_height_um: plan.layer_height_um,
+            isovalue: ISOVALUE,
+            bodies: header.bodies.iter().map(body).collect(),
+            source_digest: header.source_digest.iter().map(|byte| format!("{byte:02x}")).collect(),
+            layers: Vec::new(),
+        }
+    }
+
+    /// Number of layer pictures in the directory that the manifest does not name.
+    fn other_pictures(&self, directory: &Path) -> anyhow::Result<usize> {
+        let is_picture = |name: &str| name.starts_with("layer_") && name.ends_with(".png");
+        let mut found = 0;
+        for entry in std::fs::read_dir(directory).with_context(|| format!("cannot read {}", directory.display()))? {
+            found += usize::from(entry?.file_name().to_str().is_some_and(is_picture));
+        }
+        Ok(found.saturating_sub(self.layers.len()))
+    }
+
+    fn write(&self, path: &Path) -> anyhow::Result<()> {
+        let text = serde_json::to_string_pretty(self)?;
+        let write = || {
+            let output = Output::create(path)?;
+            output.file().write_all(text.as_bytes())?;
+            output.publish()
+        };
+        write().with_context(|| cannot_write(path))
+    }
+}
