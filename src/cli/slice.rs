@@ -2,6 +2,7 @@
 
 mod pictures;
 mod sl1;
+mod vectors;
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -9,18 +10,21 @@ use std::path::{Path, PathBuf};
 use anyhow::{bail, ensure};
 use clap::builder::RangedU64ValueParser;
 
+use crate::config::{Machine, Recipe};
 use crate::layer::{Bitmap, Depth};
 use crate::pipeline::{Placed, Resolution};
 use crate::slice::{SlicePlan, Slicer};
 use crate::text::count_text;
 
-/// Write the layers of a part as pictures, the same that a print sends.
+/// Write the layers of a part as files, the same that a print sends.
 #[derive(Debug, clap::Args)]
 #[command(after_help = super::with_names("\
 Examples:
   layerctl slice lattice.layerd --machine lcd-4k-35um --recipe fine -o layers
   layerctl slice lattice.layerd -m sim-dlp --layers 100..110 --antialias -o some    layers 100 to 109
   layerctl slice lattice.layerd -m sl1s.toml --format sl1 -o lattice.sl1s           for a Prusa SL1S or UVtools
+  layerctl slice lattice.layerd -m sim-slm -r slm-demo -o vectors                   scan vectors, to look at
+  layerctl slice lattice.layerd -m sim-slm -r slm-demo --format cli -o lattice.cli
 
 With png, manifest.json says where each picture lies in the build file's coordinates: `origin_mm` is the centre of the first pixel. `z_mm` is \
 the middle of a layer, above the part's lowest point. `source_digest` is that of the file that was packed. A grey value is about the \
@@ -50,11 +54,11 @@ pub struct SliceArgs {
     /// Threads that compute; one for each core by default
     #[arg(long, value_name = "N", value_parser = RangedU64ValueParser::<usize>::new().range(1..=Slicer::MAX_THREADS as u64))]
     pub threads: Option<usize>,
-    /// What to write: pictures in a directory, or an archive for Prusa's SL1 and SL1S
-    #[arg(long, value_enum, default_value_t = Format::Png)]
-    pub format: Format,
+    /// What to write; by default png for machines with pixels, svg for machines with a laser
+    #[arg(long, value_enum)]
+    pub format: Option<Format>,
     /// For png a directory for manifest.json and layer_000000.png, layer_000001.png, … (8 bits a pixel: 0 and 255, or grey), made if
-    /// missing; for sl1 a file
+    /// missing; for svg a directory for layer_000000.svg, …; for sl1, cli and ovf a file
     #[arg(long, short)]
     pub output: PathBuf,
 }
@@ -66,6 +70,24 @@ pub enum Format {
     Png,
     /// One archive of PNG pictures, for Prusa's SL1 and SL1S, PrusaSlicer and UVtools.
     Sl1,
+    /// A drawing a layer of the scan vectors.
+    Svg,
+    /// One file of scan vectors: Common Layer Interface, binary.
+    Cli,
+    /// One file of scan vectors: OpenVectorFormat.
+    Ovf,
+}
+
+impl std::fmt::Display for Format {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Png => "png",
+            Self::Sl1 => "sl1",
+            Self::Svg => "svg",
+            Self::Cli => "cli",
+            Self::Ovf => "ovf",
+        })
+    }
 }
 
 fn parse_layer_height(text: &str) -> Result<f64, String> {
@@ -111,9 +133,16 @@ pub fn run(args: SliceArgs) -> anyhow::Result<()> {
     let range = layers_within(layers, part.plan().layer_count)?;
     let threads = threads.unwrap_or_else(Slicer::default_threads);
     let selection = Selection { part, range, threads };
-    match format {
+    if let (Machine::Slm(machine), Recipe::Slm(recipe)) = (&machine, &recipe) {
+        ensure!(!antialias, "--antialias is for pictures; machine `{}` marks vectors", machine.name);
+        return vectors::write(selection, format.unwrap_or(Format::Svg), machine, recipe, &output);
+    }
+    match format.unwrap_or(Format::Png) {
         Format::Png => pictures::write(selection, &output),
         Format::Sl1 => sl1::write(selection, &machine, &recipe, &output),
+        format @ (Format::Svg | Format::Cli | Format::Ovf) => {
+            bail!("--format {format} is for machines with a laser; machine `{}` has pixels: png or sl1", machine.name())
+        }
     }
 }
 

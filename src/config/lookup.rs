@@ -15,13 +15,15 @@ pub enum Folder {
 }
 
 /// The files of `config/`, built in so that their names work without an installation.
-const SHIPPED: [(Folder, &str, &str); 6] = [
+const SHIPPED: [(Folder, &str, &str); 8] = [
     (Folder::Machines, "dlp-1080p-50um", include_str!("../../config/machines/dlp-1080p-50um.toml")),
     (Folder::Machines, "lcd-4k-35um", include_str!("../../config/machines/lcd-4k-35um.toml")),
     (Folder::Machines, "sim-dlp", include_str!("../../config/machines/sim-dlp.toml")),
+    (Folder::Machines, "sim-slm", include_str!("../../config/machines/sim-slm.toml")),
     (Folder::Recipes, "default", include_str!("../../config/recipes/default.toml")),
     (Folder::Recipes, "demo", include_str!("../../config/recipes/demo.toml")),
     (Folder::Recipes, "fine", include_str!("../../config/recipes/fine.toml")),
+    (Folder::Recipes, "slm-demo", include_str!("../../config/recipes/slm-demo.toml")),
 ];
 
 /// A configuration file, read.

@@ -2,6 +2,7 @@
 
 use crate::buildfile::BuildFileError;
 use crate::device::encoding::WrongDepth;
+use crate::slice::scan::FillError;
 use crate::slice::{PlanError, SliceError};
 use crate::stream::{BudgetExceeded, StreamError};
 
@@ -31,6 +32,9 @@ pub enum PartError {
     /// A layer could not be computed.
     #[error(transparent)]
     Slice(SliceError),
+    /// A layer could not be filled with scan vectors.
+    #[error(transparent)]
+    Fill(#[from] FillError),
     /// A layer could not be encoded.
     #[error(transparent)]
     Encoding(#[from] WrongDepth),

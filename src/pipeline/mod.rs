@@ -37,13 +37,15 @@ mod memory;
 mod part;
 mod placed;
 mod scan_settings;
+mod scanned;
 
 pub use error::PartError;
 pub use layers::Layers;
 pub use memory::PrintMemory;
 pub use part::{EncodedLayer, EncodedLayers, Part};
 pub use placed::{Placed, Resolution};
-pub use scan_settings::scan_settings;
+pub use scan_settings::{laser_parameters, scan_settings};
+pub use scanned::{ScannedLayer, ScannedLayers};
 
 use std::path::Path;
 use std::sync::Arc;

@@ -3,12 +3,17 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::{Part, PartError, PrintMemory};
+use super::{Part, PartError, PrintMemory, ScannedLayers};
 use crate::buildfile::{BuildFile, Header};
 use crate::config::{Machine, Recipe};
 use crate::layer::{Depth, Raster};
+use crate::slice::scan::{Contours, Fill, ScanSettings};
 use crate::slice::{BodySource, SlicePlan, Slicer};
 use crate::stream::MemoryBudget;
+
+/// Memory for the crossings and regions of three layers outside a print, bytes: ten million crossings of the grid, which is more than
+/// the largest lattices have in a layer.
+const MAX_LAYER_BYTES: u64 = 512 << 20;
 
 /// The pixels and the height of a layer, as machine and recipe say.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -83,6 +88,21 @@ impl Placed {
             return Err(PartError::Memory { need_bytes, limit_bytes });
         }
         Ok(Part::new(self.path, self.plan, &memory, limit_bytes))
+    }
+
+    /// The layers from `first` on as scan vectors, outside a print.
+    ///
+    /// # Errors
+    /// [`PartError`] if the settings contradict each other, or the first layers cannot be computed.
+    pub fn scanned(self, settings: ScanSettings, threads: usize, first: u32) -> Result<ScannedLayers, PartError> {
+        let bodies = BodySource::of(&self.file);
+        let fixed_bytes = Contours::memory_bytes(&bodies, &self.plan, threads);
+        let budget = MemoryBudget::new(fixed_bytes.saturating_add(MAX_LAYER_BYTES));
+        let has_skins = settings.up_skin.is_some() || settings.down_skin.is_some();
+        let begin = ScannedLayers::first_contour(first, has_skins);
+        let tolerance_um = settings.simplify_tolerance_um;
+        let contours = Contours::new(bodies, self.plan, tolerance_um, threads, begin, &budget)?;
+        ScannedLayers::new(contours, Fill::new(settings, threads)?, first, has_skins)
     }
 
     /// A slicer outside a print, which begins with layer `first`; its memory budget is its own estimate.

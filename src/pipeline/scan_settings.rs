@@ -1,6 +1,9 @@
-//! How a recipe's scan vectors are made on a machine: its defaults follow from the beam. `layerctl slice` uses it.
+//! How a recipe's scan vectors are made and marked on a machine: its defaults follow from the beam. `layerctl slice` uses it.
+
+use layerd_wire::encoding::LaserParameters;
 
 use crate::config::{SlmMachine, SlmRecipe, Strategy};
+use crate::layer::MarkClass;
 use crate::slice::scan::{HatchSettings, HatchStrategy, ScanSettings};
 
 /// The settings of a recipe on a machine.
@@ -21,7 +24,7 @@ pub fn scan_settings(machine: &SlmMachine, recipe: &SlmRecipe) -> ScanSettings {
         spacing_um,
         angle_deg: recipe.hatch_angle_deg,
         rotation_deg: recipe.hatch_rotation_deg,
-        end_offset_um: recipe.hatch_end_offset_um.unwrap_or(beam_um / 2.0),
+        end_offset_um: recipe.hatch_end_offset_um,
     };
     ScanSettings {
         beam_diameter_um: beam_um,
@@ -37,4 +40,23 @@ pub fn scan_settings(machine: &SlmMachine, recipe: &SlmRecipe) -> ScanSettings {
         up_skin: recipe.up_skin.as_ref().map(|skin| hatch(recipe.skin_spacing_um(skin))),
         down_skin: recipe.down_skin.as_ref().map(|skin| hatch(recipe.skin_spacing_um(skin))),
     }
+}
+
+/// The laser's parameters of each class, in the order of the classes' numbers.
+pub fn laser_parameters(recipe: &SlmRecipe) -> [LaserParameters; MarkClass::ALL.len()] {
+    // The recipe's limits keep all values far within 32 bits.
+    let thousandths = |value: f64| (value * 1000.0).round() as u32;
+    MarkClass::ALL.map(|class| {
+        let laser = recipe.laser(class);
+        LaserParameters {
+            power_mw: thousandths(laser.power_w),
+            mark_speed_um_s: thousandths(laser.mark_speed_mm_s),
+            jump_speed_um_s: thousandths(laser.jump_speed_mm_s),
+            focus_um: laser.focus_um.round() as i32,
+            jump_delay_us: laser.jump_delay_us,
+            mark_delay_us: laser.mark_delay_us,
+            polygon_delay_us: laser.polygon_delay_us,
+            point_time_us: laser.point_time_us,
+        }
+    })
 }
