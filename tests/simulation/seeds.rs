@@ -209,6 +209,16 @@ fn a_file_that_was_made_is_not_left_over_when_reading_fails() {
     );
 }
 
+/// The daemon was asked to end while a submission was being stored: it was refused, and the job was there after the next start.
+#[test]
+fn a_submission_under_way_is_answered_before_the_daemon_ends() {
+    holds(
+        10_256_090,
+        Character::Honest,
+        vec![(196_814, What::Order(Wish::Submit { part: 2 })), (206_249, What::End { down_us: 20_000_000 })],
+    );
+}
+
 /// A paused job whose device broke the protocol three times was to end, and did not: it had parked already.
 #[test]
 fn a_paused_job_ends_when_the_device_breaks_the_protocol() {

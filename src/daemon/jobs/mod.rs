@@ -171,6 +171,11 @@ impl Jobs {
         })
     }
 
+    /// Whether an order for any of them is being written.
+    pub(crate) fn are_ordered(&self) -> bool {
+        self.jobs.values().any(|job| job.ordered)
+    }
+
     /// Puts a job at the front of the queue, as its part hangs on the plate or it had the machine already.
     pub(crate) fn take_up(&mut self, id: u32, take_up: TakeUp) {
         if let Some(job) = self.jobs.get_mut(&id) {

@@ -34,7 +34,7 @@ impl Printer {
         self.publish();
         let ended = loop {
             self.settle();
-            if self.shutting_down && self.is_idle() {
+            if self.shutting_down && self.is_idle() && !self.owes_answers() {
                 break Ok(());
             }
             let room = self.link.room();
@@ -80,7 +80,9 @@ impl Printer {
 
     /// Why a shutdown did not end in time.
     fn late_shutdown(&self) -> anyhow::Error {
-        if self.running.as_ref().is_some_and(|running| running.engine.is_over()) {
+        if self.is_idle() {
+            anyhow!("the disk did not take an order in time; the machine is at rest")
+        } else if self.running.as_ref().is_some_and(|running| running.engine.is_over()) {
             anyhow!("the disk did not take the job's last records in time; the machine is at rest")
         } else {
             anyhow!("the machine could not be made safe in time; the device's own limits must do it")

@@ -79,6 +79,8 @@ pub(crate) struct Printer {
     /// Sessions that were lost since the start.
     pub(crate) reconnects: u64,
     pub(crate) shutting_down: bool,
+    /// Submissions that are being checked and stored. No more than there are connections.
+    pub(crate) accepting: u32,
 }
 
 impl Printer {
@@ -126,12 +128,19 @@ impl Printer {
             jobs_ended: 0,
             reconnects: 0,
             shutting_down: false,
+            accepting: 0,
         }
     }
 
     /// Whether no job holds the machine or the memory.
     pub(crate) fn is_idle(&self) -> bool {
         self.running.is_none() && self.opening.is_none() && !self.releasing
+    }
+
+    /// Whether orders are being carried out that will be answered. A daemon that ended before would call them refused, and they might
+    /// be carried out all the same.
+    pub(crate) fn owes_answers(&self) -> bool {
+        self.accepting > 0 || self.jobs.are_ordered()
     }
 
     /// Calls `act` with the running job, if there is one.
