@@ -3,12 +3,12 @@
 //! divan's time is for 200 layers in runs spread over the whole part: a 200th of it is a layer's average. Items are layers.
 //! Looks for the file in `$LAYERD_DATA`, default `../shared/data`; without it there is nothing to measure.
 
-use std::cell::RefCell;
-use std::path::{Path, PathBuf};
+mod spot;
 
-use layerd::buildfile::{Blend, BodyHeader, Bounds, Caps, Header, Lattice, Placement, Strut};
+use std::cell::RefCell;
+
 use layerd::layer::{Bitmap, Depth, Mirror, Raster};
-use layerd::slice::{BodySource, MemoryStruts, SlicePlan, Slicer};
+use layerd::slice::{BodySource, SlicePlan, Slicer};
 use layerd::stream::MemoryBudget;
 
 fn main() {
@@ -33,10 +33,8 @@ fn spot_union_200_layers(bencher: divan::Bencher<'_, '_>, (depth, threads): (Dep
 }
 
 fn bench(bencher: divan::Bencher<'_, '_>, convolution: bool, depth: Depth, threads: usize) {
-    let Some((header, source)) = spot(convolution) else {
-        eprintln!("skipped: spot_lattice.txt is not there");
-        return;
-    };
+    // A quarter turn about z: (x, y) → (−y, x).
+    let Some((header, source)) = spot::lattice(convolution, |[x, y, z]| [-y, x, z]) else { return };
     let raster = Raster {
         width_px: 3840,
         height_px: 2160,
@@ -66,52 +64,4 @@ fn bench(bencher: divan::Bencher<'_, '_>, convolution: bool, depth: Depth, threa
                 }
             }
         });
-}
-
-fn spot(convolution: bool) -> Option<(Header, MemoryStruts)> {
-    let default = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
-    let directory = std::env::var_os("LAYERD_DATA").map_or(default, PathBuf::from);
-    let text = std::fs::read_to_string(directory.join("spot_lattice.txt")).ok()?;
-    let mut bounds = Bounds { min: [i32::MAX; 3], max: [i32::MIN; 3] };
-    let mut radius_range = [u32::MAX, 0];
-    let mut struts = Vec::new();
-    for line in text.lines().skip(1) {
-        let [x1, y1, z1, x2, y2, z2, r]: [i32; 7] = line
-            .split_whitespace()
-            .map(|word| (word.parse::<f64>().expect("a number") * 1000.0).round() as i32)
-            .collect::<Vec<_>>()
-            .try_into()
-            .ok()?;
-        // A quarter turn about z: (x, y) → (−y, x).
-        let (mut a, mut b) = ([-y1, x1, z1], [-y2, x2, z2]);
-        if a[2] > b[2] {
-            std::mem::swap(&mut a, &mut b);
-        }
-        for axis in 0..3 {
-            bounds.min[axis] = bounds.min[axis].min(a[axis].min(b[axis]) - r);
-            bounds.max[axis] = bounds.max[axis].max(a[axis].max(b[axis]) + r);
-        }
-        let radius = r.unsigned_abs();
-        radius_range = [radius_range[0].min(radius), radius_range[1].max(radius)];
-        struts.push(Strut { a, b, radius_a: radius, radius_b: radius, caps: Caps::default() });
-    }
-    let support_um = 1.5 * f64::from(radius_range[1]);
-    let lattice = Lattice {
-        blend: if convolution { Blend::Convolution { support_um } } else { Blend::Union },
-        bounds,
-        radius_range,
-        strut_count: struts.len() as u64,
-        ball_count: 0,
-        node_count: 0,
-    };
-    let header = Header {
-        quantum_um: 1.0,
-        bounds,
-        bottom_um: f64::from(bounds.min[2]),
-        placement: Placement::Centred,
-        source_digest: [0; 32],
-        source_name: "spot_lattice.txt".into(),
-        bodies: vec![BodyHeader::Lattice(lattice.clone())],
-    };
-    Some((header, MemoryStruts::new(1.0, lattice, struts, 8192)))
 }
