@@ -117,7 +117,11 @@ impl World {
                 {
                     host.end();
                 }
-                if let Ask::Resume(id, _) = ask {
+                // Those who gave orders while things went wrong may be answered late.
+                let is_patient = self.patient.since_us.is_some_and(|since_us| *given_us >= since_us);
+                if let Ask::Resume(id, _) = ask
+                    && is_patient
+                {
                     *self.patient.refusals.entry(*id).or_default() += 1;
                 }
                 return;
