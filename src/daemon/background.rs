@@ -1,6 +1,8 @@
 //! Results of work in the background, for the printer's loop: disk, computation, whatever may block.
 //! `printer/event_loop.rs` takes them in.
 
+use std::sync::Arc;
+
 use crate::daemon::error::OrderError;
 use crate::daemon::handle::Reply;
 use crate::daemon::jobs::job::Job;
@@ -33,6 +35,8 @@ pub(crate) enum Background {
         jobs_ended: u64,
         /// Who asked.
         reply: Reply,
+        /// Shows that the submission is not answered yet.
+        under_way: Arc<()>,
     },
     /// The part of a job was sampled, or why not.
     Sampled {

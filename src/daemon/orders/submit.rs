@@ -19,14 +19,14 @@ use crate::system::{spawn_blocking, unix_ms};
 
 impl Printer {
     /// Checks and stores a new job in the background.
-    pub(crate) fn submit(&mut self, submission: Submission, reply: Reply) {
+    pub(crate) fn submit(&self, submission: Submission, reply: Reply) {
         self.take_in(submission.jobs_ended, move || Ok(submission), ToString::to_string, reply);
     }
 
     /// The same of a job that `receive` makes, which may block. `jobs_ended` is that of the submission; `words` says what is wrong
     /// with a part that cannot be read.
     pub(crate) fn take_in(
-        &mut self,
+        &self,
         jobs_ended: u64,
         receive: impl FnOnce() -> Result<Submission, OrderError> + Send + 'static,
         words: fn(&PartError) -> String,
@@ -37,7 +37,7 @@ impl Printer {
         let fit = self.fit();
         // During a print there is no memory for this check. It is repeated in any case before the job begins.
         let checks_bottom = self.is_idle();
-        self.accepting += 1;
+        let under_way = Arc::clone(&self.accepting);
         spawn_blocking(move || {
             // The file of a refused part is deleted before the answer.
             let result = receive().and_then(|submission| {
@@ -46,13 +46,12 @@ impl Printer {
                 verify(&submission.part).map_err(|error| unprintable(&submission, &words(&error)))?;
                 accept(&setting, &spool, &submission, &recipe, limit_bytes, checks_bottom).map(Box::new)
             });
-            let _ = background.blocking_send(Background::Accepted { result, jobs_ended, reply });
+            let _ = background.blocking_send(Background::Accepted { result, jobs_ended, reply, under_way });
         });
     }
 
     /// Queues a job that was put into the spool, or answers why it was not.
     pub(crate) fn accepted(&mut self, result: Result<Box<Job>, OrderError>, jobs_ended: u64, reply: Reply) {
-        self.accepting -= 1;
         let answer = result.map(|job| {
             let id = job.directory.id;
             self.sampler.want(&job.directory);

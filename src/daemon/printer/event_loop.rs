@@ -147,7 +147,9 @@ impl Printer {
                 });
             }
             Background::Opened { job, result } => self.opened(job, result, now_us),
-            Background::Accepted { result, jobs_ended, reply } => self.accepted(result, jobs_ended, reply),
+            Background::Accepted { result, jobs_ended, reply, under_way: _under_way } => {
+                self.accepted(result, jobs_ended, reply);
+            }
             Background::Sampled { job, result } => self.sampled(job, result),
             Background::Changed { job, result, reply } => self.changed(job, result, reply),
             Background::ReadAgain { jobs } => self.read_again(jobs),

@@ -79,8 +79,8 @@ pub(crate) struct Printer {
     /// Sessions that were lost since the start.
     pub(crate) reconnects: u64,
     pub(crate) shutting_down: bool,
-    /// Submissions that are being checked and stored. No more than there are connections.
-    pub(crate) accepting: u32,
+    /// Each submission that is being checked and stored holds it, until it is answered or its check has panicked.
+    pub(crate) accepting: Arc<()>,
 }
 
 impl Printer {
@@ -128,7 +128,7 @@ impl Printer {
             jobs_ended: 0,
             reconnects: 0,
             shutting_down: false,
-            accepting: 0,
+            accepting: Arc::default(),
         }
     }
 
@@ -137,10 +137,10 @@ impl Printer {
         self.running.is_none() && self.opening.is_none() && !self.releasing
     }
 
-    /// Whether orders are being carried out that will be answered. A daemon that ended before would call them refused, and they might
-    /// be carried out all the same.
+    /// Whether orders are being carried out and are not answered yet. If the daemon ended now, they would be called refused and might be
+    /// carried out all the same.
     pub(crate) fn owes_answers(&self) -> bool {
-        self.accepting > 0 || self.jobs.are_ordered()
+        Arc::strong_count(&self.accepting) > 1 || self.jobs.are_ordered()
     }
 
     /// Calls `act` with the running job, if there is one.
