@@ -98,7 +98,7 @@ impl Placed {
         let bodies = BodySource::of(&self.file);
         let fixed_bytes = Contours::memory_bytes(&bodies, &self.plan, threads);
         let budget = MemoryBudget::new(fixed_bytes.saturating_add(MAX_LAYER_BYTES));
-        let has_skins = settings.up_skin.is_some() || settings.down_skin.is_some();
+        let has_skins = settings.has_skins();
         let begin = ScannedLayers::first_contour(first, has_skins);
         let tolerance_um = settings.simplify_tolerance_um;
         let contours = Contours::new(bodies, self.plan, tolerance_um, threads, begin, &budget)?;

@@ -87,6 +87,11 @@ const MIN_SPACING_UM: f64 = 1.0;
 const MAX_CONTOURS: f64 = 10_000.0;
 
 impl ScanSettings {
+    /// Whether the filling depends on the layers above and below.
+    pub fn has_skins(&self) -> bool {
+        self.up_skin.is_some() || self.down_skin.is_some()
+    }
+
     /// Whether all lengths can be used.
     pub fn check(&self) -> Result<(), SettingsError> {
         within("beam_diameter_um", self.beam_diameter_um, MIN_SPACING_UM, MAX_LENGTH_UM)?;
