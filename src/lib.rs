@@ -13,8 +13,8 @@
 //! |---------------|-------------------------------------------------------------------|
 //! | [`buildfile`] | the build file: import, external sort, write, stream, seek        |
 //! | [`solid`]     | which points are solid: convolution struts, exact union           |
-//! | [`layer`]     | one layer as pixels, the grid it is made for, export as PNG       |
-//! | [`mod@slice`] | a part as a stream of layers, drawn body by body                  |
+//! | [`layer`]     | one layer as pixels or scan vectors, its grid, files for export   |
+//! | [`mod@slice`] | a part as a stream of layers: pixels, or regions and their filling |
 //! | [`stream`]    | computing ahead: task, memory budget, queue of finished layers    |
 //! | [`link`]      | the serial line: the host's session, the port; bytes: [`layerd_wire`] |
 //! | [`device`]    | drivers, layer encodings and the simulated devices                |

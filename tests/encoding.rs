@@ -6,7 +6,7 @@ use image::{ExtendedColorType, ImageEncoder};
 use layerd::device::encoding::{
     Choice, choose, choose_vectors, encode, encode_shortest, encode_vectors, largest_encoded_bytes,
 };
-use layerd::layer::{Bitmap, Depth, HatchFrame, HatchLine, Mark, MarkClass, Vectors};
+use layerd::layer::{Bitmap, Depth, HatchLine, Mark, MarkClass, Vectors, hatch_frame};
 use layerd::link::message::Encoding;
 use layerd_wire::encoding::{LaserParameters, LayerSum, VectorDecoder, VectorEncodeError, VectorEncoding};
 
@@ -133,13 +133,11 @@ fn read_vectors(bytes: &[u8], encoding: VectorEncoding) -> (Vec<Mark>, LayerSum)
     let mut marks = Vec::new();
     for mut piece in bytes.chunks(60) {
         while let Some(vector) = decoder.next(&mut piece).expect("good bytes") {
-            let class = MarkClass::ALL[vector.class as usize];
-            marks.push(Mark { class, from_um: vector.from_um, to_um: vector.to_um });
+            marks.push(Mark { class: vector.class, from_um: vector.from_um, to_um: vector.to_um });
         }
     }
-    for class in &marks {
-        let class = layerd_wire::encoding::MarkClass::ALL[class.class as usize];
-        assert_eq!(decoder.parameters(class), Some(&lasers()[class as usize]));
+    for Mark { class, .. } in &marks {
+        assert_eq!(decoder.parameters(*class), Some(&lasers()[*class as usize]));
     }
     (marks, decoder.finish().expect("a whole layer"))
 }
@@ -152,7 +150,7 @@ fn a_device_reads_the_vectors_of_the_layer_and_the_lasers_of_the_classes_used() 
     }
     vectors.push_path(MarkClass::Thin, &[[5, 5], [900, 20], [1000, 90]]);
     for (index, angle_deg) in [0.0, 67.0, 134.0, 201.0, 268.0, -35.5].into_iter().enumerate() {
-        let frame = HatchFrame::new([50_000 - index as i32, 50_000], angle_deg, 61_235);
+        let frame = hatch_frame([50_000 - index as i32, 50_000], angle_deg, 61_235);
         let line = |line: i32| {
             let (from_um, to_um) = (-9000 + line * line, 7000 - line * 40);
             if line % 2 == 0 {
@@ -194,7 +192,7 @@ fn lattice_vectors() -> Vectors {
         least + (most - least) * (state >> 11) as f64 / (1_u64 << 53) as f64
     };
     let mut vectors = Vectors::default();
-    let frame = HatchFrame::new([0, 0], 67.0, 60_000);
+    let frame = hatch_frame([0, 0], 67.0, 60_000);
     let (sin, cos) = 67.0_f64.to_radians().sin_cos();
     for island in 0..900 {
         // Along rows, forth and back.

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use layerd::layer::export::OvfWriter;
-use layerd::layer::{HatchFrame, HatchLine, MarkClass, Vectors};
+use layerd::layer::{HatchLine, MarkClass, Vectors, hatch_frame};
 use layerd_wire::encoding::LaserParameters;
 use prost::Message;
 
@@ -147,7 +147,7 @@ fn layer(number: i32) -> Vectors {
     let at = 1000 + 100 * number;
     vectors.push_path(MarkClass::Contour, &[[at, 1000], [at + 60, 1000], [at + 30, 1040], [at, 1000]]);
     let line = |line, from_um, to_um| HatchLine { line, from_um, to_um };
-    let frame = HatchFrame::new([at, 1000], 67.0, 61_234);
+    let frame = hatch_frame([at, 1000], 67.0, 61_234);
     vectors.push_hatches(MarkClass::Hatch, frame, &[line(1, 0, 90), line(2, 88, 3)]);
     vectors.push_hatches(MarkClass::UpSkin, frame, &[line(-3, 0, 500)]);
     vectors.push_hatches(MarkClass::DownSkin, frame, &[line(-4, 0, 500)]);

@@ -1,7 +1,7 @@
 //! Layers of vectors as files: each is read back by a reader of the test's own.
 
 use layerd::layer::export::{CliWriter, write_svg};
-use layerd::layer::{HatchFrame, HatchLine, Mark, MarkClass, Run, Vectors};
+use layerd::layer::{HatchLine, Mark, MarkClass, Run, Vectors, hatch_frame};
 
 /// A layer with runs of every kind and class, which differs from layer to layer.
 fn layer(number: i32) -> Vectors {
@@ -9,11 +9,11 @@ fn layer(number: i32) -> Vectors {
     let at = 1000 + 100 * number;
     vectors.push_path(MarkClass::Contour, &[[at, 1000], [at + 60, 1000], [at + 30, 1040], [at, 1000]]);
     vectors.push_path(MarkClass::Contour, &[[at + 20, 1010], [at + 30, 1020], [at + 40, 1010], [at + 20, 1010]]);
-    let frame = HatchFrame::new([at, 1000], 67.0, 61_234);
+    let frame = hatch_frame([at, 1000], 67.0, 61_234);
     let line = |line, from_um, to_um| HatchLine { line, from_um, to_um };
     vectors.push_hatches(MarkClass::Hatch, frame, &[line(1, 0, 90), line(2, 88, 3), line(3, 10, 70)]);
     vectors.push_hatches(MarkClass::UpSkin, frame, &[line(-3, 0, 500)]);
-    vectors.push_hatches(MarkClass::DownSkin, HatchFrame::new([at, 99_000], 0.0, 80_000), &[line(0, 500, 7)]);
+    vectors.push_hatches(MarkClass::DownSkin, hatch_frame([at, 99_000], 0.0, 80_000), &[line(0, 500, 7)]);
     vectors.push_path(MarkClass::Thin, &[[5, 7], [400, 9], [99_999, 12_345]]);
     vectors.push_path(MarkClass::Point, &[[77_777, 88_888]]);
     vectors.push_path(MarkClass::Point, &[[77_900, 88_888]]);

@@ -15,8 +15,7 @@
 //! ```
 
 use layerd_wire::encoding::{
-    self, HatchFrame, HatchLine, LaserParameters, LayerSum, PictureEncoding, VectorEncodeError, VectorEncoder,
-    VectorEncoding,
+    self, LaserParameters, LayerSum, PictureEncoding, VectorEncodeError, VectorEncoder, VectorEncoding,
 };
 
 use crate::layer::{Bitmap, Depth, Layer, MarkClass, Run, Vectors};
@@ -130,47 +129,26 @@ pub fn encode_vectors(
     let mut occurs = [false; MarkClass::ALL.len()];
     vectors.runs().for_each(|(class, _)| occurs[class as usize] = true);
     let used = MarkClass::ALL.into_iter().filter(|class| occurs[*class as usize]);
-    let table: Vec<_> = used.map(|class| (wire_class(class), lasers[class as usize])).collect();
+    let table: Vec<_> = used.map(|class| (class, lasers[class as usize])).collect();
     let mut encoder = VectorEncoder::new(encoding, field_um, &table, bytes)?;
     // Single points that follow each other take one run.
     let mut points: (MarkClass, Vec<[i32; 2]>) = (MarkClass::Point, Vec::new());
     for (class, run) in vectors.runs() {
         if let Run::Path(&[point_um]) = run {
             if class != points.0 {
-                encoder.points(wire_class(points.0), &std::mem::take(&mut points.1))?;
+                encoder.points(points.0, &std::mem::take(&mut points.1))?;
                 points.0 = class;
             }
             points.1.push(point_um);
             continue;
         }
-        encoder.points(wire_class(points.0), &points.1)?;
+        encoder.points(points.0, &points.1)?;
         points.1.clear();
         match run {
-            Run::Path(points_um) => encoder.path(wire_class(class), points_um)?,
-            Run::Hatches(frame, lines) => {
-                let crate::layer::HatchFrame { origin_um, along, spacing_nm } = *frame;
-                let line = |line: &crate::layer::HatchLine| HatchLine {
-                    line: line.line,
-                    from_um: line.from_um,
-                    to_um: line.to_um,
-                };
-                let frame = HatchFrame { origin_um, along, spacing_nm };
-                encoder.hatches(wire_class(class), &frame, lines.iter().map(line))?;
-            }
+            Run::Path(points_um) => encoder.path(class, points_um)?,
+            Run::Hatches(frame, lines) => encoder.hatches(class, frame, lines.iter().copied())?,
         }
     }
-    encoder.points(wire_class(points.0), &points.1)?;
+    encoder.points(points.0, &points.1)?;
     Ok(encoder.finish())
-}
-
-/// The class as the bytes have it.
-fn wire_class(class: MarkClass) -> encoding::MarkClass {
-    match class {
-        MarkClass::Contour => encoding::MarkClass::Contour,
-        MarkClass::Hatch => encoding::MarkClass::Hatch,
-        MarkClass::UpSkin => encoding::MarkClass::UpSkin,
-        MarkClass::DownSkin => encoding::MarkClass::DownSkin,
-        MarkClass::Thin => encoding::MarkClass::Thin,
-        MarkClass::Point => encoding::MarkClass::Point,
-    }
 }

@@ -8,8 +8,10 @@ mod raster;
 mod vectors;
 
 pub use bitmap::{Bitmap, Depth};
+/// The parts of scan vectors that host and device share.
+pub use layerd_wire::encoding::{HatchFrame, HatchLine, LaserParameters, MarkClass};
 pub use raster::{Mirror, Raster};
-pub use vectors::{HatchFrame, HatchLine, Mark, MarkClass, Run, Vectors};
+pub use vectors::{Mark, Run, Vectors, hatch_frame};
 
 /// One layer of a part, by what a machine exposes it with.
 #[derive(Clone, Debug, PartialEq, Eq)]

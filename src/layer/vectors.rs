@@ -1,72 +1,13 @@
 //! A layer as scan vectors, in the order in which a laser marks them. `slice/scan` makes them, `device/encoding.rs` encodes them.
 
-/// What a vector is marked for. The recipe has laser parameters for each class.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-#[repr(u8)]
-pub enum MarkClass {
-    /// The border of a region, and the contours inside it.
-    Contour = 0,
-    /// The filling of a region.
-    Hatch = 1,
-    /// The filling where nothing lies above.
-    UpSkin = 2,
-    /// The filling where nothing but powder lies below.
-    DownSkin = 3,
-    /// The centre line of a feature too narrow for a contour.
-    Thin = 4,
-    /// A feature so small that the beam stands still on it for a time.
-    Point = 5,
-}
+use layerd_wire::encoding::{HatchFrame, HatchLine, MarkClass};
 
-impl MarkClass {
-    /// All classes, in the order of their numbers.
-    pub const ALL: [Self; 6] = [Self::Contour, Self::Hatch, Self::UpSkin, Self::DownSkin, Self::Thin, Self::Point];
-}
-
-/// The lines along which hatches lie. Points follow from whole numbers alone, so that host and device compute the same ones.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct HatchFrame {
-    /// A point of line 0, micrometres in the field.
-    pub origin_um: [i32; 2],
-    /// Unit vector along the lines, in units of 2⁻³⁰.
-    pub along: [i32; 2],
-    /// Distance from one line to the next, nanometres; greater than 0. Line 1 lies to the left of line 0.
-    pub spacing_nm: u32,
-}
-
-impl HatchFrame {
-    /// Frame whose lines have an angle to the x axis, counter-clockwise, degrees.
-    pub fn new(origin_um: [i32; 2], angle_deg: f64, spacing_nm: u32) -> Self {
-        let (sin, cos) = angle_deg.to_radians().sin_cos();
-        let along = [cos, sin].map(|share| (share * f64::from(1 << 30)).round() as i32);
-        Self { origin_um, along, spacing_nm }
-    }
-
-    /// The point at a distance along a line, rounded to whole micrometres.
-    pub fn point_um(&self, line: i32, along_um: i32) -> [i32; 2] {
-        let [ux, uy] = self.along.map(i64::from);
-        // Exact: 31 bits × 32 bits, and 31 × 31 + 17 bits for the spacing in i128.
-        let across_nm = i128::from(line) * i128::from(self.spacing_nm);
-        let point = |along: i64, across: i64, origin_um: i32| {
-            let nm_scaled = i128::from(along) * i128::from(along_um) * 1000 + i128::from(across) * across_nm;
-            let scale = 1000_i128 << 30;
-            let um = (nm_scaled + scale / 2).div_euclid(scale);
-            // Wraps only for lines far outside every field.
-            origin_um.wrapping_add(um as i32)
-        };
-        [point(ux, -uy, self.origin_um[0]), point(uy, ux, self.origin_um[1])]
-    }
-}
-
-/// A hatch vector: part of a line of a [`HatchFrame`], marked from one end to the other.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct HatchLine {
-    /// Number of the line.
-    pub line: i32,
-    /// Where the mark begins, micrometres along the line from the frame's origin.
-    pub from_um: i32,
-    /// Where it ends; differs from `from_um`.
-    pub to_um: i32,
+/// A frame whose lines have an angle to the x axis, counter-clockwise, degrees. Its points follow from whole numbers alone, so that host
+/// and device compute the same ones.
+pub fn hatch_frame(origin_um: [i32; 2], angle_deg: f64, spacing_nm: u32) -> HatchFrame {
+    let (sin, cos) = angle_deg.to_radians().sin_cos();
+    let along = [cos, sin].map(|share| (share * f64::from(1 << 30)).round() as i32);
+    HatchFrame { origin_um, along, spacing_nm }
 }
 
 /// A run of vectors of one class. The laser jumps to its beginning.
@@ -215,7 +156,7 @@ mod tests {
     fn marks_come_in_order_with_points_and_hatches() {
         let mut vectors = Vectors::default();
         vectors.push_path(MarkClass::Contour, &[[0, 0], [10, 0], [0, 10], [0, 0]]);
-        let frame = HatchFrame::new([100, 200], 90.0, 60_000);
+        let frame = hatch_frame([100, 200], 90.0, 60_000);
         let lines = [HatchLine { line: 0, from_um: 0, to_um: 50 }, HatchLine { line: 1, from_um: 50, to_um: -5 }];
         vectors.push_hatches(MarkClass::Hatch, frame, &lines);
         vectors.push_path(MarkClass::Point, &[[7, 8]]);
@@ -239,7 +180,7 @@ mod tests {
     #[test]
     fn points_of_a_frame_are_within_half_a_micrometre() {
         for angle_deg in [0.0, 13.7, 67.0, 134.0, 201.0, -90.0, 359.9] {
-            let frame = HatchFrame::new([-5000, 70_000], angle_deg, 61_234);
+            let frame = hatch_frame([-5000, 70_000], angle_deg, 61_234);
             let (sin, cos) = angle_deg.to_radians().sin_cos();
             for (line, along_um) in [(0, 0), (1, 1), (-700, 250_000), (4000, -120_000)] {
                 let across_um = f64::from(line) * 61.234;

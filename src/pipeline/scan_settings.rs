@@ -1,9 +1,7 @@
 //! How a recipe's scan vectors are made and marked on a machine: its defaults follow from the beam. `layerctl slice` uses it.
 
-use layerd_wire::encoding::LaserParameters;
-
 use crate::config::{SlmMachine, SlmRecipe, Strategy};
-use crate::layer::MarkClass;
+use crate::layer::{LaserParameters, MarkClass};
 use crate::slice::scan::{HatchSettings, HatchStrategy, ScanSettings};
 
 /// The settings of a recipe on a machine.

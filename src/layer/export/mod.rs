@@ -1,5 +1,4 @@
-//! Layers as files that other programs read. `layerctl slice` writes pictures. The files of vectors are for other programs of laser
-//! machines.
+//! Layers as files that other programs read. `layerctl slice` writes them.
 
 mod cli;
 mod ovf;

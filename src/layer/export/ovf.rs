@@ -11,10 +11,9 @@ use std::io::{self, BufWriter, Write};
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 
-use layerd_wire::encoding::LaserParameters;
 use prost::Message;
 
-use crate::layer::{MarkClass, Run, Vectors};
+use crate::layer::{LaserParameters, MarkClass, Run, Vectors};
 use crate::output::Output;
 
 /// What a file begins with. The place of the file's table follows.

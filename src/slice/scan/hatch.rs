@@ -4,7 +4,7 @@
 //! lines, and a layer does not depend on how its regions are found. Crossings with the border are computed in `f64`. Ends are rounded
 //! inwards to whole micrometres along the line, so a hatch ends in the area, but for the rounding of points to whole micrometres.
 
-use crate::layer::{HatchFrame, HatchLine};
+use crate::layer::{HatchFrame, HatchLine, hatch_frame};
 
 use super::counts::ScanCounts;
 use super::offset::{Area, Point, to_um};
@@ -47,7 +47,7 @@ impl Hatcher {
     pub(super) fn new(settings: &HatchSettings, layer: u32, shortest_um: f64) -> Self {
         let angle_deg = (settings.angle_deg + f64::from(layer) * settings.rotation_deg).rem_euclid(360.0);
         let spacing_nm = (settings.spacing_um * 1000.0).round() as u32;
-        let frame = HatchFrame::new([0, 0], angle_deg, spacing_nm);
+        let frame = hatch_frame([0, 0], angle_deg, spacing_nm);
         // Exactly a right angle: x along the turned lines is the distance across the others.
         let turned = HatchFrame { along: [-frame.along[1], frame.along[0]], ..frame };
         let shortest_um = (shortest_um.ceil() as i32).max(1);

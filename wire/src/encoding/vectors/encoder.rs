@@ -219,7 +219,7 @@ impl<'a> VectorEncoder<'a> {
     fn hatch_outside(&self, frame: &HatchFrame, hatch: HatchLine) -> VectorEncodeError {
         let HatchLine { line, from_um, to_um } = hatch;
         let Some(across_nm) = frame.across_nm(line) else { return VectorEncodeError::BadHatch };
-        let ends = [from_um, to_um].map(|along_um| frame.point_um(across_nm, along_um));
+        let ends = [from_um, to_um].map(|along_um| frame.point_across_um(across_nm, along_um));
         let outside = ends.into_iter().find(|end_um| !self.track.is_inside(*end_um));
         outside.map_or(VectorEncodeError::BadHatch, |end_um| self.outside(end_um))
     }

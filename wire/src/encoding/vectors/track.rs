@@ -219,7 +219,7 @@ impl Slot {
         let near = -MAX_DISTANCE_UM..=MAX_DISTANCE_UM;
         let across_nm = self.frame.across_nm(line)?;
         let is_good = near.contains(&low_um) && near.contains(&high_um) && low_um < high_um;
-        is_good.then(|| [low_um, high_um].map(|along_um| self.frame.point_um(across_nm, along_um)))
+        is_good.then(|| [low_um, high_um].map(|along_um| self.frame.point_across_um(across_nm, along_um)))
     }
 }
 
