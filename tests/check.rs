@@ -4,7 +4,7 @@ mod support;
 
 use std::fs;
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::Output;
 
 use layerd::device::encoding::{best, encode, encode_shortest};
 use layerd::layer::{Bitmap, Depth};
@@ -12,7 +12,7 @@ use layerd::link::message::Encoding;
 use layerd::solid::reference::beam_field;
 use layerd::solid::{Beam, Cap, ISOVALUE};
 use serde_json::Value;
-use support::{Bench, Setup};
+use support::{Bench, Setup, layerctl};
 
 /// A strut of the part: ends and radius, millimetres.
 type Strut = ([f64; 3], [f64; 3], f64);
@@ -44,15 +44,6 @@ fn bench(mirror: &str, pack: &[&str]) -> tempfile::TempDir {
     let packed = layerctl(dir.path(), &[&["pack", "part.txt", "-o", "part.layerd"], pack].concat());
     assert!(packed.status.success(), "{}", stderr(&packed));
     dir
-}
-
-fn layerctl(dir: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_layerctl"))
-        .current_dir(dir)
-        .args(arguments)
-        .env_remove("LAYERD_CONFIG_DIR")
-        .output()
-        .expect("layerctl runs")
 }
 
 fn stderr(output: &Output) -> String {

@@ -1,9 +1,13 @@
 //! `layerctl slice --format`: every format holds the same layers; what cannot be written is refused.
 
+mod support;
+
 use std::fs;
 use std::io::Read;
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::Output;
+
+use support::layerctl;
 
 /// A directory with a machine of 1440 × 2560 pixels, a recipe and a part of one strut, packed.
 fn bench() -> tempfile::TempDir {
@@ -20,15 +24,6 @@ fn bench() -> tempfile::TempDir {
     let packed = layerctl(dir.path(), &["pack", "part.txt", "-o", "part.layerd"]);
     assert!(packed.status.success(), "{}", stderr(&packed));
     dir
-}
-
-fn layerctl(dir: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_layerctl"))
-        .current_dir(dir)
-        .args(arguments)
-        .env_remove("LAYERD_CONFIG_DIR")
-        .output()
-        .expect("layerctl runs")
 }
 
 fn slice(dir: &Path, more: &[&str]) -> Output {

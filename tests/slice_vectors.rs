@@ -2,9 +2,11 @@
 
 #![allow(clippy::unwrap_used, reason = "a test may fail by panicking, helpers included")]
 
-use std::path::Path;
-use std::process::{Command, Output};
+mod support;
 
+use std::path::Path;
+
+use support::layerctl;
 use tempfile::TempDir;
 
 /// Field of the shipped simulated machine, micrometres; a part lies in its middle.
@@ -12,12 +14,8 @@ const MIDDLE_UM: f64 = 60_000.0;
 const RADIUS_UM: f64 = 1000.0;
 const BEAM_UM: f64 = 60.0;
 
-fn layerctl(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_layerctl")).args(arguments).output().unwrap()
-}
-
 fn done(arguments: &[&str]) -> String {
-    let output = layerctl(arguments);
+    let output = layerctl(Path::new("."), arguments);
     assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
     String::from_utf8(output.stdout).unwrap()
 }
@@ -165,7 +163,7 @@ fn what_does_not_go_together_is_told() {
         (&["-m", "sim-slm", "-o", &fresh], &["`dlp`", "`slm`", "choose a recipe"]),
     ];
     for (arguments, words) in cases {
-        let output = layerctl(&[&["slice", &part], arguments].concat());
+        let output = layerctl(Path::new("."), &[&["slice", &part], arguments].concat());
         let told = String::from_utf8(output.stderr).unwrap();
         assert_eq!(output.status.code(), Some(1), "{arguments:?}: {told}");
         for word in words {

@@ -73,20 +73,24 @@ fn a_job_whose_device_has_printed_another_since_moves_nothing() {
     assert_eq!(world.acts.len(), acts);
 }
 
-/// A daemon starts again after the operator decided on layer 0, which had an unknown share of its light.
-fn decided(exposed: bool) -> World {
+/// A daemon starts again after these records on layer 0, before which the device had exposed layer 90 of another job.
+fn restarted(records: &[Record]) -> World {
     let mut world = World::new();
     world.journal = vec![
         accepted(),
         Record::Started { layer: 0 },
         Record::LastExposed { job: KEY + 1, layer: 90 },
         Record::Commanded { layer: 0, boot_id: 1 },
-        Record::InDoubt { layer: 0, why: "cut short".into() },
-        Record::Decided { layer: 0, exposed },
     ];
+    world.journal.extend_from_slice(records);
     let history = History::replay(&world.journal).expect("true");
-    world.engine = Engine::new(plan(), history.start(ResumeChoice::None).expect("decided"));
+    world.engine = Engine::new(plan(), history.start(ResumeChoice::None).expect("it can go on"));
     world
+}
+
+/// A daemon starts again after the operator decided on layer 0, which had an unknown share of its light.
+fn decided(exposed: bool) -> World {
+    restarted(&[Record::InDoubt { layer: 0, why: "cut short".into() }, Record::Decided { layer: 0, exposed }])
 }
 
 /// What the device exposed last may be older than the job as long as it confirmed none of the job's layers.
@@ -102,28 +106,13 @@ fn a_first_layer_that_the_operator_decided_on_goes_on_with_an_older_jobs_exposur
 /// The device names more than the journal says it had exposed before: another job was printed since, and its part is on the plate.
 #[test]
 fn a_first_layer_with_light_does_not_go_on_after_another_job() {
-    for commanded in [decided(true), decided(false), crashed()] {
-        let mut world = commanded;
+    for mut world in [decided(true), decided(false), restarted(&[])] {
         world.device.last_exposed = Some(ExposureId::first_pass(KEY + 1, 91));
         world.device.position_um = Some(50);
         assert!(world.run());
         assert!(world.end().0 == JobState::Interrupted && world.end().1.contains("another job"), "{:?}", world.end());
         assert!(world.acts.is_empty() && world.exposed.is_empty(), "{:?} {:?}", world.acts, world.exposed);
     }
-}
-
-/// A daemon starts again after layer 0 was commanded.
-fn crashed() -> World {
-    let mut world = World::new();
-    world.journal = vec![
-        accepted(),
-        Record::Started { layer: 0 },
-        Record::LastExposed { job: KEY + 1, layer: 90 },
-        Record::Commanded { layer: 0, boot_id: 1 },
-    ];
-    let history = History::replay(&world.journal).expect("true");
-    world.engine = Engine::new(plan(), history.start(ResumeChoice::None).expect("commanded"));
-    world
 }
 
 /// Cut short and to be repeated, layer 0 hangs on the plate half cured.

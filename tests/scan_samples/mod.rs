@@ -1,6 +1,6 @@
-//! Regions to test with, and usual settings. `tests/scan_fill.rs`, `tests/scan_order.rs` and `benches/scan_fill.rs` use them.
+//! Regions to test with, and usual settings. `tests/scan_fill.rs` and `benches/scan_fill.rs` use them.
 
-#![allow(dead_code)]
+#![allow(dead_code, reason = "the bench uses some of them only")]
 
 use layerd::slice::scan::{HatchSettings, HatchStrategy, Region, Ring, ScanSettings};
 

@@ -18,6 +18,16 @@ pub(crate) use skip::skipped;
 /// Longest any single wait of a test takes; a print that hangs fails instead of stopping the run.
 const PATIENCE: Duration = Duration::from_secs(120);
 
+/// Runs `layerctl` in a directory, with the shipped configuration only.
+pub(crate) fn layerctl(directory: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_layerctl"))
+        .current_dir(directory)
+        .args(arguments)
+        .env_remove("LAYERD_CONFIG_DIR")
+        .output()
+        .expect("layerctl runs")
+}
+
 /// What a test may vary.
 pub(crate) struct Setup {
     /// Pixels a row and rows.
