@@ -11,11 +11,12 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::time::{Duration, Instant};
 
+use tracing_subscriber::filter::Targets;
 use tracing_subscriber::fmt::MakeWriter;
 use tracing_subscriber::fmt::format::debug_fn;
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
-use tracing_subscriber::{EnvFilter, Layer, field::MakeExt};
+use tracing_subscriber::{Layer, field::MakeExt};
 
 use self::limit::Limiter;
 use crate::text::plain_line;
@@ -50,7 +51,9 @@ pub(crate) fn to_stderr() -> io::Result<Log> {
     let limiter = Limiter::default();
     let writer = Writer { limiter: limiter.clone(), lost: Arc::clone(&lost) };
     std::thread::Builder::new().name("log".into()).spawn(move || writer.run(&entries))?;
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("info"));
+    // Enough for this program, and without the regular expressions of `EnvFilter`, which make a program half a megabyte larger.
+    let filter = std::env::var("RUST_LOG").ok().and_then(|text| text.parse::<Targets>().ok());
+    let filter = filter.unwrap_or_else(|| Targets::new().with_default(tracing::Level::INFO));
     // Each event is one line: text of devices and files is escaped.
     let fields = debug_fn(|writer, field, value| match field.name() {
         "message" => write!(writer, "{}", plain_line(&format!("{value:?}"))),
