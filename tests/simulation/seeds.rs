@@ -290,3 +290,20 @@ fn a_job_that_was_refused_is_not_there_after_a_crash() {
         holds(seed, Character::Honest, events);
     }
 }
+
+/// A stop was carried out and its record could not be written, as the answer said. An abort that had come meanwhile was answered as if
+/// the end were on the disk.
+#[test]
+fn every_order_to_end_a_job_warns_that_its_end_is_not_written() {
+    holds(
+        11_016_330,
+        Character::Honest,
+        vec![
+            (1_508_436, What::Order(Wish::Submit { part: 0 })),
+            (8_531_466, What::DiskUnreadable { name: Some("journal"), per_million: 1_000_000, for_us: 14_063_865 }),
+            (11_098_522, What::Order(Wish::Stop { pick: 0 })),
+            (11_100_502, What::Order(Wish::Abort { pick: None })),
+            (20_821_629, What::End { down_us: 50_000 }),
+        ],
+    );
+}

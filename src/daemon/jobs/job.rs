@@ -47,6 +47,9 @@ pub(crate) struct Job {
     pub ordered: bool,
     /// Aborts that came meanwhile; they are next.
     pub aborts: Vec<Reply>,
+    /// Whether it ended and the record of that could not be written. After a restart it is not over, so every order to end it is answered
+    /// with a warning.
+    pub end_unwritten: bool,
 }
 
 /// What a job gets the machine for.
@@ -115,6 +118,7 @@ impl Job {
             doubt: None,
             ordered: false,
             aborts: Vec::new(),
+            end_unwritten: false,
         }
     }
 

@@ -35,6 +35,7 @@ impl Printer {
                 Ok(Outcome::Ended(state, reason)) => {
                     self.jobs_ended += 1;
                     job.end(*state, Some(reason.clone()));
+                    job.end_unwritten = result.as_ref().is_ok_and(|settled| settled.warning.is_some());
                     self.jobs.unqueue(id);
                 }
                 Ok(Outcome::TakenUp(take_up)) => {
@@ -55,7 +56,7 @@ impl Printer {
         let _ = reply.send(result.and_then(|settled| self.view(id, settled.warning)));
         for abort in aborts {
             if is_over {
-                let _ = abort.send(self.view(id, None));
+                let _ = abort.send(self.view(id, self.end_warning(id).map(|warning| format!("the order {warning}"))));
             } else {
                 // The first abort is written; the others wait for it.
                 match self.jobs.get_mut(id) {

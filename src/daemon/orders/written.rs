@@ -35,7 +35,7 @@ impl Printer {
                     }
                     Some(_) => is_late.then_some(SLOW),
                     None => {
-                        self.answer(order, None);
+                        self.answer(order, self.end_warning(id));
                         continue;
                     }
                 },
@@ -47,11 +47,9 @@ impl Printer {
         }
     }
 
-    /// Answers the orders for a job that is over and whose journal could not be written.
-    pub(crate) fn answer_unwritten(&mut self, id: u32) {
-        for order in self.unwritten.extract_if(.., |order| order.job == id).collect::<Vec<_>>() {
-            self.answer(order, Some(UNWRITTEN));
-        }
+    /// Warning in the answer to an order for a job that is over, if the record of its end could not be written.
+    pub(crate) fn end_warning(&self, id: u32) -> Option<&'static str> {
+        self.jobs.get(id).filter(|job| job.end_unwritten).map(|_| UNWRITTEN)
     }
 
     fn answer(&mut self, order: Unwritten, warning: Option<&str>) {

@@ -112,11 +112,9 @@ impl Printer {
         let mut again = None;
         if let Some(job) = self.jobs.get_mut(id) {
             job.past.update(&running.engine);
+            job.end_unwritten = running.engine.journal_failed();
             // The order to end could not be carried out because the device was gone; it is carried out when it answers again.
             again = job.past.ordered.filter(|_| job.view.state == JobState::Interrupted && !self.device.connected);
-        }
-        if running.engine.journal_failed() && self.jobs.get(id).is_some_and(|job| job.view.state.is_final()) {
-            self.answer_unwritten(id);
         }
         self.jobs_ended += 1;
         // It is from before the job's last moves.
