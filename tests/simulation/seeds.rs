@@ -307,3 +307,19 @@ fn every_order_to_end_a_job_warns_that_its_end_is_not_written() {
         ],
     );
 }
+
+/// A machine was exchanged while it exposed, and the other one obeyed the abort of its job. After a restart the daemon found the first
+/// machine lit, and took the light of a job that was over for commanded.
+#[test]
+fn light_of_a_job_that_is_over_is_put_off_after_a_restart() {
+    holds(
+        11_020_604,
+        Character::Honest,
+        vec![
+            (38_223, What::Order(Wish::Submit { part: 2 })),
+            (2_688_517, What::OtherMachine { for_us: 2_598_827 }),
+            (2_950_044, What::Order(Wish::Abort { pick: None })),
+            (6_034_611, What::PowerCut { after_calls: None, down_us: 50_000 }),
+        ],
+    );
+}

@@ -90,9 +90,10 @@ impl Jobs {
     }
 
     /// Commanded duration of an exposure that may have been under way when the daemon started, milliseconds. `None` unless the
-    /// exposure was commanded to this device since its start `boot_id`.
+    /// exposure was commanded to this device since its start `boot_id`, and its job is not over: a job may end while its light is on
+    /// in a device that is not connected.
     pub(crate) fn commanded_ms(&self, id: ExposureId, boot_id: u32) -> Option<u32> {
-        let job = self.by_key(id.job)?;
+        let job = self.by_key(id.job).filter(|job| !job.view.state.is_final())?;
         let commanded = Some(Unconfirmed { layer: id.layer, boot_id });
         let is_commanded = job.past.unconfirmed == commanded && id == ExposureId::first_pass(job.key, id.layer);
         job.unconfirmed_ms.filter(|_| is_commanded)
