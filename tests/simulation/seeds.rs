@@ -323,3 +323,18 @@ fn light_of_a_job_that_is_over_is_put_off_after_a_restart() {
         ],
     );
 }
+
+/// The spool was moved aside while the journal of a job in it could not be read: the operator who orders the job to end is told.
+#[test]
+fn a_job_whose_journal_is_gone_with_its_spool_can_be_ended() {
+    holds(
+        11_036_023,
+        Character::Honest,
+        vec![
+            (1_534_664, What::Order(Wish::Submit { part: 2 })),
+            (4_776_049, What::DiskUnreadable { name: Some("journal"), per_million: 1_000_000, for_us: 8_489_048 }),
+            (11_305_087, What::Kill { after_calls: None, down_us: 50_000 }),
+            (13_806_336, What::SpoolReplaced { while_down: false }),
+        ],
+    );
+}

@@ -179,6 +179,12 @@ impl Machine {
         self.core.plate_um(self.clock.machine_us(self.now_us))
     }
 
+    /// Whether it knows where its plate is, or is finding out.
+    pub fn knows_plate(&self) -> bool {
+        let state = self.core.state();
+        state.position_um.is_some() || state.moving
+    }
+
     /// When it heard anything from the line last.
     pub fn heard_us(&self) -> u64 {
         self.heard_us

@@ -49,10 +49,12 @@ impl World {
         let Some(host) = &self.host else { return };
         let snapshot = host.handle.snapshot().clone();
         let confirms = match ask {
-            // A part in the vat is out of sight, and the daemon must ask for it; unless nobody knows where the plate is.
+            // A part in the vat is out of sight, and the daemon must ask for it; unless nobody knows where the plate is. What the daemon
+            // knows is void if the machine has forgotten it since.
             Ask::Submit { .. } | Ask::Again(_) => {
                 let told = snapshot.device.state.as_ref().and_then(|state| state.position_um);
-                told.is_none() || self.stations[self.connected].is_clear()
+                let station = &self.stations[self.connected];
+                told.is_none() || !station.machine.knows_plate() || station.is_clear()
             }
             Ask::Resume(id, _) => {
                 let confirms = |job: &&JobView| job.state == JobState::Queued || asks_for_empty_plate(job);

@@ -44,7 +44,9 @@ impl World {
     pub(super) fn be_patient(&mut self) {
         let now_us = self.now_us;
         let Some(since_us) = self.patient.since_us else {
-            if self.next_event == self.plan.events.len() && self.ends.is_empty() {
+            // A machine without power is a fault that lasts.
+            let is_powered = self.stations.iter().all(|station| station.machine.is_on());
+            if self.next_event == self.plan.events.len() && self.ends.is_empty() && is_powered {
                 self.patient.since_us = Some(now_us);
                 self.patient.refusals.clear();
                 self.patient.look_us = now_us + LOOK_US;
@@ -77,7 +79,8 @@ impl World {
         if open.is_empty() {
             return self.all_ended(&snapshot);
         }
-        let is_unread = open.iter().any(|job| is_unread(job));
+        // A journal that was moved away with its spool is not there to be read: the job is resumed, and told to end.
+        let is_unread = !self.spool_is_new && open.iter().any(|job| is_unread(job));
         self.patient.unread_looks = if is_unread { self.patient.unread_looks + 1 } else { 0 };
         let unread_looks = self.patient.unread_looks;
         self.check("jobs end", unread_looks <= MAX_UNREAD_LOOKS, || {
