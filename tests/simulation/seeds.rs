@@ -338,3 +338,22 @@ fn a_job_whose_journal_is_gone_with_its_spool_can_be_ended() {
         ],
     );
 }
+
+/// A queued job was told to end while it was being opened, and its journal could not be read: it failed, and the order was answered as if
+/// that were on the disk. After a restart the job was in the queue again.
+#[test]
+fn a_job_that_fails_while_it_is_opened_warns_who_ended_it() {
+    for later_ms in [0, 200, 400, 600, 800] {
+        holds(
+            1,
+            Character::Honest,
+            vec![
+                (100_000, What::DiskSlow { slow_us: 1_000_000, for_us: 9_000_000 }),
+                (200_000, What::Order(Wish::Submit { part: 2 })),
+                (4_300_000, What::DiskUnreadable { name: Some("journal"), per_million: 1_000_000, for_us: 4_000_000 }),
+                (4_400_000 + 1_000 * later_ms, What::Order(Wish::Abort { pick: Some(0) })),
+                (8_500_000, What::Kill { after_calls: None, down_us: 300_000 }),
+            ],
+        );
+    }
+}

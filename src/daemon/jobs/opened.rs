@@ -34,6 +34,8 @@ pub(crate) struct Unopened {
     pub text: String,
     /// Its state from now on: interrupted if its part may be on the plate, else failed.
     pub state: JobState,
+    /// Whether its journal says that it ended.
+    pub is_recorded: bool,
 }
 
 impl Opened {
@@ -52,7 +54,7 @@ impl Opened {
         let (mut journal, history) = Journal::open(&job.journal()).map_err(|error| {
             // A journal that cannot be read may become readable; a damaged one stays damaged.
             let state = if has_begun && error.may_be_mended() { JobState::Interrupted } else { JobState::Failed };
-            Unopened { text: error.to_string(), state }
+            Unopened { text: error.to_string(), state, is_recorded: false }
         })?;
         record_dropped(job.id, &mut journal, &history);
         // A job whose part is on the plate stays resumable: the fault may be mended.
@@ -61,7 +63,10 @@ impl Opened {
             TakeUp::Print(choice) => history.start(choice),
             TakeUp::End(_) => history.start_to_end(),
         };
-        let start = start.map_err(|error| Unopened { text: error.to_string(), state })?;
+        let start = start.map_err(|error| {
+            let is_recorded = history.state.is_final();
+            Unopened { text: error.to_string(), state, is_recorded }
+        })?;
         let open = || -> Result<_, String> {
             let (machine, recipe) = load_pair(&job.machine(), &job.recipe()).map_err(|error| error.to_string())?;
             let process = Process::new(&machine, &recipe)
@@ -87,7 +92,8 @@ impl Opened {
             }
             Err(text) => {
                 let ended = journal.append(Record::Ended { state, reason: text.clone() }, unix_ms());
-                Err(Unopened { text: ended.map_or_else(|error| error.to_string(), |_| text), state })
+                let is_recorded = ended.is_ok();
+                Err(Unopened { text: ended.map_or_else(|error| error.to_string(), |()| text), state, is_recorded })
             }
         }
     }

@@ -56,7 +56,7 @@ impl Printer {
         let _ = reply.send(result.and_then(|settled| self.view(id, settled.warning)));
         for abort in aborts {
             if is_over {
-                let _ = abort.send(self.view(id, self.end_warning(id).map(|warning| format!("the order {warning}"))));
+                let _ = abort.send(self.ended_view(id));
             } else {
                 // The first abort is written; the others wait for it.
                 match self.jobs.get_mut(id) {

@@ -1,7 +1,8 @@
 //! Orders that an engine carries out. Each is answered once its record is on disk, so that a crash cannot undo it.
 //! `tests/orders.rs` tests it.
 
-use crate::daemon::handle::Reply;
+use crate::daemon::error::OrderError;
+use crate::daemon::handle::{Answer, Reply};
 use crate::daemon::jobs::settle::{Change, UNWRITTEN};
 use crate::daemon::jobs::unwritten::Unwritten;
 use crate::daemon::printer::Printer;
@@ -48,8 +49,13 @@ impl Printer {
     }
 
     /// Warning in the answer to an order for a job that is over, if the record of its end could not be written.
-    pub(crate) fn end_warning(&self, id: u32) -> Option<&'static str> {
+    fn end_warning(&self, id: u32) -> Option<&'static str> {
         self.jobs.get(id).filter(|job| job.end_unwritten).map(|_| UNWRITTEN)
+    }
+
+    /// The answer to an order to end a job that is over.
+    pub(crate) fn ended_view(&self, id: u32) -> Result<Answer, OrderError> {
+        self.view(id, self.end_warning(id).map(|warning| format!("the order {warning}")))
     }
 
     fn answer(&mut self, order: Unwritten, warning: Option<&str>) {

@@ -84,10 +84,12 @@ impl Printer {
     }
 
     /// Ends a job that could not be opened, and answers the orders for it.
-    fn refuse_unopened(&mut self, id: u32, Unopened { text, state }: Unopened, order: Option<Command>) {
+    fn refuse_unopened(&mut self, id: u32, unopened: Unopened, order: Option<Command>) {
+        let Unopened { text, state, is_recorded } = unopened;
         self.notice(format!("job {id} cannot be printed: {text}"));
         if let Some(job) = self.jobs.get_mut(id) {
             job.end(state, Some(text.clone()));
+            job.end_unwritten = !is_recorded;
         }
         self.jobs_ended += 1;
         self.publish_job(id);
@@ -99,7 +101,7 @@ impl Printer {
         for reply in replies {
             let failed = || OrderError::new(409, format!("job {id} could not be taken up: {text}"));
             // The client may be gone.
-            let _ = reply.send(if state.is_final() { self.view(id, None) } else { Err(failed()) });
+            let _ = reply.send(if state.is_final() { self.ended_view(id) } else { Err(failed()) });
         }
     }
 
