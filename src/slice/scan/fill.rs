@@ -42,6 +42,7 @@ use crate::layer::{HatchFrame, MarkClass, Vectors};
 use crate::slice::SliceError;
 use crate::slice::workers::Workers;
 
+use super::bare::{Stretch, bare_stretches};
 use super::counts::ScanCounts;
 use super::hatch::Hatcher;
 use super::offset::{Area, MAX_FIELD_UM, to_um};
@@ -60,6 +61,9 @@ const MAX_INNER_CONTOURS: u32 = 1000;
 
 /// By how much farther than a rolling disc its area reaches, so that right-angled corners of wide areas are hatched.
 const CORNER_REACH: f64 = std::f64::consts::SQRT_2;
+
+/// By how much what is hatched reaches over its border, micrometres: more than arcs leave their circles, so that no slivers remain along it.
+const SEAM_UM: f64 = 2.0;
 
 /// Why a layer cannot be filled.
 #[derive(Debug, thiserror::Error)]
@@ -265,7 +269,7 @@ impl<'a> LayerPlan<'a> {
                 _ => without(border.clone(), &masks),
             };
             if filling.class == MarkClass::Hatch {
-                hatched = if is_whole { Hatched::All } else { Hatched::Only(border.offset(end_offset_um)) };
+                hatched = if is_whole { Hatched::All } else { Hatched::Only(border.offset(end_offset_um + SEAM_UM)) };
             }
             pieces.push_hatches(filling.class, (&filling.hatcher, filling.frame), &area, counts);
         }
@@ -279,18 +283,20 @@ impl<'a> LayerPlan<'a> {
         let mut step_um = next_um;
         // What the track of the contour around it leaves; nothing yet if there is none.
         let gap = |inside: &Area, step_um: f64| inside.offset(-(step_um - beam_um / 2.0).max(0.0));
-        if is_all || !gap(&inside, step_um).is_empty() {
+        let mut rest = gap(&inside, step_um);
+        if is_all || !rest.is_empty() {
             counts.contours_only += 1;
         }
         for _ in 0..MAX_INNER_CONTOURS {
-            let mut rest = gap(&inside, step_um);
             if rest.is_empty() {
                 return;
             }
             let next = inside.offset(-step_um);
             push_rings(&next, pieces);
-            rest = rest.subtract(&next.offset(beam_um / 2.0 * CORNER_REACH));
-            for area in rest.into_pieces().filter(|area| area.area_um2() > beam_um * beam_um / 4.0) {
+            for area in left_between(&rest, &next, beam_um)
+                .into_pieces()
+                .filter(|area| area.area_um2() > beam_um * beam_um / 4.0)
+            {
                 // Between two tracks: up to their borders, so no end stops before.
                 let rules = ThinRules { beam_um: 0.0, ..self.rules };
                 self.mark_thin(
@@ -302,8 +308,20 @@ impl<'a> LayerPlan<'a> {
                 );
             }
             (inside, step_um) = (next, self.settings.contour_spacing_um);
+            rest = gap(&inside, step_um);
         }
     }
+}
+
+/// What a contour does not melt of the area inside the track of the one around it. Nothing if only short stretches of the border are left:
+/// then all pieces are small.
+fn left_between(rest: &Area, next: &Area, beam_um: f64) -> Area {
+    let reach_um = beam_um / 2.0 * CORNER_REACH;
+    let is_short = |bare: &Stretch| bare.length_um() < beam_um / 4.0;
+    if !next.is_empty() && bare_stretches(rest, next, reach_um).iter().all(is_short) {
+        return Area::default();
+    }
+    rest.subtract(&next.offset(reach_um))
 }
 
 /// What is left of an area without some others.
@@ -348,7 +366,10 @@ impl Core {
         if reach_um <= 0.0 {
             return (inset, true);
         }
-        let reached = self.area.offset(reach_um * CORNER_REACH);
-        if reached.surely_contains(&inset) { (inset, true) } else { (inset.intersect(&reached), false) }
+        let reach_um = reach_um * CORNER_REACH;
+        if bare_stretches(&inset, &self.area, reach_um).is_empty() {
+            return (inset, true);
+        }
+        (inset.intersect(&self.area.offset(reach_um)), false)
     }
 }

@@ -40,6 +40,8 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod bare;
+mod border;
 mod charged;
 mod contour;
 mod contours;
@@ -59,7 +61,11 @@ mod region;
 mod settings;
 mod simplify;
 mod skin;
+mod stitch;
 mod thin;
+mod tour;
+mod tree;
+mod trim;
 
 pub use contours::{ContourTimes, Contours, LayerRegions};
 pub use counts::ScanCounts;

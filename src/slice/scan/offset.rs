@@ -1,7 +1,8 @@
 //! Areas in whole nanometres: inset, outset, union, intersection and difference. `fill` uses them.
 //!
-//! The work is done by `i_overlay` on whole numbers, so the same input gives the same result on every machine. One nanometre is far below
-//! what a scanner resolves, and 32 bits hold a field of [`MAX_FIELD_UM`].
+//! Areas are combined by `i_overlay` on whole numbers; offsets are made by `convex` and `trim`, and by the library where they do not know. The
+//! same input gives the same result on every machine. One nanometre is far below what a scanner resolves, and 32 bits hold a field of
+//! [`MAX_FIELD_UM`].
 
 use i_overlay::core::fill_rule::FillRule;
 use i_overlay::core::overlay::{IntOverlayOptions, Overlay, ShapeType};
@@ -15,8 +16,9 @@ use i_overlay::mesh::int::outline::offset::IntOutlineOffset;
 use i_overlay::mesh::int::style::{IntLineJoin, IntOutlineStyle};
 use i_overlay::mesh::math::MathMode;
 
-use super::convex::{contains, inset, is_convex, outset};
+use super::convex::{inset, is_convex, outset};
 use super::region::Region;
+use super::trim;
 
 /// Largest coordinate of a field, micrometres: the library computes with whole numbers below 2³⁰, here nanometres, and offsets need some
 /// of that.
@@ -26,7 +28,7 @@ pub const MAX_FIELD_UM: f64 = 1_000_000.0;
 const ARC_ERROR_UM: f64 = 0.5;
 
 /// Pieces with a smaller area are rounding errors, square nanometres: a thousandth of a square micrometre.
-const LEAST_AREA_NM2: u64 = 1000;
+pub(super) const LEAST_AREA_NM2: u64 = 1000;
 
 /// A point in whole nanometres.
 pub(super) type Point = IntPoint<i32>;
@@ -91,6 +93,15 @@ impl Area {
             let is_left = doubled_area_nm2(&ring) > 2 * LEAST_AREA_NM2 as i64;
             return Self { shapes: if is_left { vec![vec![ring]] } else { Vec::new() } };
         }
+        if let Some(shapes) = trim::offset(self, distance_um * 1000.0, ARC_ERROR_UM * 1000.0) {
+            return Self { shapes };
+        }
+        self.library_offset(distance_um)
+    }
+
+    /// As [`Area::offset`], by the library.
+    pub(super) fn library_offset(&self, distance_um: f64) -> Self {
+        let radius_um = distance_um.abs();
         let step = 2.0 * (1.0 - ARC_ERROR_UM / radius_um).clamp(-1.0, 1.0).acos();
         let arc = ArcOptions { max_step: angle(step), ..ArcOptions::default() };
         let style = IntOutlineStyle::new((distance_um * 1000.0).round() as i32)
@@ -106,11 +117,6 @@ impl Area {
         let [shape] = &self.shapes[..] else { return None };
         let [ring] = &shape[..] else { return None };
         is_convex(ring).then_some(ring)
-    }
-
-    /// Whether an area is known to contain another: only told if it is convex.
-    pub(super) fn surely_contains(&self, other: &Self) -> bool {
-        self.convex_ring().is_some_and(|ring| other.rings().all(|inner| contains(ring, inner)))
     }
 
     /// What lies in both areas.

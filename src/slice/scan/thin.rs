@@ -14,6 +14,7 @@ use i_overlay::core::overlay_rule::OverlayRule;
 use i_overlay::segm::boolean::ShapeCountBoolean;
 use i_overlay::vector::edge::DataVectorEdge;
 
+use super::bare::bare_stretches;
 use super::middle::{Joint, middle_lines};
 use super::offset::{Area, Point, to_um};
 use super::path::{length_um, simplify};
@@ -73,14 +74,27 @@ pub(super) fn split(area: Area, rules: &ThinRules) -> Split {
         let thin = area.into_pieces().map(|area| ThinPart { area, joints: Vec::new() });
         return Split { wide: Area::default(), thin: thin.collect() };
     }
-    let reached = core.offset(rules.below_um / 2.0 * REACH);
-    if reached.surely_contains(&area) {
+    let reach_um = rules.below_um / 2.0 * REACH;
+    if has_corners_only(&area, &core, reach_um, rules) {
         return Split { wide: area, thin: Vec::new() };
     }
+    let reached = core.offset(reach_um);
     let thin: Vec<ThinPart> =
         left_out(&area, &reached).into_iter().filter_map(|shape| thin_part(&shape, rules)).collect();
-    let wide = thin.iter().fold(area, |wide, part| wide.subtract(&part.area));
+    let wide = area.subtract(&Area::from_shapes(thin.iter().flat_map(|part| part.area.shapes()).cloned().collect()));
     Split { wide, thin }
+}
+
+/// Whether no piece that the disc leaves out is a thin part, told by the border alone. `core` is where the disc's centre goes.
+///
+/// If the core has one shape with as many holes as the area, it goes around each hole, so no piece joins two wide parts: each is cut off
+/// once, and has one stretch of the border. It is a corner if that reaches less than a beam.
+fn has_corners_only(area: &Area, core: &Area, reach_um: f64, rules: &ThinRules) -> bool {
+    let is_alike = area.shapes().len() == 1 && core.shapes().len() == 1 && area.rings().count() == core.rings().count();
+    is_alike
+        && bare_stretches(area, core, reach_um)
+            .iter()
+            .all(|stretch| !stretch.is_ring && stretch.reach_um() < rules.beam_um)
 }
 
 /// What a thin part is marked with: lines along its middle, or a point if they are short. Never nothing.
@@ -127,7 +141,8 @@ fn left_out(area: &Area, reached: &Area) -> Vec<Vec<Edges>> {
 /// A piece, if it is a thin part and not a corner.
 fn thin_part(shape: &[Edges], rules: &ThinRules) -> Option<ThinPart> {
     let cuts: Vec<[Point; 2]> = shape.iter().flat_map(|ring| cut_ends(ring)).collect();
-    let points = || shape.iter().flatten().map(|edge| to_um(edge.a));
+    let of_region = || shape.iter().flatten().filter(|edge| edge.data == Side::Region);
+    let points = || of_region().flat_map(|edge| [edge.a, edge.b]).map(to_um);
     // How far it reaches from where it was cut off.
     let reach_um = |cut: &[Point; 2]| {
         let ends = cut.map(to_um);
