@@ -1,16 +1,37 @@
-//! Vectors a second of one thread, from the regions of a layer to ordered vectors. Items are vectors.
+//! Vectors a second of one thread. `cargo bench --bench scan_fill`
 //!
-//! Islands are like the sections of a real lattice, 645 between 40 and 400 µm wide; plates are 4 mm wide.
+//! First, from the regions of a layer to ordered vectors; items are vectors. Islands are like the sections of a real lattice, 645 between
+//! 40 and 400 µm wide; plates are 4 mm wide.
+//!
+//! Then, step by step from the sweep to encoded bytes: 20 layers of 30 µm of `spot_lattice.txt` from z = 30 mm on, with contours and
+//! zigzag hatches of a beam of 60 µm. The whole is processor time, so that other work on the machine counts little; the steps have their
+//! shares of it. Looks for the file in `$LAYERD_DATA`, default `../shared/data`; without it this part is skipped.
 
 #[path = "../tests/scan_samples/mod.rs"]
 mod scan_samples;
 
-use layerd::layer::Vectors;
-use layerd::slice::scan::{Fill, HatchStrategy, Region, ScanSettings};
+mod spot;
+
+use std::time::{Duration, Instant};
+
+use layerd::buildfile::Header;
+use layerd::device::encoding::encode_vectors;
+use layerd::layer::{Depth, LaserParameters, MarkClass, Mirror, Raster, Vectors};
+use layerd::slice::scan::{ContourTimes, Contours, Fill, FillTimes, HatchStrategy, Region, ScanSettings};
+use layerd::slice::{BodySource, MemoryStruts, SlicePlan};
+use layerd::stream::MemoryBudget;
+use layerd_wire::encoding::VectorEncoding;
+use rustix::time::{ClockId, clock_gettime};
 use scan_samples::{islands, settings};
 
 fn main() {
     divan::main();
+    for convolution in [true, false] {
+        if let Some((header, source)) = spot::lattice(convolution, |point| point) {
+            println!("{LAYERS} layers of spot_lattice.txt, convolution: {convolution}");
+            print_steps(&header, source);
+        }
+    }
 }
 
 /// What is marked.
@@ -41,7 +62,7 @@ fn bench(bencher: divan::Bencher<'_, '_>, kind: &str, regions: &[Region]) {
     }
     // A layer above that leaves strips of all widths.
     let above: Vec<Region> = regions.iter().map(|region| moved(region, 100.0)).collect();
-    let mut fill = Fill::new(settings, 1).expect("good settings");
+    let mut fill = Fill::new(settings, 1, &MemoryBudget::new(1 << 30)).expect("good settings");
     let mut vectors = Vectors::default();
     let mut run = || {
         vectors.clear();
@@ -55,4 +76,98 @@ fn bench(bencher: divan::Bencher<'_, '_>, kind: &str, regions: &[Region]) {
 fn moved(region: &Region, by_um: f64) -> Region {
     let ring = |ring: &Vec<[f64; 2]>| ring.iter().map(|[x, y]| [x + by_um, *y]).collect();
     Region { outer: ring(&region.outer), holes: region.holes.iter().map(ring).collect() }
+}
+
+const PITCH_UM: f64 = 30.0;
+const Z_UM: f64 = 30_000.0;
+const LAYERS: u32 = 20;
+
+/// Prints what each step from the sweep to encoded bytes takes.
+fn print_steps(header: &Header, source: MemoryStruts) {
+    let raster = Raster {
+        width_px: 2200,
+        height_px: 3600,
+        pixel_um: [PITCH_UM; 2],
+        build_height_um: 100_000.0,
+        mirror: Mirror::default(),
+    };
+    let field_um = [2200 * 30, 3600 * 30];
+    let plan = SlicePlan::new(header, raster, Depth::Bit, PITCH_UM).expect("it fits");
+    let budget = MemoryBudget::new(1 << 30);
+    let settings = settings(HatchStrategy::Zigzag);
+    let tolerance_um = settings.simplify_tolerance_um;
+    let bodies = vec![BodySource::Lattice(Box::new(source))];
+    let mut contours =
+        Contours::new(bodies, plan, tolerance_um, 1, (Z_UM / PITCH_UM) as u32 - 1, &budget).expect("it fits");
+    let mut fill = Fill::new(settings, 1, &budget).expect("good settings");
+    // The first layer of a sweep reads all chunks within reach, and a print does so once.
+    contours.next_layer().expect("a layer");
+
+    let (mut vectors, mut bytes) = (Vectors::default(), Vec::new());
+    let (mut count, mut byte_count, mut jump_um) = (0, 0, 0.0);
+    let mut encoding = Duration::ZERO;
+    let before = contours.times();
+    let (began, began_cpu) = (Instant::now(), cpu_time());
+    for _ in 0..LAYERS {
+        let regions = contours.next_layer().expect("a layer").expect("a layer");
+        vectors.clear();
+        let counts = fill.layer(regions.layer(), regions.regions(), None, None, &mut vectors).expect("it fits");
+        let begin = Instant::now();
+        encode_vectors(&vectors, VectorEncoding::Coded, field_um, &lasers(), &mut bytes).expect("in the field");
+        encoding += begin.elapsed();
+        count += vectors.mark_count();
+        byte_count += bytes.len() as u64;
+        jump_um += counts.jump_um;
+    }
+    let (whole, whole_cpu) = (began.elapsed(), cpu_time() - began_cpu);
+    let per_vector = byte_count as f64 / count as f64;
+    println!(
+        "{count} vectors, {per_vector:.2} bytes each, {:.0} mm of jumps a layer",
+        jump_um / 1e3 / f64::from(LAYERS)
+    );
+    println!("step | ms a layer | vectors a second");
+    for (step, time) in steps(before, contours.times(), fill.times(), encoding).into_iter().chain([("all", whole)]) {
+        let seconds = time.as_secs_f64() * whole_cpu.as_secs_f64() / whole.as_secs_f64();
+        println!("{step} | {:.2} | {:.0}", seconds * 1e3 / f64::from(LAYERS), count as f64 / seconds);
+    }
+}
+
+fn steps(
+    before: ContourTimes,
+    contours: ContourTimes,
+    fill: FillTimes,
+    encoding: Duration,
+) -> [(&'static str, Duration); 10] {
+    [
+        ("field", contours.field - before.field),
+        ("march", contours.march - before.march),
+        ("join", contours.join - before.join),
+        ("simplify", contours.simplify - before.simplify),
+        ("thin parts", fill.thin),
+        ("contours", fill.contours),
+        ("hatches", fill.hatch),
+        ("narrow parts", fill.narrow),
+        ("order", fill.order),
+        ("encoding", encoding),
+    ]
+}
+
+fn lasers() -> [LaserParameters; MarkClass::ALL.len()] {
+    let laser = LaserParameters {
+        power_mw: 180_000,
+        mark_speed_um_s: 1_000_000,
+        jump_speed_um_s: 5_000_000,
+        focus_um: 0,
+        jump_delay_us: 100,
+        mark_delay_us: 50,
+        polygon_delay_us: 20,
+        point_time_us: 500,
+    };
+    [laser; MarkClass::ALL.len()]
+}
+
+/// Processor time of this thread.
+fn cpu_time() -> Duration {
+    let now = clock_gettime(ClockId::ThreadCPUTime);
+    Duration::new(now.tv_sec as u64, now.tv_nsec as u32)
 }

@@ -4,7 +4,9 @@ mod properties;
 mod scan_samples;
 
 use layerd::layer::{Mark, MarkClass, Run, Vectors};
+use layerd::slice::SliceError;
 use layerd::slice::scan::{Fill, FillError, HatchSettings, HatchStrategy, Region, ScanCounts, ScanSettings};
+use layerd::stream::MemoryBudget;
 use properties::cases;
 use proptest::prelude::*;
 use scan_samples::{disc, dumb_bell, islands, rectangle, settings, star, with_hole};
@@ -16,9 +18,14 @@ const STRATEGIES: [HatchStrategy; 4] = [
     HatchStrategy::Chessboard { island_um: 600.0, overlap_um: 50.0 },
 ];
 
+/// Enough for every layer here.
+fn budget() -> MemoryBudget {
+    MemoryBudget::new(1 << 30)
+}
+
 fn filled(settings: &ScanSettings, layer: u32, regions: &[Region]) -> (Vectors, ScanCounts) {
     let mut vectors = Vectors::default();
-    let mut fill = Fill::new(settings.clone(), 1).expect("good settings");
+    let mut fill = Fill::new(settings.clone(), 1, &budget()).expect("good settings");
     let counts = fill.layer(layer, regions, None, None, &mut vectors).expect("it lies in the field");
     (vectors, counts)
 }
@@ -319,7 +326,7 @@ fn skins_have_their_own_class_lines_and_place() {
     let region = [rectangle([1000.0, 1000.0], [4000.0, 3000.0])];
     let above = [rectangle([0.0, 0.0], [2000.0, 9000.0])];
     let below = [rectangle([3000.0, 0.0], [9000.0, 9000.0]), rectangle([900.0, 0.0], [2500.0, 9000.0])];
-    let mut fill = Fill::new(both, 1).expect("good settings");
+    let mut fill = Fill::new(both, 1, &budget()).expect("good settings");
     let mut vectors = Vectors::default();
     fill.layer(0, &region, Some(&above), Some(&below), &mut vectors).expect("it fits");
     for mark in vectors.marks() {
@@ -350,7 +357,7 @@ fn skins_have_their_own_class_lines_and_place() {
 
 #[test]
 fn a_layer_outside_every_field_and_bad_settings_are_refused() {
-    let mut fill = Fill::new(settings(HatchStrategy::Zigzag), 1).expect("good settings");
+    let mut fill = Fill::new(settings(HatchStrategy::Zigzag), 1, &budget()).expect("good settings");
     for at_um in [-1.0, 1_000_001.0, f64::NAN, f64::INFINITY] {
         let mut region = disc([1000.0, 1000.0], 500.0);
         region.outer[3][1] = at_um;
@@ -358,7 +365,54 @@ fn a_layer_outside_every_field_and_bad_settings_are_refused() {
         assert!(matches!(refused, Err(FillError::OutsideField { .. })), "{at_um}: {refused:?}");
     }
     let bad = ScanSettings { beam_diameter_um: 0.0, ..settings(HatchStrategy::Zigzag) };
-    assert!(matches!(Fill::new(bad, 1), Err(FillError::Settings(_))));
+    assert!(matches!(Fill::new(bad, 1, &budget()), Err(FillError::Settings(_))));
+}
+
+#[test]
+fn memory_is_charged_and_a_layer_that_does_not_fit_is_refused() {
+    let fine = HatchSettings { spacing_um: 5.0, ..settings(STRATEGIES[3]).hatch.expect("hatches") };
+    let many = ScanSettings { contour_count: 8, contour_spacing_um: 20.0, ..settings(STRATEGIES[0]) };
+    for (settings, regions) in [
+        (settings(STRATEGIES[0]), islands(300, 40.0, 400.0, 3)),
+        (ScanSettings { hatch: Some(fine), ..settings(STRATEGIES[3]) }, vec![plate()]),
+        (many, islands(100, 100.0, 900.0, 5)),
+    ] {
+        let budget = budget();
+        let mut fill = Fill::new(settings.clone(), 2, &budget).expect("good settings");
+        let mut vectors = Vectors::default();
+        fill.layer(7, &regions, None, None, &mut vectors).expect("it fits");
+        // As found and in order.
+        let need_bytes = budget.used_bytes();
+        assert!(need_bytes >= 2 * vectors.memory_bytes() as u64, "{need_bytes}");
+        drop(fill);
+        assert_eq!(budget.used_bytes(), 0);
+
+        let small = MemoryBudget::new(need_bytes - 1);
+        let mut fill = Fill::new(settings, 2, &small).expect("good settings");
+        let refused = fill.layer(7, &regions, None, None, &mut Vectors::default()).expect_err("too complex");
+        let FillError::Slice(SliceError::TooComplex { layer: 7, exceeded }) = &refused else { panic!("{refused}") };
+        assert_eq!((exceeded.need_bytes, small.used_bytes()), (need_bytes, 0));
+        assert!(
+            refused.to_string().starts_with("layer 7 is too complex: filling the layer with vectors takes"),
+            "{refused}"
+        );
+        fill.layer(8, &regions[..0], None, None, &mut Vectors::default()).expect("nothing fits");
+    }
+}
+
+#[test]
+fn layers_of_very_many_pieces_are_ordered_in_parts_and_each_piece_is_marked_once() {
+    let at = |number: u32| [f64::from(number % 300) * 100.0 + 50.0, f64::from(number / 300) * 100.0 + 50.0];
+    let regions: Vec<Region> =
+        (0..66_000).map(|number| rectangle(at(number), at(number).map(|low| low + 4.0))).collect();
+    let (vectors, counts) = filled(&settings(STRATEGIES[0]), 0, &regions);
+    assert_eq!((counts.points, counts.unmarked), (66_000, 0));
+    let mut found: Vec<[i32; 2]> = vectors.marks().map(|mark| mark.from_um).collect();
+    found.sort_unstable();
+    found.dedup();
+    assert_eq!(found.len(), 66_000);
+    // From one to the next, nearly everywhere.
+    assert!(counts.jump_um < 1.2 * 66_000.0 * 100.0, "{}", counts.jump_um);
 }
 
 #[test]
@@ -366,7 +420,7 @@ fn threads_and_layers_before_change_nothing() {
     let regions = islands(300, 40.0, 400.0, 3);
     let (expected, counts) = filled(&settings(STRATEGIES[2]), 5, &regions);
     for threads in [1, 2, 3] {
-        let mut fill = Fill::new(settings(STRATEGIES[2]), threads).expect("good settings");
+        let mut fill = Fill::new(settings(STRATEGIES[2]), threads, &budget()).expect("good settings");
         let mut vectors = Vectors::default();
         fill.layer(4, &regions[..100], None, None, &mut vectors).expect("it fits");
         vectors.clear();

@@ -102,7 +102,7 @@ impl Placed {
         let begin = ScannedLayers::first_contour(first, has_skins);
         let tolerance_um = settings.simplify_tolerance_um;
         let contours = Contours::new(bodies, self.plan, tolerance_um, threads, begin, &budget)?;
-        ScannedLayers::new(contours, Fill::new(settings, threads)?, first, has_skins)
+        ScannedLayers::new(contours, Fill::new(settings, threads, &budget)?, first, has_skins)
     }
 
     /// A slicer outside a print, which begins with layer `first`; its memory budget is its own estimate.

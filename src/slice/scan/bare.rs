@@ -51,7 +51,7 @@ pub(super) fn bare_stretches(area: &Area, core: &Area, reach_um: f64) -> Vec<Str
             }
             let direction = away.map(|part| part / length);
             spans.begin([0.0, length]);
-            core.near(&Bounds::of(from, to).grown(reach_um * 1000.0), &mut |number| {
+            core.near(Bounds::of(from, to).grown(reach_um * 1000.0), &mut |number| {
                 let edge = &core.edges[number as usize];
                 let near = line_in_capsule(from, direction, length, edge, reach_um * 1000.0);
                 near.is_none_or(|stretch| spans.remove(stretch))

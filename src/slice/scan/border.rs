@@ -33,12 +33,13 @@ pub(super) struct Border {
     levels: Vec<Vec<Bounds>>,
 }
 
-/// Low and high corner.
+/// A box: its low corner, and its high corner with the signs changed, so that a smaller number is farther out on each side.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Bounds {
-    pub(super) low: Vector,
-    pub(super) high: Vector,
-}
+pub(super) struct Bounds([f64; 4]);
+
+/// What meets a box, for [`Bounds::meets`].
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Reach([f64; 4]);
 
 impl Edge {
     pub(super) fn end(&self) -> Vector {
@@ -48,27 +49,25 @@ impl Edge {
 
 impl Bounds {
     pub(super) fn of(a: Vector, b: Vector) -> Self {
-        Self { low: [a[0].min(b[0]), a[1].min(b[1])], high: [a[0].max(b[0]), a[1].max(b[1])] }
+        Self([a[0].min(b[0]), a[1].min(b[1]), -a[0].max(b[0]), -a[1].max(b[1])])
     }
 
     pub(super) fn grown(self, by: f64) -> Self {
-        Self { low: self.low.map(|low| low - by), high: self.high.map(|high| high + by) }
+        Self(self.0.map(|side| side - by))
     }
 
     pub(super) fn with(self, other: Self) -> Self {
-        let [low, high] = [[self.low, other.low], [self.high, other.high]];
-        Self {
-            low: [0, 1].map(|axis| low[0][axis].min(low[1][axis])),
-            high: [0, 1].map(|axis| high[0][axis].max(high[1][axis])),
-        }
+        Self([0, 1, 2, 3].map(|side| self.0[side].min(other.0[side])))
     }
 
-    pub(super) fn meets(&self, other: &Self) -> bool {
-        // Without a branch for each: whether the boxes meet is hard to foresee.
-        (self.low[0] <= other.high[0])
-            & (self.high[0] >= other.low[0])
-            & (self.low[1] <= other.high[1])
-            & (self.high[1] >= other.low[1])
+    pub(super) fn reach(self) -> Reach {
+        let [left, low, right, high] = self.0;
+        Reach([-right, -high, -left, -low])
+    }
+
+    /// Whether it meets another box. All sides are compared at once.
+    pub(super) fn meets(&self, other: &Reach) -> bool {
+        self.0.iter().zip(&other.0).fold(true, |meets, (side, limit)| meets & (side <= limit))
     }
 }
 
@@ -107,16 +106,16 @@ impl Border {
     }
 
     /// Shows the edges whose box meets another, in order, until `see` returns false.
-    pub(super) fn near(&self, bounds: &Bounds, see: &mut impl FnMut(u32) -> bool) {
+    pub(super) fn near(&self, bounds: Bounds, see: &mut impl FnMut(u32) -> bool) {
         let top = self.levels.len() - 1;
-        self.near_in(top, 0..self.levels[top].len(), bounds, see);
+        self.near_in(top, 0..self.levels[top].len(), &bounds.reach(), see);
     }
 
     fn near_in(
         &self,
         level: usize,
         boxes: std::ops::Range<usize>,
-        bounds: &Bounds,
+        bounds: &Reach,
         see: &mut impl FnMut(u32) -> bool,
     ) -> bool {
         for number in boxes {

@@ -1,4 +1,4 @@
-//! Hatches: parallel lines cut off by an area. `fill` uses them.
+//! Hatches: parallel lines cut off by areas. `fill` uses them.
 //!
 //! The lines of a layer pass through a fixed point of the field, not of a region. So hatches of neighbouring regions lie on the same
 //! lines, and a layer does not depend on how its regions are found. Crossings with the border are computed in `f64`. Ends are rounded
@@ -27,7 +27,26 @@ pub(super) struct Part {
     pub(super) count: usize,
 }
 
-/// Where a line runs through an area.
+/// Where hatches lie: within all of some areas, and outside of all of others. At most eight together.
+#[derive(Debug, Default)]
+pub(super) struct Ground<'a> {
+    pub(super) within: Vec<&'a Area>,
+    pub(super) without: Vec<&'a Area>,
+}
+
+/// Shortest stretch of a line that counts, micrometres: areas have whole nanometres.
+const LEAST_CHORD_UM: f64 = 0.01;
+
+/// Where a line crosses the border of an area.
+#[derive(Clone, Copy, Debug)]
+struct Crossing {
+    line: i32,
+    at_um: f64,
+    /// The area's.
+    bit: u8,
+}
+
+/// Where a line runs through the ground.
 #[derive(Clone, Copy, Debug)]
 struct Chord {
     line: i32,
@@ -65,10 +84,16 @@ impl Hatcher {
         self.strategy != HatchStrategy::Unidirectional
     }
 
-    /// Fills an area, part by part.
-    pub(super) fn fill(&self, area: &Area, lines: &mut Vec<HatchLine>, parts: &mut Vec<Part>, counts: &mut ScanCounts) {
+    /// Fills the ground, part by part.
+    pub(super) fn fill(
+        &self,
+        ground: &Ground<'_>,
+        lines: &mut Vec<HatchLine>,
+        parts: &mut Vec<Part>,
+        counts: &mut ScanCounts,
+    ) {
         let mut cuts = Vec::new();
-        let found = chords(area, &self.frames[0]);
+        let found = chords(ground, &self.frames[0]);
         let (size_um, pitch_um) = match self.strategy {
             HatchStrategy::Zigzag | HatchStrategy::Unidirectional => {
                 found.iter().for_each(|chord| self.cut(*chord, None, |_| true, &mut cuts, counts));
@@ -85,7 +110,7 @@ impl Hatcher {
         self.cut_squares(&found, cells, false, &mut cuts, counts);
         join_parts(&mut cuts, false, lines, parts);
         cuts.clear();
-        self.cut_squares(&chords(area, &self.frames[1]), cells, true, &mut cuts, counts);
+        self.cut_squares(&chords(ground, &self.frames[1]), cells, true, &mut cuts, counts);
         join_parts(&mut cuts, true, lines, parts);
     }
 
@@ -170,8 +195,36 @@ impl Cells {
     }
 }
 
-/// Where the lines of a frame run through an area, by line and position: even-odd over all rings.
-fn chords(area: &Area, frame: &HatchFrame) -> Vec<Chord> {
+/// Where the lines of a frame run through the ground, by line and position: even-odd over the rings of each area.
+fn chords(ground: &Ground<'_>, frame: &HatchFrame) -> Vec<Chord> {
+    let mut crossings: Vec<Crossing> = Vec::new();
+    // A bit for each area: set while the line is inside.
+    let mut bit = 1;
+    let mut wanted: u8 = 0;
+    for (areas, is_wanted) in [(&ground.within, true), (&ground.without, false)] {
+        for area in areas {
+            area.rings().for_each(|ring| cross_ring(ring, bit, frame, &mut crossings));
+            wanted |= if is_wanted { bit } else { 0 };
+            bit <<= 1;
+        }
+    }
+    crossings.sort_unstable_by(|a, b| a.line.cmp(&b.line).then(a.at_um.total_cmp(&b.at_um)).then(a.bit.cmp(&b.bit)));
+    let mut chords = Vec::new();
+    for on_line in crossings.chunk_by(|a, b| a.line == b.line) {
+        let mut inside = 0;
+        for pair in on_line.windows(2) {
+            inside ^= pair[0].bit;
+            // Shorter ones are rounding, where borders lie on each other.
+            if inside == wanted && pair[1].at_um - pair[0].at_um > LEAST_CHORD_UM {
+                chords.push(Chord { line: pair[0].line, from_um: pair[0].at_um, to_um: pair[1].at_um });
+            }
+        }
+    }
+    chords
+}
+
+/// Adds where the lines of a frame cross a ring.
+fn cross_ring(ring: &[Point], bit: u8, frame: &HatchFrame, crossings: &mut Vec<Crossing>) {
     let unit = f64::from(1 << 30);
     let [ux, uy] = frame.along.map(|share| f64::from(share) / unit);
     let spacing_um = f64::from(frame.spacing_nm) / 1000.0;
@@ -179,25 +232,20 @@ fn chords(area: &Area, frame: &HatchFrame) -> Vec<Chord> {
         let [x, y] = to_um(*point);
         [x * ux + y * uy, (y * ux - x * uy) / spacing_um]
     };
-    let mut crossings: Vec<(i32, f64)> = Vec::new();
-    for ring in area.rings() {
-        let Some(last) = ring.last() else { continue };
-        let mut before = turned(last);
-        for point in ring {
-            let here = turned(point);
-            let (low, high) = if before[1] <= here[1] { (before, here) } else { (here, before) };
-            // Each line belongs to the upper of two edges that meet on it, so that it is counted once.
-            let (first, end) = (low[1].ceil() as i32, high[1].ceil() as i32);
-            if first < end {
-                let slope = (high[0] - low[0]) / (high[1] - low[1]);
-                crossings.extend((first..end).map(|line| (line, low[0] + (f64::from(line) - low[1]) * slope)));
-            }
-            before = here;
+    let Some(last) = ring.last() else { return };
+    let mut before = turned(last);
+    for point in ring {
+        let here = turned(point);
+        let (low, high) = if before[1] <= here[1] { (before, here) } else { (here, before) };
+        // Each line belongs to the upper of two edges that meet on it, so that it is counted once.
+        let (first, end) = (low[1].ceil() as i32, high[1].ceil() as i32);
+        if first < end {
+            let slope = (high[0] - low[0]) / (high[1] - low[1]);
+            let at_um = |line: i32| low[0] + (f64::from(line) - low[1]) * slope;
+            crossings.extend((first..end).map(|line| Crossing { line, at_um: at_um(line), bit }));
         }
+        before = here;
     }
-    crossings.sort_unstable_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
-    let pairs = crossings.chunks_exact(2).filter(|pair| pair[0].0 == pair[1].0);
-    pairs.map(|pair| Chord { line: pair[0].0, from_um: pair[0].1, to_um: pair[1].1 }).collect()
 }
 
 /// Joins hatches to parts: a hatch continues the part of the one on the line before if the two overlap each other and nothing else.
@@ -237,5 +285,41 @@ fn join_parts(cuts: &mut [Cut], turned: bool, lines: &mut Vec<HatchLine>, parts:
     for number in order {
         parts[first_part + part_of[number]].count += 1;
         lines.push(cuts[number].hatch);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::slice::scan::Region;
+
+    fn square(low: [f64; 2], side_um: f64) -> Area {
+        let [x, y] = low;
+        let outer = vec![[x, y], [x + side_um, y], [x + side_um, y + side_um], [x, y + side_um]];
+        Area::of(&Region { outer, holes: Vec::new() })
+    }
+
+    #[test]
+    fn chords_lie_within_all_and_without_all() {
+        let (a, b) = (square([100.0, 100.0], 1000.0), square([600.0, 600.0], 1000.0));
+        // Shares a border with `a`, and one with `b`.
+        let (c, d) = (square([900.0, 900.0], 200.0), square([600.0, 600.0], 100.0));
+        for angle_deg in [0.0, 33.0, 90.0, 147.0] {
+            let frame = hatch_frame([0, 0], angle_deg, 1000);
+            let length_um = |within: &[&Area], without: &[&Area]| {
+                let ground = Ground { within: within.to_vec(), without: without.to_vec() };
+                chords(&ground, &frame).iter().map(|chord| chord.to_um - chord.from_um).sum::<f64>()
+            };
+            // Lines 1 µm apart: as many micrometres as the area has square micrometres.
+            let close = |found: f64, expected: f64| {
+                assert!((found / expected - 1.0).abs() < 0.01, "{angle_deg}: {found} {expected}");
+            };
+            close(length_um(&[&a], &[]), 1e6);
+            close(length_um(&[&a, &b], &[]), 500.0 * 500.0);
+            close(length_um(&[&a, &b], &[&c, &d]), 500.0 * 500.0 - 200.0 * 200.0 - 100.0 * 100.0);
+            let combined = a.intersect(&b).subtract(&c).subtract(&d);
+            close(length_um(&[&a, &b], &[&c, &d]), length_um(&[&combined], &[]));
+            assert_eq!(length_um(&[&a], &[&a]), 0.0);
+        }
     }
 }

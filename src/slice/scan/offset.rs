@@ -120,6 +120,7 @@ impl Area {
     }
 
     /// What lies in both areas.
+    #[cfg(test)]
     pub(super) fn intersect(&self, other: &Self) -> Self {
         if self.is_empty() || other.is_empty() {
             return Self::default();

@@ -39,7 +39,8 @@ fn off_um(point: [f64; 2], begin: [f64; 2], end: [f64; 2]) -> f64 {
     let [px, py] = [point[0] - begin[0], point[1] - begin[1]];
     let squared = x * x + y * y;
     let share = if squared > 0.0 { ((px * x + py * y) / squared).clamp(0.0, 1.0) } else { 0.0 };
-    (px - x * share).hypot(py - y * share)
+    let [x, y] = [px - x * share, py - y * share];
+    (x * x + y * y).sqrt()
 }
 
 #[cfg(test)]

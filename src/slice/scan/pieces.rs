@@ -3,9 +3,8 @@
 use crate::layer::{HatchFrame, HatchLine, MarkClass, Vectors};
 
 use super::counts::ScanCounts;
-use super::hatch::{Hatcher, Part};
-use super::offset::Area;
-use super::order::{Stops, Visit, Way};
+use super::hatch::{Ground, Hatcher, Part};
+use super::order::{Stops, Visit, Way, distance_um};
 use super::path::simplify;
 
 /// At how many points of a ring the order may begin it while it is searched for, so that the work for a ring is bounded. In the end
@@ -66,17 +65,17 @@ impl Pieces {
         self.push_path(class, &ring_um);
     }
 
-    /// Adds the hatches of an area. `frame` is the number of the hatcher's first frame in the layer.
+    /// Adds the hatches of some ground. `frame` is the number of the hatcher's first frame in the layer.
     pub(super) fn push_hatches(
         &mut self,
         class: MarkClass,
         (hatcher, frame): (&Hatcher, u8),
-        area: &Area,
+        ground: &Ground<'_>,
         counts: &mut ScanCounts,
     ) {
         let mut begin = self.lines.len();
         let mut parts: Vec<Part> = Vec::new();
-        hatcher.fill(area, &mut self.lines, &mut parts, counts);
+        hatcher.fill(ground, &mut self.lines, &mut parts, counts);
         for part in parts {
             let kind = Kind::Part { frame: frame + u8::from(part.turned), goes_both_ways: hatcher.goes_both_ways() };
             self.end(class, kind, begin, begin + part.count);
@@ -196,9 +195,7 @@ impl Pieces {
             return;
         }
         let ring = &points[1..];
-        let far = |from: [i32; 2], to: Option<[i32; 2]>| {
-            to.map_or(0.0, |to| (f64::from(from[0]) - f64::from(to[0])).hypot(f64::from(from[1]) - f64::from(to[1])))
-        };
+        let far = |from: [i32; 2], to: Option<[i32; 2]>| to.map_or(0.0, |to| distance_um(from, to));
         let cost = |point: [i32; 2]| far(point, at) + far(point, next);
         let best = (0..ring.len()).min_by(|a, b| cost(ring[*a]).total_cmp(&cost(ring[*b]))).unwrap_or(0);
         path.extend_from_slice(&ring[best..]);
@@ -224,13 +221,11 @@ impl Pieces {
 
 /// Length of the jumps and of the marks from a vector on, micrometres.
 fn lengths_um(vectors: &Vectors, first: u64) -> (f64, f64) {
-    let length_um =
-        |a: [i32; 2], b: [i32; 2]| (f64::from(a[0]) - f64::from(b[0])).hypot(f64::from(a[1]) - f64::from(b[1]));
     let mut at = None;
     let (mut jump_um, mut mark_um) = (0.0, 0.0);
     for mark in vectors.marks().skip(usize::try_from(first).unwrap_or(usize::MAX)) {
-        jump_um += at.map_or(0.0, |at| length_um(at, mark.from_um));
-        mark_um += length_um(mark.from_um, mark.to_um);
+        jump_um += at.map_or(0.0, |at| distance_um(at, mark.from_um));
+        mark_um += distance_um(mark.from_um, mark.to_um);
         at = Some(mark.to_um);
     }
     (jump_um, mark_um)

@@ -78,11 +78,15 @@ pub(super) fn split(area: Area, rules: &ThinRules) -> Split {
     if has_corners_only(&area, &core, reach_um, rules) {
         return Split { wide: area, thin: Vec::new() };
     }
-    let reached = core.offset(reach_um);
-    let thin: Vec<ThinPart> =
-        left_out(&area, &reached).into_iter().filter_map(|shape| thin_part(&shape, rules)).collect();
+    let thin = thin_parts(&area, &core, reach_um, rules);
     let wide = area.subtract(&Area::from_shapes(thin.iter().flat_map(|part| part.area.shapes()).cloned().collect()));
     Split { wide, thin }
+}
+
+/// The pieces that the disc leaves out and that are not corners.
+fn thin_parts(area: &Area, core: &Area, reach_um: f64, rules: &ThinRules) -> Vec<ThinPart> {
+    let reached = core.offset(reach_um);
+    left_out(area, &reached).into_iter().filter_map(|shape| thin_part(&shape, rules)).collect()
 }
 
 /// Whether no piece that the disc leaves out is a thin part, told by the border alone. `core` is where the disc's centre goes.
@@ -225,4 +229,45 @@ fn halfway(line: &[[f64; 2]]) -> [f64; 2] {
         rest_um -= step_um;
     }
     line[line.len() - 1]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::slice::scan::Region;
+    use std::f64::consts::TAU;
+
+    #[test]
+    fn the_border_alone_never_hides_a_thin_part() {
+        let rules =
+            ThinRules { below_um: 120.0, beam_um: 60.0, contour_um: 30.0, point_below_um: 60.0, tolerance_um: 5.0 };
+        let reach_um = 66.0;
+        let (mut decided, mut thin) = (0, 0);
+        // Plates with two waists, each from wide to none, a spike, and a hole that leaves a web beside it.
+        for number in 0..400 {
+            let share = |factor: u32| f64::from(number * factor % 101) / 100.0;
+            let point = |step: u32| {
+                let angle = TAU * f64::from(step) / 90.0;
+                let waist = 1.0 - share(7) * (2.0 * angle).cos().max(0.0).powi(4) * 0.95;
+                let spike = if number % 4 == 0 && step == number % 90 { 1.0 + share(13) } else { 1.0 };
+                let radius = 500.0 * waist * spike;
+                [2000.0 + radius * angle.sin(), 2000.0 + radius * angle.cos()]
+            };
+            let hole = (0..30).rev().map(|step| {
+                let angle = TAU * f64::from(step) / 30.0;
+                [1700.0 + 60.0 * angle.cos(), 2000.0 + 300.0 * share(29) + 60.0 * angle.sin()]
+            });
+            let is_wide = share(7) < 0.3 && number % 2 == 0;
+            let outer = (0..90).rev().map(point).collect();
+            let area = Area::of(&Region { outer, holes: if is_wide { vec![hole.collect()] } else { Vec::new() } });
+            let core = area.offset(-60.0);
+            let parts = thin_parts(&area, &core, reach_um, &rules);
+            thin += u32::from(!parts.is_empty());
+            if has_corners_only(&area, &core, reach_um, &rules) {
+                decided += 1;
+                assert!(parts.is_empty(), "{number}: {parts:?}");
+            }
+        }
+        assert!(decided > 100 && thin > 50, "{decided} decided, {thin} with thin parts");
+    }
 }

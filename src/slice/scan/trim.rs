@@ -53,7 +53,7 @@ impl Trimmer<'_> {
             let group = first..edges.len().min(first + GROUP_EDGES);
             near.clear();
             let bounds = edges[group.clone()].iter().map(|edge| self.moved_bounds(edge)).reduce(Bounds::with)?;
-            self.border.near(&bounds.grown(self.radius), &mut |other| {
+            self.border.near(bounds.grown(self.radius), &mut |other| {
                 near.push((edges[other as usize].bounds, other));
                 true
             });
@@ -98,7 +98,7 @@ impl Trimmer<'_> {
         // A neighbour that turns in cuts most, often all. One that turns away only touches.
         let is_left =
             (!self.turns_in(edge) || cut(edge.next)) && (!self.turns_in(&edges[before as usize]) || cut(before));
-        let bounds = Bounds::of(from, along(from, edge.along, edge.length)).grown(self.radius);
+        let bounds = Bounds::of(from, along(from, edge.along, edge.length)).grown(self.radius).reach();
         let mut others = near.iter().filter(|(other, _)| other.meets(&bounds)).map(|(_, other)| *other);
         let is_known = |other| other == number || other == edge.next || other == before;
         let _ = is_left && others.all(|other| is_known(other) || cut(other));
@@ -141,7 +141,7 @@ impl Trimmer<'_> {
         let [begin, end] = self.arc_ends(edge);
         let centre = edge.end();
         spans.begin([0.0, self.turn(begin, end).min(2.0)]);
-        let bounds = self.arc_bounds(edge).grown(self.radius);
+        let bounds = self.arc_bounds(edge).grown(self.radius).reach();
         let others = near.iter().filter(|(other, _)| other.meets(&bounds)).map(|(_, other)| *other);
         for other in others.filter(|other| *other != number && *other != edge.next) {
             let cutter = &self.border.edges[other as usize];
