@@ -204,12 +204,11 @@ fn what_is_wrong_on_this_side_is_told_before_anything_is_sent() {
     let bad = directory.path().join("bad.toml");
     std::fs::write(&bad, "name = \"x\"\nexposure = 3\n").unwrap();
     let socket = directory.path().join("none.sock");
-    let cases: [(&[&str], &str); 5] = [
+    let cases: [(&[&str], &str); 4] = [
         (&["start", "part.layerd"], "part.layerd"),
         (&["start", "part.layerd", "--recipe", "nonesuch"], "nonesuch"),
         (&["start", "part.layerd", "--recipe", bad.to_str().unwrap()], "exposure"),
         (&["watch"], "terminal"),
-        (&["demo", "slm"], "later"),
     ];
     for (arguments, word) in cases {
         let output = layerctl(arguments, &socket);

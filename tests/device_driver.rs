@@ -10,14 +10,19 @@ use layerd::device::encoding::{encode, picture_crc32};
 use layerd::device::{
     Act, DriverBusy, DriverEvent, FramedDriver, Misfit, Outcome, VatAct, VatOutcome, check_capabilities, check_fit,
 };
-use layerd::job::{Action, Engine, Event, JobPlan, Process, StartPoint, VatPlan};
+use layerd::job::{Action, Engine, Event, JobPlan, Limits, Process, StartPoint, VatPlan};
 use layerd::link::message::{
     Capabilities, DeviceMessage, DeviceState, Encoding, ExposureId, Fault, HostMessage, MachineCapabilities, Refusal,
     Reply, Report, Request, VatCapabilities, VatReply, VatRequest,
 };
 
 fn driver() -> FramedDriver {
-    FramedDriver::new(id(0).job)
+    FramedDriver::new(id(0).job, &capabilities().machine)
+}
+
+/// What the driver makes of a message that its owner must know of.
+fn told(driver: &mut FramedDriver, message: DeviceMessage) -> DriverEvent {
+    driver.handle(message).expect("an event")
 }
 
 fn encoded(layer: u32) -> Vec<u8> {
@@ -41,7 +46,7 @@ fn exchange(driver: &mut FramedDriver, bench: &mut Bench) -> Vec<DriverEvent> {
 
 fn answers(driver: &mut FramedDriver, bench: &mut Bench) -> Vec<DriverEvent> {
     let replies = std::mem::take(&mut bench.replies);
-    replies.into_iter().map(|(number, reply)| driver.handle(DeviceMessage::Reply { number, reply })).collect()
+    replies.into_iter().map(|(number, reply)| told(driver, DeviceMessage::Reply { number, reply })).collect()
 }
 
 #[test]
@@ -60,9 +65,9 @@ fn the_next_layer_travels_while_one_shines() {
         matches!(
             requests.as_slice(),
             [
-                HostMessage::Request { request: Request::LayerBegin { .. }, .. },
                 HostMessage::Request { request: Request::Vat(VatRequest::Expose { .. }), .. },
                 HostMessage::Request { request: Request::State, .. },
+                HostMessage::Request { request: Request::LayerBegin { .. }, .. },
             ]
         ),
         "{requests:?}"
@@ -109,7 +114,7 @@ fn a_layer_is_not_taken_for_uploaded_before_it_was_sent() {
     let mut driver = driver();
     upload(&mut driver, 0, 0);
     let Some(HostMessage::Request { number, .. }) = driver.next_message(0, 0) else { panic!("no request") };
-    let early = driver.handle(DeviceMessage::Reply { number, reply: Reply::Done });
+    let early = told(&mut driver, DeviceMessage::Reply { number, reply: Reply::Done });
     assert!(
         matches!(&early, DriverEvent::Misbehaved(text) if text.contains("asked to take layer 0, pass 0")),
         "{early:?}"
@@ -118,7 +123,7 @@ fn a_layer_is_not_taken_for_uploaded_before_it_was_sent() {
     let mut driver = self::driver();
     upload(&mut driver, 0, 0);
     while driver.next_message(7, 0).is_some() {}
-    let done = driver.handle(DeviceMessage::Reply { number, reply: Reply::Done });
+    let done = told(&mut driver, DeviceMessage::Reply { number, reply: Reply::Done });
     assert_eq!(done, DriverEvent::Uploaded { layer: 0 });
 }
 
@@ -129,20 +134,20 @@ fn news_and_strange_numbers_are_not_taken_for_answers() {
     let Some(HostMessage::Request { number, .. }) = driver.next_message(0, 0) else { panic!("no request") };
     let reply = |number, reply| DeviceMessage::Reply { number, reply };
     let fault = Some(Fault { code: 3, text: "door open".into() });
-    let event = driver.handle(DeviceMessage::Report(Report::Fault(fault.clone())));
+    let event = told(&mut driver, DeviceMessage::Report(Report::Fault(fault.clone())));
     assert_eq!(event, DriverEvent::Fault(fault));
-    let strange = driver.handle(reply(number + 7, Reply::Vat(VatReply::Moved { position_um: 0 })));
+    let strange = told(&mut driver, reply(number + 7, Reply::Vat(VatReply::Moved { position_um: 0 })));
     assert!(misbehaved(&strange, "request 8, which awaits no reply"), "{strange:?}");
-    let other = driver.handle(reply(number, Reply::Done));
+    let other = told(&mut driver, reply(number, Reply::Done));
     assert!(misbehaved(&other, "asked to home (request 1) and replied with \"done\""), "{other:?}");
     assert!(driver.is_acting());
-    let done = driver.handle(reply(number, Reply::Vat(VatReply::Moved { position_um: 0 })));
+    let done = told(&mut driver, reply(number, Reply::Vat(VatReply::Moved { position_um: 0 })));
     assert_eq!(done, DriverEvent::ActDone(Outcome::Vat(VatOutcome::Arrived { position_um: 0 })));
-    let again = driver.handle(reply(number, Reply::Vat(VatReply::Moved { position_um: 0 })));
+    let again = told(&mut driver, reply(number, Reply::Vat(VatReply::Moved { position_um: 0 })));
     assert!(misbehaved(&again, "awaits no reply"), "a repeated reply answers nothing: {again:?}");
     driver.act(Act::Vat(VatAct::Expose { layer: 3, duration_ms: 10, light_pwm: 255 }), 0).expect("idle");
     let number = number + 2;
-    let wrong = driver.handle(reply(number, Reply::Vat(VatReply::Exposed { id: id(4), duration_ms: 10 })));
+    let wrong = told(&mut driver, reply(number, Reply::Vat(VatReply::Exposed { id: id(4), duration_ms: 10 })));
     let job = format!("{:016x}", id(3).job);
     for words in [
         format!("asked to expose layer 3, pass 0, of job {job} for 10 ms (request 3)"),
@@ -150,13 +155,13 @@ fn news_and_strange_numbers_are_not_taken_for_answers() {
     ] {
         assert!(misbehaved(&wrong, &words), "`{words}` is not in {wrong:?}");
     }
-    let refused = driver.handle(reply(number + 1, Reply::Refused(Refusal::Busy)));
+    let refused = told(&mut driver, reply(number + 1, Reply::Refused(Refusal::Busy)));
     assert!(
         misbehaved(&refused, "asked for its state (request 4) and replied with a refusal (reason 10)"),
         "{refused:?}"
     );
     let other_pass = ExposureId { pass: 1, ..id(3) };
-    let wrong = driver.handle(reply(number, Reply::Vat(VatReply::Exposed { id: other_pass, duration_ms: 10 })));
+    let wrong = told(&mut driver, reply(number, Reply::Vat(VatReply::Exposed { id: other_pass, duration_ms: 10 })));
     assert!(misbehaved(&wrong, "layer 3, pass 1"), "ids are compared whole: {wrong:?}");
 }
 
@@ -272,7 +277,7 @@ fn recipe(exposure_ms: u32, antialias: bool) -> Recipe {
 fn a_device_that_is_not_the_configured_machine_is_named() {
     let machine = machine();
     assert_eq!(check_capabilities(&machine, &capabilities()), Ok(()));
-    let MachineCapabilities::Vat(vat) = capabilities().machine;
+    let MachineCapabilities::Vat(vat) = capabilities().machine else { panic!("a vat") };
     let machine_of = |vat| Capabilities { machine: MachineCapabilities::Vat(vat), ..capabilities() };
     let wide = machine_of(VatCapabilities { width_px: 1920, ..vat.clone() });
     let message = check_capabilities(&machine, &wide).expect_err("too wide").to_string();
@@ -326,7 +331,13 @@ fn each_refusal_of_a_layer_has_a_remedy_of_its_own() {
     for (refusal, words) in cases {
         let mut engine = Engine::new(plan.clone(), StartPoint::default());
         engine.handle(Event::Ready, 0);
-        engine.handle(Event::Connected { state: state.clone(), max_position_um: 100_000 }, 0);
+        engine.handle(
+            Event::Connected {
+                state: state.clone(),
+                limits: Limits { max_position_um: 100_000, max_exposure_ms: 120_000 },
+            },
+            0,
+        );
         let mut refused = 0;
         while refused < 3 {
             match engine.next_action().expect("the layer is asked for again") {

@@ -1,15 +1,20 @@
 //! The simulated device as hosts see it: over a real pseudo-terminal, with faults, and with a log on disk.
 
 mod device_common;
+#[path = "powder_core/bench.rs"]
+mod powder_bench;
 
 use std::io::{ErrorKind, Read, Write};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use device_common::powder_print::{EncodedLayer, PowderPrinter};
 use device_common::{capabilities, picture, print::Printer};
 use layerd::device::sim::{FaultSpec, SimulateOptions, Statistics, run};
+use layerd::layer::LaserParameters;
 use layerd::layer::export::write_png;
+use layerd::link::message::{DeviceMessage, DeviceState, Encoding};
 use layerd::link::session::{HostEvent, HostSession, HostSettings};
 
 const BAUD: u32 = 3_000_000;
@@ -24,6 +29,7 @@ fn options(directory: &Path, faults: &[&str]) -> SimulateOptions {
         seed: 11,
         time_scale: 50.0,
         capabilities: capabilities(),
+        melt: None,
     }
 }
 
@@ -45,8 +51,46 @@ fn with_device<T: Send>(options: SimulateOptions, host: impl FnOnce() -> T + Sen
     })
 }
 
+/// What a host does on a line.
+trait Host {
+    fn is_done(&self) -> bool;
+    fn opened(&mut self);
+    fn connected(&mut self, state: &DeviceState);
+    fn lost(&mut self);
+    fn message(&mut self, message: DeviceMessage);
+    fn work(&mut self, session: &mut HostSession);
+}
+
+macro_rules! host {
+    ($printer:ty) => {
+        impl Host for $printer {
+            fn is_done(&self) -> bool {
+                self.is_done()
+            }
+            fn opened(&mut self) {
+                self.openings += 1;
+            }
+            fn connected(&mut self, state: &DeviceState) {
+                self.connected(state);
+            }
+            fn lost(&mut self) {
+                self.lost();
+            }
+            fn message(&mut self, message: DeviceMessage) {
+                self.message(message);
+            }
+            fn work(&mut self, session: &mut HostSession) {
+                self.work(session);
+            }
+        }
+    };
+}
+
+host!(Printer);
+host!(PowderPrinter);
+
 /// Prints over the line at `path` until all layers are exposed.
-fn print(path: &Path, mut printer: Printer) -> Printer {
+fn print<H: Host>(path: &Path, mut printer: H) -> H {
     let started = Instant::now();
     let now_us = || started.elapsed().as_micros() as u64;
     let settings = HostSettings { baud: BAUD, escaped: false };
@@ -63,7 +107,9 @@ fn print(path: &Path, mut printer: Printer) -> Printer {
                 .custom_flags(libc::O_NONBLOCK | libc::O_NOCTTY)
                 .open(path)
                 .ok();
-            printer.openings += u32::from(line.is_some());
+            if line.is_some() {
+                printer.opened();
+            }
             continue;
         };
         match file.read(&mut buffer) {
@@ -175,4 +221,88 @@ fn a_picture_that_cannot_be_kept_is_a_fault_the_host_hears_of() {
     });
     let fault = printer.fault.expect("a fault");
     assert!(fault.text.contains("cannot write") && fault.text.len() <= 120, "{fault:?}");
+}
+
+/// Layers of a laser machine, some of them larger than its buffer.
+fn powder_layers() -> Vec<EncodedLayer> {
+    // Slow enough that an act that passes over most of a layer has time left to mark.
+    let laser = LaserParameters { mark_speed_um_s: 125_000, ..powder_bench::LASER };
+    let layer = |rings, encoding| {
+        let sent = powder_bench::sent_with(&powder_bench::rings(rings), encoding, laser);
+        EncodedLayer { encoding, bytes: sent.bytes, crc32: sent.crc32 }
+    };
+    vec![
+        layer(40, Encoding::Vectors),
+        layer(800, Encoding::VectorsCoded),
+        layer(800, Encoding::Vectors),
+        layer(100, Encoding::VectorsCoded),
+        layer(500, Encoding::Vectors),
+    ]
+}
+
+/// Prints on a simulated laser machine with these faults. Every vector was marked, and none twice unless it was interrupted; the pictures
+/// are those of layers without a disturbance.
+fn print_powder(faults: &[&str], most_ms: u32) -> (PowderPrinter, Statistics, Vec<serde_json::Value>) {
+    let directory = tempfile::tempdir().expect("a directory");
+    let path = directory.path().join("printer");
+    let melt = Some(powder_bench::melt_settings());
+    let capabilities = powder_bench::capabilities();
+    let options = SimulateOptions { capabilities, melt, time_scale: 5.0, ..options(directory.path(), faults) };
+    let printer = PowderPrinter::new(powder_layers(), powder_bench::BUFFER_BYTES, most_ms);
+    let (printer, statistics) = with_device(options, || print(&path, printer));
+    let text = std::fs::read_to_string(directory.path().join("exposed/acts.jsonl")).expect("a log");
+    let acts: Vec<serde_json::Value> = text.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
+    for (layer, rings) in [40, 800, 800, 100, 500].into_iter().enumerate() {
+        let mut next = 0;
+        for act in acts.iter().filter(|act| act["layer"].as_u64() == Some(layer as u64)) {
+            let end = match act["event"].as_str() {
+                Some("marked") => act["vectors"].as_u64(),
+                Some("laser_off") => act["next_vector"].as_u64(),
+                _ => None,
+            };
+            if let Some(end) = end {
+                assert_eq!(act["from_vector"].as_u64(), Some(next), "layer {layer}");
+                next = end;
+            }
+        }
+        assert_eq!(next, 4 * rings, "layer {layer}");
+        let mut powder = powder_bench::Powder::ready();
+        let vectors = powder_bench::sent(&powder_bench::rings(rings as i32));
+        powder.mark_whole(&vectors);
+        let reference = directory.path().join("reference.png");
+        write_png(&reference, &powder.pictures[0].1).expect("written");
+        let found = std::fs::read(directory.path().join(format!("exposed/layer_{layer:06}.png"))).expect("a picture");
+        assert_eq!(found, std::fs::read(reference).expect("written"), "layer {layer}");
+    }
+    assert_eq!((statistics.exposed, statistics.vectors), (5, 4 * 2240));
+    (printer, statistics, acts)
+}
+
+#[test]
+fn a_laser_machine_marks_layers_larger_than_its_buffer() {
+    let (_, statistics, acts) = print_powder(&[], 60_000);
+    assert_eq!((statistics.cut_short, statistics.refused, statistics.recoats), (0, 0, 5));
+    let laser_ms: u64 =
+        acts.iter().filter(|act| act["event"] == "marked").filter_map(|act| act["duration_ms"].as_u64()).sum();
+    // Each of 2240 rings takes 6460 µs of light.
+    assert!((14_468..=14_473).contains(&laser_ms), "{laser_ms}");
+}
+
+#[test]
+fn a_disturbed_laser_machine_marks_every_vector_once() {
+    let faults = ["drop=0.02", "corrupt=0.02", "duplicate=0.02", "disconnect=2", "reset=2"];
+    let (printer, statistics, _) = print_powder(&faults, 1000);
+    assert_eq!(statistics.resets, 2);
+    assert!(printer.openings >= 3 && statistics.cut_short > 0, "{statistics:?}");
+}
+
+#[test]
+fn open_interlocks_are_dark_at_once_and_the_print_goes_on_when_they_are_closed() {
+    let (printer, statistics, acts) = print_powder(&["oxygen=1", "door=1", "power=1"], 1000);
+    let mut faults = printer.faults;
+    faults.sort();
+    assert_eq!(faults, ["oxygen at 1.2 %: above 0.5 %", "the door of the chamber is open", "the laser has no power"]);
+    assert!(statistics.cut_short >= 3, "{statistics:?}");
+    let cut = acts.iter().filter(|act| act["event"] == "laser_off" && act["reason"] == "fault").count();
+    assert_eq!(cut, 3, "each of them while it marked");
 }

@@ -4,7 +4,7 @@
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder};
 use layerd::device::encoding::{
-    Choice, choose, choose_vectors, encode, encode_shortest, encode_vectors, largest_encoded_bytes,
+    BEST_VECTORS, Choice, choose, choose_vectors, encode, encode_shortest, encode_vectors, largest_encoded_bytes,
 };
 use layerd::layer::{Bitmap, Depth, HatchLine, Mark, MarkClass, Vectors, hatch_frame};
 use layerd::link::message::Encoding;
@@ -175,8 +175,8 @@ fn a_device_reads_the_vectors_of_the_layer_and_the_lasers_of_the_classes_used() 
     assert_eq!(error, Err(VectorEncodeError::OutsideField { point_um: [100_001, 0], field_um: FIELD_UM }));
 
     let offered = [Encoding::RawBit, Encoding::Vectors];
-    assert_eq!(choose_vectors(&offered), Some(VectorEncoding::Plain));
-    assert_eq!(choose_vectors(&[Encoding::VectorsCoded, Encoding::Vectors]), Some(VectorEncoding::Coded));
+    assert_eq!(choose_vectors(&offered), Some(Choice { encoding: Encoding::Vectors, raw: None }));
+    assert_eq!(choose_vectors(&[Encoding::VectorsCoded, Encoding::Vectors]), Some(BEST_VECTORS));
     assert_eq!(choose_vectors(&[Encoding::Group4]), None);
     let error = encode(&Bitmap::new(8, 8, Depth::Bit), Encoding::Vectors, &mut bytes).expect_err("a picture");
     assert_eq!(error.to_string(), "a picture of Bit pixels cannot be written as Vectors");

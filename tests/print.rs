@@ -42,6 +42,8 @@ fn kill_at_any_moment_then_resume_exposes_each_layer_exactly_once() {
     let mut bench = Bench::start(Setup { time_scale: 4, ..Setup::default() });
     bench.ok(&SMALL);
     let id = bench.start_job("part.layerd");
+    // Before its first light, a job goes on by itself.
+    wait_until("light", || bench.job(id)["layers_done"].as_u64() >= Some(1));
     let mut completed = false;
     for kill in 0..20u64 {
         // Moments spread over the phases of a layer by a multiplicative sequence.

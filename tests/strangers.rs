@@ -25,7 +25,7 @@ const SMALL: [&str; 8] = ["generate", "bcc", "--struts", "100", "--box", "8,8,1"
 
 /// A device with another picture than the bench's.
 fn wide() -> Capabilities {
-    let MachineCapabilities::Vat(vat) = bench_device().machine;
+    let MachineCapabilities::Vat(vat) = bench_device().machine else { panic!("a vat") };
     let machine = MachineCapabilities::Vat(VatCapabilities { width_px: 4096, ..vat });
     Capabilities { name: "wide".into(), max_exposure_ms: 10_000, machine, ..bench_device() }
 }
@@ -46,6 +46,7 @@ fn with_device<T>(bench: &mut Bench, capabilities: Capabilities, host: impl FnOn
         seed: 1,
         time_scale: 50.0,
         capabilities,
+        melt: None,
     };
     let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
     let device = std::thread::spawn(move || {
@@ -215,10 +216,10 @@ fn a_machine_of_an_unknown_kind_is_named_in_the_status() {
     let lists_bytes = capabilities.name.len() + capabilities.encodings.len();
     let mut welcome = Welcome { version: 1, capabilities, state: DeviceState::default() }.encode();
     // Behind version, name, slots, window, largest frame, encodings and longest exposure.
-    welcome[2 + 1 + 1 + 4 + 2 + 1 + 4 + lists_bytes] = 2;
+    welcome[2 + 1 + 1 + 4 + 2 + 1 + 4 + lists_bytes] = 3;
     let reason = refused_hello(FrameKind::Welcome, welcome);
     assert!(
-        reason.contains("a machine of kind 2, which this host does not know: connect the right device"),
+        reason.contains("a machine of kind 3, which this host does not know: connect the right device"),
         "{reason}"
     );
 }

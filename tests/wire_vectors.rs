@@ -5,8 +5,9 @@ mod properties;
 use std::collections::BTreeMap;
 
 use layerd::link::message::{
-    Capabilities, DeviceMessage, DeviceState, Encoding, ExposureId, Fault, HostMessage, MachineCapabilities, Refusal,
-    Reply, Report, Request, Urgent, VatCapabilities, VatReply, VatRequest,
+    Capabilities, DeviceMessage, DeviceState, Encoding, ExposureId, Fault, HostMessage, MachineCapabilities,
+    PowderCapabilities, PowderReply, PowderRequest, PowderState, Refusal, Reply, Report, Request, Urgent,
+    VatCapabilities, VatReply, VatRequest,
 };
 use layerd_wire::{
     Ack, Decoded, Frame, FrameDecoder, FrameError, FrameKind, Hello, HelloRefused, MIN_HOST_FRAME_BYTES, Unescaper,
@@ -74,7 +75,29 @@ fn busy_state() -> DeviceState {
         moving: true,
         slots: vec![Some(id(43)), None],
         fault: Some(fault()),
+        powder: None,
     }
+}
+
+fn powder_capabilities() -> Capabilities {
+    Capabilities {
+        name: "Simulated SLM 1.0".into(),
+        encodings: vec![Encoding::Vectors, Encoding::VectorsCoded],
+        max_exposure_ms: 600_000,
+        machine: MachineCapabilities::Powder(PowderCapabilities {
+            field_um: [120_000, 100_000],
+            max_power_mw: 200_000,
+            layer_height_um: [20, 100],
+            max_position_um: 150_000,
+            buffer_bytes: 65_536,
+        }),
+        ..capabilities()
+    }
+}
+
+fn powder_state() -> DeviceState {
+    let powder = Some(PowderState { next_vector: 1200, broken: true, recoated: true });
+    DeviceState { position_um: Some(2200), powder, ..busy_state() }
 }
 
 fn fault() -> Fault {
@@ -88,6 +111,13 @@ fn host_messages() -> Vec<(&'static str, HostMessage)> {
         id: id(43),
         encoding: Encoding::Group4,
         encoded_bytes: 70_000,
+        decoded_crc32: 0xCBF4_3926,
+    };
+    let begin_vectors = Request::LayerBegin {
+        slot: 0,
+        id: id(43),
+        encoding: Encoding::VectorsCoded,
+        encoded_bytes: 150_000,
         decoded_crc32: 0xCBF4_3926,
     };
     vec![
@@ -105,12 +135,24 @@ fn host_messages() -> Vec<(&'static str, HostMessage)> {
             "request_expose_second_pass",
             request(6, Request::Vat(VatRequest::Expose { id: second_pass(), duration_ms: 900, light_pwm: 128 })),
         ),
+        ("request_layer_begin_vectors", request(7, begin_vectors)),
+        ("request_powder_home", request(8, Request::Powder(PowderRequest::Home))),
+        (
+            "request_powder_move",
+            request(9, Request::Powder(PowderRequest::Move { position_um: 2200, speed_um_s: 5000 })),
+        ),
+        (
+            "request_mark",
+            request(10, Request::Powder(PowderRequest::Mark { id: id(43), from_vector: 1200, most_ms: 20_000 })),
+        ),
+        ("request_recoat", request(11, Request::Powder(PowderRequest::Recoat))),
     ]
 }
 
 fn device_messages() -> Vec<(&'static str, DeviceMessage)> {
     let reply = |number, reply| DeviceMessage::Reply { number, reply };
     let refused = |refusal| reply(6, Reply::Refused(refusal));
+    let marked = PowderReply::Marked { id: id(43), vectors: 20_619, laser_ms: 17_300, starved_ms: 12 };
     vec![
         ("reply_done", reply(2, Reply::Done)),
         ("reply_state", reply(1, Reply::State(busy_state()))),
@@ -131,6 +173,13 @@ fn device_messages() -> Vec<(&'static str, DeviceMessage)> {
         ("report_fault", DeviceMessage::Report(Report::Fault(Some(fault())))),
         ("report_works_again", DeviceMessage::Report(Report::Fault(None))),
         ("reply_exposed_second_pass", reply(6, Reply::Vat(VatReply::Exposed { id: second_pass(), duration_ms: 900 }))),
+        ("reply_powder_state", reply(1, Reply::State(powder_state()))),
+        ("reply_powder_moved", reply(9, Reply::Powder(PowderReply::Moved { position_um: 2200 }))),
+        ("reply_recoated", reply(11, Reply::Powder(PowderReply::Recoated))),
+        ("reply_marked", reply(10, Reply::Powder(marked))),
+        ("reply_refused_13", reply(10, Reply::Refused(Refusal::NotRecoated))),
+        ("reply_refused_14", reply(10, Reply::Refused(Refusal::WrongVector))),
+        ("report_room", DeviceMessage::Report(Report::Room { taken_bytes: 49_152 })),
     ]
 }
 
@@ -162,8 +211,12 @@ fn control_frames_have_their_golden_bytes() {
     let later = Hello { versions: VersionRange { lowest: 1, highest: 3 }, ..hello };
     check("hello_of_a_later_host", FrameKind::Hello, 0, [later.encode(), vec![0xAA, 0xBB]].concat());
     assert_eq!(Hello::decode(&decode(&vectors["hello_of_a_later_host"]).payload), Ok(later));
-    for (name, state) in [("welcome", busy_state()), ("welcome_fresh", DeviceState::default())] {
-        let welcome = Welcome { version: 1, capabilities: capabilities(), state };
+    for (name, capabilities, state) in [
+        ("welcome", capabilities(), busy_state()),
+        ("welcome_fresh", capabilities(), DeviceState::default()),
+        ("welcome_powder", powder_capabilities(), powder_state()),
+    ] {
+        let welcome = Welcome { version: 1, capabilities, state };
         check(name, FrameKind::Welcome, 0, welcome.encode());
         assert_eq!(Welcome::decode(&decode(&vectors[name]).payload), Ok(welcome), "{name}");
     }
@@ -204,8 +257,8 @@ fn escaped_frames_have_their_golden_bytes() {
 
 #[test]
 fn every_vector_is_checked() {
-    // 15 control frames, 2 escaped ones; a vector that no test names would protect nothing.
-    assert_eq!(vectors().len(), host_messages().len() + device_messages().len() + 15 + 2);
+    // 16 control frames, 2 escaped ones; a vector that no test names would protect nothing.
+    assert_eq!(vectors().len(), host_messages().len() + device_messages().len() + 16 + 2);
 }
 
 #[test]
@@ -213,8 +266,9 @@ fn the_document_says_what_every_vector_holds() {
     let document = include_str!("../docs/protocol.md");
     let (_, words) = document.split_once("## Vectors").expect("a section");
     for name in vectors().keys() {
-        // The refusals share a row.
-        let row = if name.starts_with("reply_refused_") {
+        // The refusals up to 12 share a row.
+        let refusal = name.strip_prefix("reply_refused_").and_then(|number| number.parse::<u8>().ok());
+        let row = if refusal.is_some_and(|number| number <= 12) {
             "| `reply_refused_1` to `reply_refused_12` |".into()
         } else {
             format!("| `{name}` ")
@@ -247,7 +301,7 @@ fn the_bytes_in_the_document_are_those_of_the_vectors() {
         assert_eq!(digits.replace(' ', ""), hex, "{line}");
         shown.push((name, what));
     }
-    for name in ["hello", "welcome_fresh", "request_expose", "urgent_abort"] {
+    for name in ["hello", "welcome_fresh", "request_expose", "urgent_abort", "request_mark", "report_room"] {
         assert!(shown.contains(&(name, "on the line")) && shown.contains(&(name, "decoded")), "{name}: {shown:?}");
     }
 }
@@ -269,14 +323,22 @@ fn the_codes_in_the_document_are_those_on_the_line() {
         ("reply_refused_1", "Refused"),
         ("reply_exposed", "Exposed"),
         ("reply_moved", "Moved"),
+        ("request_powder_home", "Home"),
+        ("request_powder_move", "Move"),
+        ("request_recoat", "Recoat"),
+        ("request_mark", "Mark"),
+        ("reply_powder_state", "State"),
+        ("reply_powder_moved", "Moved"),
+        ("reply_recoated", "Recoated"),
+        ("reply_marked", "Marked"),
     ] {
         let row = format!("| 0x{:02X} {name} ", code(vector, 5));
         assert!(document.contains(&row), "docs/protocol.md has no row {row}");
     }
-    for number in 1..=12 {
+    for number in 1..=14 {
         let row = format!("| {} ", code(&format!("reply_refused_{number}"), 6));
         let refusals = document.lines().skip_while(|line| !line.starts_with("| refusal "));
-        assert!(refusals.take(14).any(|line| line.starts_with(&row)), "docs/protocol.md has no refusal {number}");
+        assert!(refusals.take(16).any(|line| line.starts_with(&row)), "docs/protocol.md has no refusal {number}");
     }
 }
 
@@ -289,10 +351,16 @@ fn a_largest_welcome_fits_a_host_frame() {
     let mut state = busy_state();
     state.slots = vec![Some(id(1)); 99];
     state.fault = Some(Fault { code: 1, text: "ö".repeat(500) });
+    let of_powder = Welcome {
+        version: 1,
+        capabilities: Capabilities { machine: powder_capabilities().machine, ..capabilities.clone() },
+        state: DeviceState { powder: powder_state().powder, ..state.clone() },
+    };
     let welcome = Welcome { version: 1, capabilities, state };
     let frame = encode_frame(FrameKind::Welcome, SESSION, 0, &welcome.encode());
-    // The document says 539; the rest of the limit is for kinds of machines to come.
+    // The document says 539, and 553 of powder machines; the rest of the limit is for kinds of machines to come.
     assert_eq!(welcome.encode().len(), payload_limit(539));
+    assert_eq!(of_powder.encode().len(), payload_limit(553));
     assert!(frame.len() <= 539 && MIN_HOST_FRAME_BYTES == 640);
     let read = Welcome::decode(&decode(&frame).payload).expect("cut off at limits and characters");
     assert_eq!(read.capabilities.name, "ä".repeat(32));

@@ -67,6 +67,13 @@ pub enum LogRecord {
         /// The layer.
         layer: u32,
     },
+    /// The device marked the layer up to this vector. It goes on there.
+    PartlyMarked {
+        /// The layer.
+        layer: u32,
+        /// The first vector that is not marked.
+        next_vector: u32,
+    },
     /// The command never left the host.
     Withdrawn {
         /// The layer.

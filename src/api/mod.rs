@@ -253,12 +253,12 @@ pub struct DeviceInfo {
     pub name: String,
     /// `dlp`.
     pub kind: String,
-    /// Pixels in a row.
-    pub width_px: u32,
-    /// Rows.
-    pub height_px: u32,
-    /// Pixel pitch along x and y, micrometres.
-    pub pixel_um: [f64; 2],
+    /// What only machines that expose pictures have.
+    #[serde(flatten)]
+    pub pictures: Option<PicturesInfo>,
+    /// What only machines with a laser have.
+    #[serde(flatten)]
+    pub laser: Option<LaserInfo>,
     /// Layers it can hold.
     pub layer_slots: u8,
     /// Unacknowledged bytes it accepts.
@@ -269,8 +269,30 @@ pub struct DeviceInfo {
     pub encodings: Vec<String>,
     /// Longest exposure it allows, milliseconds.
     pub max_exposure_ms: u32,
-    /// Highest plate position, micrometres.
+    /// The plate's greatest distance from the plane in which layers are exposed, micrometres.
     pub max_position_um: i32,
+}
+
+/// The pictures that a device exposes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PicturesInfo {
+    /// Pixels in a row.
+    pub width_px: u32,
+    /// Rows.
+    pub height_px: u32,
+    /// Pixel pitch along x and y, micrometres.
+    pub pixel_um: [f64; 2],
+}
+
+/// The laser of a device.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LaserInfo {
+    /// Size of the field that it reaches, x and y, micrometres.
+    pub field_um: [u32; 2],
+    /// Its greatest power, watts.
+    pub max_power_w: f64,
+    /// Size of the buffer for layer data, bytes.
+    pub buffer_bytes: u32,
 }
 
 /// State of the device.

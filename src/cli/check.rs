@@ -5,16 +5,15 @@
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use anyhow::bail;
+use anyhow::{anyhow, bail};
 use serde::Serialize;
 
 use super::progress::duration_text;
 use crate::buildfile::Header;
-use crate::config::{DlpRecipe, MIN_BUDGET_BYTES, Machine, Recipe, byte_size};
-use crate::device::encoding;
+use crate::config::{MIN_BUDGET_BYTES, Machine, Recipe, byte_size};
+use crate::device::encoding::{self, Choice};
 use crate::job::Process;
-use crate::layer::Depth;
-use crate::pipeline::{Part, PartError, Placed, Resolution, default_threads};
+use crate::pipeline::{Part, PartError, Placed, Resolution, ScanReport, default_threads};
 use crate::slice::{Footing, SlicePlan};
 use crate::stream::MemoryBudget;
 use crate::text::{count_text, size_text};
@@ -79,8 +78,8 @@ struct Size {
     memory_max_bytes: Option<u64>,
     memory_budget_bytes: u64,
     device_ms_normal_layer: f64,
-    /// If the device never waits.
-    print_time_s: u64,
+    /// If the device never waits; `None` if it depends on the layers.
+    print_time_s: Option<u64>,
 }
 
 /// Figures from layers computed here.
@@ -98,6 +97,20 @@ struct Times {
     dark_bottom_layers: u32,
     /// Ranges of layers, first to last, around samples where computing or the line takes longer than the device.
     late_layers: Vec<[u32; 2]>,
+    /// Of layers of scan vectors.
+    #[serde(flatten)]
+    marking: Option<Marking>,
+}
+
+/// What a laser does for the layers computed here.
+#[derive(Debug, Serialize)]
+struct Marking {
+    vectors_mean: u64,
+    mark_ms_mean: f64,
+    /// Parts of these layers in which nothing is marked.
+    unmarked_parts: u64,
+    /// Of the whole print, if the device never waits.
+    print_time_s: u64,
 }
 
 /// One layer computed and encoded.
@@ -107,6 +120,7 @@ struct Sample {
     line_ms: f64,
     device_ms: f64,
     bytes: usize,
+    scan: Option<ScanReport>,
 }
 
 /// Runs the command.
@@ -150,9 +164,9 @@ fn judge(
         }
         Err(error) => return Err(error.into()),
     };
-    let (Recipe::Dlp(dlp), Some(process)) = (recipe, Process::new(machine, recipe)) else {
-        bail!("`check` knows machines of kind `dlp` only; `layerctl slice` writes the layers for others");
-    };
+    let process = Process::new(machine, recipe).ok_or_else(|| {
+        anyhow!("recipe `{}` is for another kind of machine than `{}`", recipe.name(), machine.name())
+    })?;
     let plan = placed.plan().clone();
     let threads = default_threads();
     let memory = placed.memory(threads, budget);
@@ -164,10 +178,10 @@ fn judge(
         memory_needed_bytes: need_bytes,
         memory_max_bytes: (need_bytes <= budget).then(|| memory.max_bytes(budget)),
         memory_budget_bytes: budget,
-        device_ms_normal_layer: process.layer_ms(plan.layer_count),
-        print_time_s: (process.layers_ms(0..plan.layer_count) / 1e3) as u64,
+        device_ms_normal_layer: process.layer_ms(plan.layer_count, None),
+        print_time_s: matches!(process, Process::Vat(_)).then(|| (process.layers_ms(0..plan.layer_count) / 1e3) as u64),
     };
-    let warnings = warnings(placed.header(), &plan, dlp);
+    let warnings = warnings(placed.header(), &plan, recipe);
     tell_size(&size);
     let part = match placed.fit(threads, budget) {
         Ok(part) => part,
@@ -181,19 +195,26 @@ fn judge(
         }
         Err(error) => return Err(error.into()),
     };
-    let samples = measure(&part, plan.depth, budget, &process, f64::from(machine.link().baud))?;
+    let encoding = match recipe {
+        Recipe::Dlp(_) => encoding::best(plan.depth),
+        Recipe::Slm(_) => encoding::BEST_VECTORS,
+    };
+    let samples = measure(&part, encoding, budget, &process, f64::from(machine.link().baud))?;
     let late_layers = late_layers(&samples, plan.layer_count);
     let footing = part.footing(recipe, budget)?;
     let dark = if let Footing::Dark { layers } = footing { layers } else { 0 };
     let late = (!late_layers.is_empty()).then(|| late_text(&late_layers));
     let loose = footing.problem(plan.layer_count);
     let fits = loose.is_none();
-    let problems = loose.into_iter().chain(late).chain(warnings).collect();
-    Ok(Findings { fits, problems, size: Some(size), times: Some(times(&samples, dark, late_layers)) })
+    let problems: Vec<_> = loose.into_iter().chain(late).chain(warnings).collect();
+    let marking = marking(&samples, process.layers_ms(0..plan.layer_count), plan.layer_count);
+    let problems: Vec<_> = marking.iter().filter_map(Marking::warning).chain(problems).collect();
+    let times = Times { marking, ..times(&samples, dark, late_layers) };
+    Ok(Findings { fits, problems, size: Some(size), times: Some(times) })
 }
 
 /// What may spoil a print that fits: struts that the raster or the layers are too coarse for, and layers that are not peeled off.
-fn warnings(header: &Header, plan: &SlicePlan, recipe: &DlpRecipe) -> Vec<String> {
+fn warnings(header: &Header, plan: &SlicePlan, recipe: &Recipe) -> Vec<String> {
     let radii = header.lattices().map(|lattice| f64::from(lattice.radius_range[0]));
     let thinnest_um = 2.0 * header.quantum_um * radii.fold(f64::INFINITY, f64::min);
     let [x_um, y_um] = plan.raster.pixel_um;
@@ -212,7 +233,7 @@ fn warnings(header: &Header, plan: &SlicePlan, recipe: &DlpRecipe) -> Vec<String
             plan.layer_height_um
         ));
     }
-    if recipe.lift_height_um == 0 {
+    if matches!(recipe, Recipe::Dlp(recipe) if recipe.lift_height_um == 0) {
         warnings.push(
             "the recipe's lift_height_um = 0 does not peel a layer off the bottom of the vat: the plate stays where it is".into(),
         );
@@ -231,14 +252,38 @@ fn times(samples: &[Sample], dark_bottom_layers: u32, late_layers: Vec<[u32; 2]>
         line_ms_max: most(samples, |sample| sample.line_ms),
         dark_bottom_layers,
         late_layers,
+        marking: None,
+    }
+}
+
+/// What the samples say of marking; `rest_ms` is the time of all layers without it.
+fn marking(samples: &[Sample], rest_ms: f64, layer_count: u32) -> Option<Marking> {
+    samples.first()?.scan?;
+    let of = |value: fn(&ScanReport) -> f64| mean(samples, |sample| sample.scan.as_ref().map_or(0.0, value));
+    let mark_ms_mean = of(|scan| f64::from(scan.times.mark_ms));
+    Some(Marking {
+        vectors_mean: of(|scan| f64::from(scan.times.vectors)) as u64,
+        mark_ms_mean,
+        unmarked_parts: samples.iter().filter_map(|sample| sample.scan).map(|scan| scan.counts.unmarked).sum(),
+        print_time_s: ((rest_ms + mark_ms_mean * f64::from(layer_count)) / 1e3) as u64,
+    })
+}
+
+impl Marking {
+    fn warning(&self) -> Option<String> {
+        (self.unmarked_parts > 0).then(|| {
+            format!(
+                "nothing is marked in {} of the sampled layers, which are smaller than the beam: `layerctl slice --format svg` shows them",
+                count_text(self.unmarked_parts, "part")
+            )
+        })
     }
 }
 
 /// Computes and encodes layers spread evenly over the part, each in a sweep of its own, as a print would send them to a device that
 /// reads every encoding. The time of the sweep's second layer counts: the first one includes reading the chunks, which a print
 /// does once.
-fn measure(part: &Part, depth: Depth, budget: u64, process: &Process, baud: f64) -> anyhow::Result<Vec<Sample>> {
-    let encoding = encoding::best(depth);
+fn measure(part: &Part, encoding: Choice, budget: u64, process: &Process, baud: f64) -> anyhow::Result<Vec<Sample>> {
     let mut samples = Vec::new();
     let count = MAX_SAMPLES.min(part.layer_count());
     let began = Instant::now();
@@ -260,7 +305,9 @@ fn measure(part: &Part, depth: Depth, budget: u64, process: &Process, baud: f64)
         let compute_ms = start.elapsed().as_secs_f64() * 1e3;
         let bytes = encoded.bytes.len();
         let line_ms = bytes as f64 * LINE_BITS / baud * 1e3;
-        samples.push(Sample { layer, compute_ms, line_ms, device_ms: process.layer_ms(layer), bytes });
+        let scan = encoded.scan;
+        let device_ms = process.layer_ms(layer, scan.map(|scan| scan.times));
+        samples.push(Sample { layer, compute_ms, line_ms, device_ms, bytes, scan });
     }
     samples.sort_by_key(|sample| sample.layer);
     Ok(samples)
@@ -302,14 +349,18 @@ fn most(samples: &[Sample], value: impl Fn(&Sample) -> f64) -> f64 {
 }
 
 fn size_lines(size: &Size) -> String {
-    [
-        format!("layers          {}", size.layer_count),
-        format!("active struts   {} at most in one layer", size.peak_active_struts),
-        memory_line(size),
-        format!("device          {:.1} ms a normal layer", size.device_ms_normal_layer),
-        format!("print time      {}, where the device never waits", duration_text(size.print_time_s)),
-    ]
-    .join("\n")
+    let device = match size.print_time_s {
+        Some(_) => format!("device          {:.1} ms a normal layer", size.device_ms_normal_layer),
+        None => format!("device          {:.1} ms a layer, and its marking", size.device_ms_normal_layer),
+    };
+    let layers = format!("layers          {}", size.layer_count);
+    let struts = format!("active struts   {} at most in one layer", size.peak_active_struts);
+    let time = size.print_time_s.map(time_line);
+    [layers, struts, memory_line(size), device].into_iter().chain(time).collect::<Vec<_>>().join("\n")
+}
+
+fn time_line(print_time_s: u64) -> String {
+    format!("print time      {}, where the device never waits", duration_text(print_time_s))
 }
 
 fn memory_line(size: &Size) -> String {
@@ -338,6 +389,10 @@ fn verdict_text(findings: &Findings) -> String {
             times.compute_ms_mean, times.compute_ms_max
         ));
         lines.push(format!("line            {:.1} ms a layer, at most {:.1}", times.line_ms_mean, times.line_ms_max));
+        if let Some(Marking { vectors_mean, mark_ms_mean, print_time_s, .. }) = times.marking {
+            lines.push(format!("marking         {mark_ms_mean:.1} ms a layer, {}", count_text(vectors_mean, "vector")));
+            lines.push(time_line(print_time_s));
+        }
     }
     // The first problem of a print that does not fit is reported as the command's error.
     let notes = findings.problems.iter().skip(usize::from(!findings.fits));

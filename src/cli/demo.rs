@@ -1,6 +1,7 @@
 //! `layerctl demo`: generates a lattice and prints it on a simulated device. Daemon and device are processes of their own.
 //! `.ci/run` runs it.
 
+mod compare;
 mod processes;
 
 use std::ffi::OsStr;
@@ -32,10 +33,12 @@ const CONTENTS: [&str; 8] =
 #[command(after_help = "\
 Examples:
   layerctl demo                  about half a minute; pictures in demo-out/exposed
+  layerctl demo slm              the same on a laser machine, twenty times faster than real
   layerctl demo dlp -o /tmp/d    somewhere else
 
-It generates a lattice, starts a simulated DLP printer on a virtual serial port and the daemon, and prints the lattice. Then it \
-slices the lattice, and compares the pictures that the printer exposed with those of the slicer, pixel by pixel.")]
+It generates a lattice, starts a simulated printer on a virtual serial port and the daemon, and prints the lattice. Then it slices \
+the lattice, and compares each layer with what the printer made of it: the pictures that a DLP printer exposed, pixel by pixel; the \
+area that an SLM machine melted, which may differ at the border.")]
 pub(super) struct DemoArgs {
     /// Kind of machine.
     #[arg(value_enum, default_value_t = Kind::Dlp)]
@@ -49,29 +52,63 @@ pub(super) struct DemoArgs {
 enum Kind {
     /// Resin and a projector.
     Dlp,
-    /// Metal powder and a laser: not simulated yet.
+    /// Metal powder and a laser.
     Slm,
 }
 
-pub(super) fn run(args: &DemoArgs) -> anyhow::Result<()> {
-    if args.kind == Kind::Slm {
-        bail!("the simulated SLM machine comes with a later version; `layerctl demo dlp` works");
+/// What a kind of machine needs for its demo.
+struct Stage {
+    /// As the user names the kind.
+    name: &'static str,
+    /// The shipped machine, and the path of its line.
+    machine: &'static str,
+    line: &'static str,
+    recipe: &'static str,
+    time_scale: u32,
+    /// Arguments of `generate`.
+    part: &'static [&'static str],
+}
+
+impl Kind {
+    fn stage(self) -> Stage {
+        match self {
+            Self::Dlp => Stage {
+                name: "dlp",
+                machine: include_str!("../../config/machines/sim-dlp.toml"),
+                line: "/tmp/layerd-sim-dlp",
+                recipe: include_str!("../../config/recipes/demo.toml"),
+                time_scale: 1,
+                part: &["--struts", "3600", "--box", "24,16,5", "--radius", "0.2"],
+            },
+            Self::Slm => Stage {
+                name: "slm",
+                machine: include_str!("../../config/machines/sim-slm.toml"),
+                line: "/tmp/layerd-sim-slm",
+                recipe: include_str!("../../config/recipes/slm-demo.toml"),
+                time_scale: 20,
+                part: &["--struts", "900", "--box", "12,12,2", "--radius", "0.15"],
+            },
+        }
     }
+}
+
+pub(super) fn run(args: &DemoArgs) -> anyhow::Result<()> {
+    let stage = args.kind.stage();
     let directory = prepare(&args.output)?;
     // Socket and port get short paths, as DIR may be long and a socket's path may have only 107 bytes.
     let short =
         tempfile::Builder::new().prefix("layerd-demo-").tempdir().context("cannot make a directory for sockets")?;
-    write_config(&directory, short.path())?;
+    write_config(&stage, &directory, short.path())?;
     let part = directory.join("demo.layerd");
     super::eprint("generating a lattice");
-    let generate = ["generate", "bcc", "--struts", "3600", "--box", "24,16,5", "--radius", "0.2", "-o"].map(OsStr::new);
-    run_self(&[&generate[..], &[part.as_os_str()]].concat())?;
+    let generate = [&["generate", "bcc"], stage.part, &["-o"]].concat();
+    run_self(&[&generate.into_iter().map(OsStr::new).collect::<Vec<_>>(), &[part.as_os_str()][..]].concat())?;
 
     let began = Instant::now();
     let mut children = Children::default();
     let print = block_on(async {
         tokio::select! {
-            printed = print(&directory, short.path(), &part, &mut children) => printed,
+            printed = print(&stage, &directory, short.path(), &part, &mut children) => printed,
             () = interrupted() => bail!("interrupted; daemon and device are being ended"),
         }
     });
@@ -81,7 +118,10 @@ pub(super) fn run(args: &DemoArgs) -> anyhow::Result<()> {
         bail!("the job is {} instead of completed; logs are in {}", job.state, directory.display());
     }
     summarise(&directory, &job, &status, began.elapsed())?;
-    compare(&directory, &part, job.layers_total)
+    match args.kind {
+        Kind::Dlp => compare::pictures(&directory, &part, job.layers_total),
+        Kind::Slm => compare::melted(&directory, &part, job.layers_total),
+    }
 }
 
 /// Makes the directory, or empties it of an earlier demo; returns its absolute path.
@@ -107,10 +147,11 @@ fn prepare(output: &Path) -> anyhow::Result<PathBuf> {
 }
 
 /// Writes the configuration. Machine and recipe are those of `config/`.
-fn write_config(directory: &Path, short: &Path) -> anyhow::Result<()> {
-    let machine = include_str!("../../config/machines/sim-dlp.toml");
+fn write_config(stage: &Stage, directory: &Path, short: &Path) -> anyhow::Result<()> {
     let port = toml_text(&short.join("port"));
-    let machine = machine.replace("\"/tmp/layerd-sim-dlp\"", &port);
+    let time_scale = format!("time_scale = {}.0", stage.time_scale);
+    let machine = stage.machine.replace(&format!("\"{}\"", stage.line), &port);
+    let machine = machine.replace("# time_scale = 1.0", &time_scale);
     let socket = toml_text(&short.join("control.sock"));
     let daemon = format!(
         "{MARK}socket = {socket}\nspool = \"spool\"\nmemory_budget = \"64MiB\"\nmachine = \"machine.toml\"\nrecipe = \"recipe.toml\"\n"
@@ -121,7 +162,7 @@ fn write_config(directory: &Path, short: &Path) -> anyhow::Result<()> {
     };
     write("layerd.toml", &daemon)?;
     write("machine.toml", &machine)?;
-    write("recipe.toml", include_str!("../../config/recipes/demo.toml"))?;
+    write("recipe.toml", stage.recipe)?;
     std::fs::create_dir_all(directory.join("spool")).context("cannot make the demo's spool")
 }
 
@@ -132,22 +173,26 @@ fn toml_text(path: &Path) -> String {
 
 /// Starts device and daemon and prints; leaves them running in `children`.
 async fn print(
+    stage: &Stage,
     directory: &Path,
     short: &Path,
     part: &Path,
     children: &mut Children,
 ) -> anyhow::Result<(JobView, Status)> {
     let port = short.join("port");
-    super::eprint("starting a simulated DLP printer and the daemon");
+    super::eprint(&format!("starting a simulated {} machine and the daemon", stage.name.to_uppercase()));
     let exposed = directory.join("exposed");
     let machine = directory.join("machine.toml");
-    let device: [&OsStr; 10] = [
+    let time_scale = stage.time_scale.to_string();
+    let device: [&OsStr; 12] = [
         "simulate".as_ref(),
-        "dlp".as_ref(),
+        stage.name.as_ref(),
         "--machine".as_ref(),
         machine.as_ref(),
         "--baud".as_ref(),
         "3000000".as_ref(),
+        "--time-scale".as_ref(),
+        time_scale.as_ref(),
         "--link".as_ref(),
         port.as_ref(),
         "-o".as_ref(),
@@ -210,35 +255,6 @@ fn summarise(directory: &Path, job: &JobView, status: &Status, took: Duration) -
     super::print(&format!("pictures {}", directory.join("exposed").display()))
 }
 
-/// Slices the same part and compares every picture with what was exposed.
-fn compare(directory: &Path, part: &Path, layers: u32) -> anyhow::Result<()> {
-    let (machine, recipe) = (directory.join("machine.toml"), directory.join("recipe.toml"));
-    let sliced = directory.join("sliced");
-    run_self(&[
-        "slice".as_ref(),
-        part.as_ref(),
-        "--machine".as_ref(),
-        machine.as_ref(),
-        "--recipe".as_ref(),
-        recipe.as_ref(),
-        "-o".as_ref(),
-        sliced.as_ref(),
-    ])?;
-    for layer in 0..layers {
-        let name = format!("layer_{layer:06}.png");
-        let picture = |of: &str| {
-            let path = directory.join(of).join(&name);
-            image::open(&path)
-                .map(image::DynamicImage::into_luma8)
-                .with_context(|| format!("cannot read {}", path.display()))
-        };
-        if picture("exposed")? != picture("sliced")? {
-            bail!("{name}: what was exposed is not what `layerctl slice` says; both are in {}", directory.display());
-        }
-    }
-    super::print(&format!("all {layers} exposed pictures match those of `layerctl slice`, pixel by pixel"))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -248,12 +264,15 @@ mod tests {
     fn the_demo_writes_configuration_the_daemon_takes() {
         let directory = tempfile::tempdir().unwrap();
         let short = directory.path().join("a \"quoted\" place");
-        write_config(directory.path(), &short).unwrap();
+        write_config(&Kind::Dlp.stage(), directory.path(), &short).unwrap();
         let config = DaemonConfig::load(&directory.path().join("layerd.toml")).unwrap();
         assert_eq!(config.socket, short.join("control.sock"));
         let machine = Machine::load(&config.machine).unwrap();
         assert_eq!(machine.link().path, short.join("port"), "the shipped path was replaced");
         Recipe::load(&config.recipe).unwrap();
+        write_config(&Kind::Slm.stage(), directory.path(), &short).unwrap();
+        let machine = Machine::load(&config.machine).unwrap();
+        assert_eq!((machine.link().path.clone(), machine.time_scale()), (short.join("port"), 20.0));
         prepare(directory.path()).unwrap();
         assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), 0, "a demo cleans up after the one before");
     }

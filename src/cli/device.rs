@@ -4,7 +4,7 @@ use clap::Args;
 
 use super::client::Client;
 use super::{block_on, print, print_json};
-use crate::api::{DeviceInfo, DeviceStateView, DeviceView};
+use crate::api::{DeviceInfo, DeviceStateView, DeviceView, LaserInfo, PicturesInfo};
 use crate::text::{count_text, mm_text, size_text};
 
 /// Show what the device is, and where light and plate are.
@@ -42,8 +42,13 @@ pub(super) fn run(args: &DeviceArgs) -> anyhow::Result<()> {
 
 fn print_info(info: &DeviceInfo) -> anyhow::Result<()> {
     print(&format!("device     {} ({})", info.name, info.kind))?;
-    let [x, y] = info.pixel_um;
-    print(&format!("picture    {} x {} pixels of {x} x {y} µm", info.width_px, info.height_px))?;
+    if let Some(PicturesInfo { width_px, height_px, pixel_um: [x, y] }) = info.pictures {
+        print(&format!("picture    {width_px} x {height_px} pixels of {x} x {y} µm"))?;
+    }
+    if let Some(LaserInfo { field_um: [x, y], max_power_w, buffer_bytes }) = info.laser {
+        print(&format!("field      {} x {}, laser up to {max_power_w} W", mm_text(x), mm_text(y)))?;
+        print(&format!("buffer     {} of layer data", size_text(buffer_bytes.into())))?;
+    }
     print(&format!("encodings  {}", info.encodings.join(", ")))?;
     print(&format!(
         "receives   {} ahead, {} unacknowledged, frames up to {}",

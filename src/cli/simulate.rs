@@ -6,16 +6,16 @@ use std::path::PathBuf;
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 
-use crate::config::{DlpMachine, Machine};
-use crate::device::sim::{FAULT_HELP, FaultSpec, SimulateOptions, Statistics, run as simulate};
+use crate::config::{DlpMachine, Machine, SlmMachine};
+use crate::device::sim::{FAULT_HELP, FaultSpec, MeltSettings, SimulateOptions, Statistics, run as simulate};
 use crate::link::FlowControl;
-use crate::link::message::{Capabilities, Encoding, MachineCapabilities, VatCapabilities};
+use crate::link::message::{Capabilities, Encoding, MachineCapabilities, PowderCapabilities, VatCapabilities};
 use crate::signals::Signals;
 use crate::text::{count_text, size_text};
 
 /// Simulate a printer on a pseudo-terminal, until Ctrl-C, SIGTERM, SIGQUIT or SIGHUP.
 ///
-/// It speaks the protocol of a real machine, times and refuses exposures like one, and writes pictures of what it exposed.
+/// It speaks the protocol of a real machine, times and refuses exposures like one, and writes pictures of what it exposed or melted.
 #[derive(Debug, Args)]
 #[command(after_help = after_help())]
 pub struct SimulateArgs {
@@ -25,7 +25,7 @@ pub struct SimulateArgs {
     /// Symlink to make for the host's end of the pseudo-terminal. It is removed at the end. Only one simulated device may use it.
     #[arg(long, value_name = "PATH")]
     link: PathBuf,
-    /// Directory for `acts.jsonl` and a PNG of each exposed layer.
+    /// Directory for `acts.jsonl` and a PNG of each exposed or melted layer.
     #[arg(short = 'o', long = "output", value_name = "DIR")]
     output: Option<PathBuf>,
     /// Baud rate in both directions, 300 to 100000000; without it the rate is not limited.
@@ -37,27 +37,51 @@ pub struct SimulateArgs {
     /// Seed of faults and identities.
     #[arg(long, value_name = "S", default_value_t = 1)]
     seed: u64,
-    /// How many times faster than real time the device's clock runs, 0.001 to 100000: exposures, moves, `t_ms` in the log. For any
-    /// value but 1, set `time_scale` in the daemon's machine file to the same.
+    /// How many times faster than real time the device's clock runs, 0.001 to 100000: exposures, the scanner, moves, `t_ms` in the log.
+    /// For any value but 1, set `time_scale` in the daemon's machine file to the same.
     #[arg(long, value_name = "X", default_value_t = 1.0, value_parser = time_scale)]
     time_scale: f64,
-    /// Machine, a name or a path, that sets pixels and travel; without it 960 × 540 pixels of 40 µm, 60 mm travel.
+    /// Machine, a name or a path. It sets pixels and travel of a resin printer (without it 960 × 540 pixels of 40 µm, 60 mm travel);
+    /// field, grid, beam, power, layer heights and travel of a laser machine (without it those of `sim-slm`).
     #[arg(long, value_name = "NAME|PATH")]
     machine: Option<String>,
     /// Receive window it declares, 1024 to 1048576 bytes.
     #[arg(long, value_name = "BYTES", default_value_t = 4096, value_parser = clap::value_parser!(u32).range(1024..=1 << 20))]
     window: u32,
-    /// Longest exposure it allows, milliseconds.
-    #[arg(long, value_name = "MS", default_value_t = 120_000, value_parser = clap::value_parser!(u32).range(1..=600_000))]
-    max_exposure_ms: u32,
+    /// Longest exposure it allows, 1 to 600000 ms. Without it 120000; for a laser machine, where it is the longest time to mark a layer
+    /// in one act, 600000.
+    #[arg(long, value_name = "MS", value_parser = clap::value_parser!(u32).range(1..=14_400_000))]
+    max_exposure_ms: Option<u32>,
+    /// Size of the buffer for the data of all layers, 1024 to 16777216 bytes; without it 65536. Only `slm` has one.
+    #[arg(long, value_name = "BYTES", value_parser = clap::value_parser!(u32).range(1024..=1 << 24))]
+    buffer: Option<u32>,
 }
+
+/// Size of a laser machine's buffer, bytes: smaller than many layers, so that they stream.
+const BUFFER_BYTES: u32 = 1 << 16;
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum Kind {
     /// Resin printer with a projector.
     Dlp,
-    /// Laser machine: not simulated yet.
+    /// Laser machine with a bed of powder.
     Slm,
+}
+
+impl Kind {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Dlp => "dlp",
+            Self::Slm => "slm",
+        }
+    }
+
+    fn simulates(self) -> &'static str {
+        match self {
+            Self::Dlp => "a resin printer",
+            Self::Slm => "a laser machine",
+        }
+    }
 }
 
 fn time_scale(text: &str) -> Result<f64, String> {
@@ -65,40 +89,34 @@ fn time_scale(text: &str) -> Result<f64, String> {
     scale.ok_or_else(|| "write a number from 0.001 to 100000".into())
 }
 
+/// What is to be known of laser machines, for help.
+const LASER_HELP: &str = "\
+Laser machines:
+A laser machine keeps the data of all layers in one buffer. A layer that is larger streams through it while the laser marks. When its
+data is late, the laser waits, off, between two vectors, and `starved_ms` in the log says for how long. In `acts.jsonl`, `marked` tells
+the vectors of a layer and how long the laser was on. If marking ends early, `laser_off` has a `reason`, and `next_vector` is the first
+one not marked. In the PNG of a layer, a pixel of the machine's grid is white if its centre was under the beam.";
+
+/// Examples for help.
+const EXAMPLES: &str = "\
+Examples:
+  layerctl simulate dlp --machine sim-dlp --link /tmp/layerd-sim-dlp -o exposed
+  layerctl simulate slm --machine sim-slm --link /tmp/layerd-sim-slm -o melted
+  layerctl simulate dlp --link /tmp/printer -o exposed --baud 3000000 \\
+    --fault drop=0.01 --fault corrupt=0.01 --fault duplicate=0.01 --fault disconnect=3 --seed 7 --time-scale 20
+  layerctl simulate slm --link /tmp/laser -o melted --buffer 4096 --fault oxygen=1 --fault reset=2";
+
 fn after_help() -> String {
-    format!(
-        "Faults:\n{FAULT_HELP}\n\nExamples:\n  layerctl simulate dlp --machine sim-dlp --link /tmp/layerd-sim-dlp -o exposed\n  layerctl \
-         simulate dlp --link /tmp/printer -o exposed --baud 3000000 \\\n    --fault drop=0.01 --fault corrupt=0.01 --fault duplicate=0.01 --fault disconnect=3 --seed 7 --time-scale 20"
-    )
+    format!("{LASER_HELP}\n\nFaults:\n{FAULT_HELP}\n\n{EXAMPLES}")
 }
 
 /// Runs the device until SIGINT, SIGTERM, SIGQUIT or SIGHUP.
 ///
 /// # Errors
-/// A machine file that cannot be used, a `PATH` or `DIR` that cannot be written, or a kind of device that is not simulated yet.
+/// A machine file that cannot be used or is of another kind, options of another kind of machine, or a `PATH` or `DIR` that cannot be
+/// written.
 pub fn run(args: SimulateArgs) -> anyhow::Result<()> {
-    if matches!(args.device, Kind::Slm) {
-        bail!("there is no simulated slm yet; `layerctl simulate dlp` simulates a resin printer");
-    }
-    let machine = match args.machine.as_deref().map(super::find_machine).transpose()? {
-        None => None,
-        Some((Machine::Dlp(machine), _)) => Some(machine),
-        Some((machine, _)) => bail!(
-            "machine `{}` is of kind `{}`, and `simulate dlp` simulates a resin printer: name a machine of kind `dlp`",
-            machine.name(),
-            machine.kind()
-        ),
-    };
-    let options = SimulateOptions {
-        capabilities: capabilities(&args, machine.as_ref()),
-        escaped: machine.is_some_and(|machine| machine.link.flow_control == FlowControl::XonXoff),
-        link: args.link,
-        directory: args.output,
-        baud: args.baud,
-        faults: args.faults,
-        seed: args.seed,
-        time_scale: args.time_scale,
-    };
+    let (kind, options) = (args.device, options(args)?);
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().context("cannot start")?;
     let statistics = runtime.block_on(async {
         let mut signals = Signals::take_over().context("cannot wait for signals")?;
@@ -106,11 +124,59 @@ pub fn run(args: SimulateArgs) -> anyhow::Result<()> {
             signals.end().await;
         };
         let link = options.link.clone();
-        let ready = || say(&format!("simulated dlp ready at {}", link.display()));
+        let ready = || say(&format!("simulated {} ready at {}", kind.name(), link.display()));
         anyhow::Ok(simulate(options, ready, stop).await?)
     })?;
-    say(&summary(&statistics));
+    say(&summary(kind, &statistics));
     Ok(())
+}
+
+/// What is to be simulated.
+fn options(args: SimulateArgs) -> anyhow::Result<SimulateOptions> {
+    let kind = args.device;
+    let named = match (&args.machine, kind) {
+        (Some(name), _) => Some(name.as_str()),
+        (None, Kind::Slm) => Some("sim-slm"),
+        (None, Kind::Dlp) => None,
+    };
+    let machine = named.map(super::find_machine).transpose()?.map(|(machine, _)| machine);
+    let flow_control = machine.as_ref().map(|machine| machine.link().flow_control);
+    let (capabilities, melt) = match (kind, &machine) {
+        (Kind::Dlp, _) if args.buffer.is_some() => {
+            bail!("`--buffer` is for laser machines, and `simulate dlp` simulates a resin printer: leave it out")
+        }
+        (Kind::Dlp, _) if args.faults.iter().any(|fault| matches!(fault, FaultSpec::Interlock(..))) => bail!(
+            "the faults `oxygen`, `door` and `power` are for laser machines, and `simulate dlp` simulates a resin printer: leave them out"
+        ),
+        (Kind::Dlp, None) => (vat(&args, None), None),
+        (Kind::Dlp, Some(Machine::Dlp(machine))) => (vat(&args, Some(machine)), None),
+        (Kind::Slm, Some(Machine::Slm(machine))) => {
+            let melt = MeltSettings { raster: machine.raster(), beam_um: machine.beam_diameter_um };
+            (powder(&args, machine), Some(melt))
+        }
+        (_, machine) => {
+            let (found, found_kind) = match machine {
+                Some(machine) => (machine.name(), machine.kind().to_string()),
+                None => ("", String::new()),
+            };
+            bail!(
+                "machine `{found}` is of kind `{found_kind}`, and `simulate {0}` simulates {1}: name a machine of kind `{0}`",
+                kind.name(),
+                kind.simulates()
+            )
+        }
+    };
+    Ok(SimulateOptions {
+        capabilities,
+        melt,
+        escaped: flow_control == Some(FlowControl::XonXoff),
+        link: args.link,
+        directory: args.output,
+        baud: args.baud,
+        faults: args.faults,
+        seed: args.seed,
+        time_scale: args.time_scale,
+    })
 }
 
 /// Writes one line to stdout. Errors are ignored: the simulated print goes on when nobody reads it.
@@ -119,7 +185,7 @@ fn say(line: &str) {
     let _ = writeln!(stdout, "{line}").and_then(|()| stdout.flush());
 }
 
-fn capabilities(args: &SimulateArgs, machine: Option<&DlpMachine>) -> Capabilities {
+fn vat(args: &SimulateArgs, machine: Option<&DlpMachine>) -> Capabilities {
     let (size_px, pixel_um, travel_um) = machine.map_or(([960, 540], [40.0, 40.0], 60_000.0), |machine| {
         // The plate must rise high enough to lift the finished part out.
         let travel_um = machine.build_height_um.max(machine.clear_height_um) + 20_000.0;
@@ -131,7 +197,7 @@ fn capabilities(args: &SimulateArgs, machine: Option<&DlpMachine>) -> Capabiliti
         window_bytes: args.window,
         largest_frame_bytes: 1024,
         encodings: vec![Encoding::RawBit, Encoding::Group4, Encoding::RawGrey, Encoding::RunGrey],
-        max_exposure_ms: args.max_exposure_ms,
+        max_exposure_ms: args.max_exposure_ms.unwrap_or(120_000),
         machine: MachineCapabilities::Vat(VatCapabilities {
             width_px: size_px[0],
             height_px: size_px[1],
@@ -141,11 +207,36 @@ fn capabilities(args: &SimulateArgs, machine: Option<&DlpMachine>) -> Capabiliti
     }
 }
 
-fn summary(statistics: &Statistics) -> String {
+fn powder(args: &SimulateArgs, machine: &SlmMachine) -> Capabilities {
+    Capabilities {
+        name: "simulated slm".into(),
+        layer_slots: 2,
+        window_bytes: args.window,
+        largest_frame_bytes: 1024,
+        encodings: vec![Encoding::Vectors, Encoding::VectorsCoded],
+        max_exposure_ms: args.max_exposure_ms.unwrap_or(3_600_000),
+        machine: MachineCapabilities::Powder(PowderCapabilities {
+            field_um: machine.field_um.map(|um| um.round() as u32),
+            max_power_mw: (machine.max_power_w * 1000.0).round() as u32,
+            layer_height_um: machine.layer_height_range_um.map(|um| um.round() as u32),
+            max_position_um: machine.build_height_um.round() as i32,
+            buffer_bytes: args.buffer.unwrap_or(BUFFER_BYTES),
+        }),
+    }
+}
+
+fn summary(kind: Kind, statistics: &Statistics) -> String {
     let Statistics { exposed, cut_short, uploads, layer_bytes, refused, moves, silences, resets, .. } = statistics;
+    let done = match kind {
+        Kind::Dlp => format!("exposed {}", count_text(*exposed, "layer")),
+        Kind::Slm => {
+            let Statistics { vectors, recoats, starved_ms, .. } = statistics;
+            let (layers, vectors) = (count_text(*exposed, "layer"), count_text(*vectors, "vector"));
+            format!("marked {layers} ({vectors}, waited {starved_ms} ms for data), {}", count_text(*recoats, "recoat"))
+        }
+    };
     format!(
-        "exposed {}, cut short {cut_short}; received {} ({}); {}; {} refused; {} of the host; {}",
-        count_text(*exposed, "layer"),
+        "{done}, cut short {cut_short}; received {} ({}); {}; {} refused; {} of the host; {}",
         count_text(*uploads, "layer"),
         size_text(*layer_bytes),
         count_text(*moves, "move"),
@@ -176,7 +267,7 @@ mod tests {
         let args =
             parse("simulate dlp --link p --fault drop=0.01 --fault disconnect=3 --time-scale 20").expect("correct");
         assert_eq!(args.faults, [FaultSpec::Drop(0.01), FaultSpec::Disconnect(3)]);
-        let made = capabilities(&args, None);
+        let made = vat(&args, None);
         let vat = VatCapabilities { width_px: 960, height_px: 540, pixel_nm: [40_000; 2], max_position_um: 60_000 };
         assert_eq!(made.machine, MachineCapabilities::Vat(vat));
         assert_eq!((made.window_bytes, made.layer_slots), (4096, 2));
@@ -187,9 +278,45 @@ mod tests {
     }
 
     #[test]
-    fn a_laser_machine_is_refused_for_now() {
-        let args = parse("simulate slm --link p").expect("correct");
-        assert!(run(args).expect_err("not yet").to_string().contains("no simulated slm yet"));
+    fn a_laser_machine_has_the_limits_of_its_file_and_a_buffer() {
+        let made = options(parse("simulate slm --link p --machine config/machines/sim-slm.toml").expect("correct"));
+        let made = made.expect("a laser machine");
+        let powder = PowderCapabilities {
+            field_um: [120_000; 2],
+            max_power_mw: 200_000,
+            layer_height_um: [20, 100],
+            max_position_um: 100_000,
+            buffer_bytes: 65_536,
+        };
+        assert_eq!(made.capabilities.machine, MachineCapabilities::Powder(powder.clone()));
+        assert_eq!(made.capabilities.encodings, [Encoding::Vectors, Encoding::VectorsCoded]);
+        let melt = made.melt.expect("a beam");
+        assert_eq!((melt.beam_um, melt.raster.width_px, melt.raster.pixel_um), (60.0, 4000, [30.0; 2]));
+        let small = options(parse("simulate slm --link p --buffer 2048").expect("correct")).expect("as sim-slm");
+        assert_eq!(
+            small.capabilities.machine,
+            MachineCapabilities::Powder(PowderCapabilities { buffer_bytes: 2048, ..powder })
+        );
+        assert!(parse("simulate slm --link p --buffer 100").expect_err("too small").contains("1024"));
+    }
+
+    #[test]
+    fn a_machine_or_an_option_of_another_kind_is_refused() {
+        for (line, words) in [
+            (
+                "simulate dlp --link p --machine sim-slm",
+                "is of kind `slm`, and `simulate dlp` simulates a resin printer",
+            ),
+            (
+                "simulate slm --link p --machine sim-dlp",
+                "is of kind `dlp`, and `simulate slm` simulates a laser machine",
+            ),
+            ("simulate dlp --link p --buffer 4096", "`--buffer` is for laser machines"),
+            ("simulate dlp --link p --fault door=1", "`door` and `power` are for laser machines"),
+        ] {
+            let refused = run(parse(line).expect("correct")).expect_err("another kind").to_string();
+            assert!(refused.contains(words), "{refused}");
+        }
         assert!(!std::path::Path::new("p").exists());
     }
 }

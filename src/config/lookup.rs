@@ -15,11 +15,12 @@ pub enum Folder {
 }
 
 /// The files of `config/`, built in so that their names work without an installation.
-const SHIPPED: [(Folder, &str, &str); 8] = [
+const SHIPPED: [(Folder, &str, &str); 9] = [
     (Folder::Machines, "dlp-1080p-50um", include_str!("../../config/machines/dlp-1080p-50um.toml")),
     (Folder::Machines, "lcd-4k-35um", include_str!("../../config/machines/lcd-4k-35um.toml")),
     (Folder::Machines, "sim-dlp", include_str!("../../config/machines/sim-dlp.toml")),
     (Folder::Machines, "sim-slm", include_str!("../../config/machines/sim-slm.toml")),
+    (Folder::Machines, "slm-125-400w", include_str!("../../config/machines/slm-125-400w.toml")),
     (Folder::Recipes, "default", include_str!("../../config/recipes/default.toml")),
     (Folder::Recipes, "demo", include_str!("../../config/recipes/demo.toml")),
     (Folder::Recipes, "fine", include_str!("../../config/recipes/fine.toml")),

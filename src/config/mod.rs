@@ -45,17 +45,6 @@ pub enum ConfigError {
         /// What the parser found, with line and column.
         message: String,
     },
-    /// A kind of machine that layers can be made for, and that layerd cannot drive.
-    #[error(
-        "{}: layerd cannot drive machines of kind `{kind}` yet; `layerctl slice` writes their layers. Use a machine of kind `dlp`",
-        path.display()
-    )]
-    Undriven {
-        /// The file.
-        path: PathBuf,
-        /// The kind.
-        kind: Kind,
-    },
     /// A recipe for machines of another kind.
     #[error(
         "{}: this recipe is for machines of kind `{kind}`, but the machine in {} is of kind `{machine_kind}`: choose a recipe for \

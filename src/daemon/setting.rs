@@ -5,7 +5,7 @@ use std::path::Path;
 
 use anyhow::Context;
 
-use crate::config::{ConfigError, DaemonConfig, Folder, Kind, Machine, Recipe, names, read_text};
+use crate::config::{ConfigError, DaemonConfig, Folder, Machine, Recipe, names, read_text};
 use crate::pipeline::default_threads;
 
 /// The configuration; it does not change while the daemon runs.
@@ -59,10 +59,6 @@ impl Setting {
             .with_context(|| named("recipe"));
         let threads = config.threads.unwrap_or_else(default_threads);
         match (machine, recipe) {
-            (Ok((machine, _)), Ok(_)) if machine.kind() == Kind::Slm => {
-                let error = ConfigError::Undriven { path: config.machine, kind: Kind::Slm };
-                Err(vec![anyhow::Error::from(error).context(named("machine"))])
-            }
             (Ok((machine, machine_text)), Ok((recipe, recipe_text))) => {
                 Ok(Self { config, machine, machine_text, recipe, recipe_text, threads })
             }

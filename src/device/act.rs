@@ -1,5 +1,5 @@
-//! Acts of a machine and their outcomes: what job engine and driver exchange. See them used in `job/cycle/vat.rs`, which decides
-//! what a machine with a vat does, and in the driver, which makes requests of it.
+//! Acts of a machine and their outcomes: what job engine and driver exchange. See them used in `job/cycle/`, which decides what a
+//! machine does, and in the driver, which makes requests of it.
 
 use crate::link::message::Refusal;
 
@@ -8,6 +8,8 @@ use crate::link::message::Refusal;
 pub enum Act {
     /// An act of a machine with a vat.
     Vat(VatAct),
+    /// An act of a machine with a bed of powder.
+    Powder(PowderAct),
 }
 
 impl Act {
@@ -15,8 +17,9 @@ impl Act {
     pub const fn is_exposure(&self) -> bool {
         // Without `_`, so that a new kind of machine or act must be decided on here.
         match self {
-            Self::Vat(VatAct::Home | VatAct::Move { .. }) => false,
-            Self::Vat(VatAct::Expose { .. }) => true,
+            Self::Vat(VatAct::Home | VatAct::Move { .. })
+            | Self::Powder(PowderAct::Home | PowderAct::Move { .. } | PowderAct::Recoat) => false,
+            Self::Vat(VatAct::Expose { .. }) | Self::Powder(PowderAct::Mark { .. }) => true,
         }
     }
 }
@@ -44,11 +47,38 @@ pub enum VatAct {
     },
 }
 
+/// What a machine with a bed of powder, a recoater and a laser does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PowderAct {
+    /// Find the zero position: plate level with the working plane, recoater at rest.
+    Home,
+    /// Move the plate.
+    Move {
+        /// Depth below the working plane, micrometres.
+        position_um: i32,
+        /// Micrometres a second.
+        speed_um_s: u32,
+    },
+    /// Spread powder over the plate.
+    Recoat,
+    /// Mark a layer that was uploaded.
+    Mark {
+        /// Which.
+        layer: u32,
+        /// The first vector to mark.
+        from_vector: u32,
+        /// Longest time of the act, milliseconds; after that the laser stops at the end of a vector.
+        most_ms: u32,
+    },
+}
+
 /// How an [`Act`] ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
     /// An act of a machine with a vat was done.
     Vat(VatOutcome),
+    /// An act of a machine with a bed of powder was done.
+    Powder(PowderOutcome),
     /// The device refused the act.
     Refused(Refusal),
     /// The exposure was taken back before it left the host.
@@ -69,5 +99,28 @@ pub enum VatOutcome {
         layer: u32,
         /// Light time that the device reported, milliseconds.
         duration_ms: u32,
+    },
+}
+
+/// What a machine with a bed of powder has done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PowderOutcome {
+    /// Homed or moved: the plate is there.
+    Arrived {
+        /// Depth below the working plane, micrometres.
+        position_um: i32,
+    },
+    /// Powder is spread, and the recoater is at rest.
+    Recoated,
+    /// The layer is marked to its last vector.
+    Marked {
+        /// Which layer.
+        layer: u32,
+        /// Number of its vectors, as the device counts them.
+        vectors: u32,
+        /// How long the laser was on in this act, as the device reported it, milliseconds.
+        laser_ms: u32,
+        /// How long the laser waited, off, for layer data, milliseconds.
+        starved_ms: u32,
     },
 }

@@ -18,7 +18,7 @@ use layerd_wire::encoding::{
     self, LaserParameters, LayerSum, PictureEncoding, VectorEncodeError, VectorEncoder, VectorEncoding,
 };
 
-use crate::layer::{Bitmap, Depth, Layer, MarkClass, Run, Vectors};
+use crate::layer::{Bitmap, Depth, MarkClass, Run, Vectors};
 use crate::link::message::Encoding;
 
 /// The encoding does not fit the depth of the picture.
@@ -66,15 +66,6 @@ pub fn picture_crc32(bitmap: &Bitmap) -> u32 {
     encoding::rows_crc32(bitmap.data())
 }
 
-/// Writes a layer as a device takes it. Returns the encoding used, and the CRC-32 of what the device decodes.
-///
-/// # Errors
-/// [`WrongDepth`].
-pub fn encode_layer(layer: &Layer, choice: Choice, bytes: &mut Vec<u8>) -> Result<(Encoding, u32), WrongDepth> {
-    let Layer::Bitmap(bitmap) = layer;
-    Ok((encode_shortest(bitmap, choice, bytes)?, picture_crc32(bitmap)))
-}
-
 /// Writes a picture in the chosen encoding, or raw if that is shorter and the device decodes it. Returns the encoding used.
 ///
 /// # Errors
@@ -108,9 +99,14 @@ pub fn encode(bitmap: &Bitmap, encoding: Encoding, bytes: &mut Vec<u8>) -> Resul
     encoding::encode(picture, bitmap.width_px(), bitmap.data(), bytes).map_err(|_| wrong)
 }
 
+/// The best encoding of scan vectors for a device that decodes all of them.
+pub const BEST_VECTORS: Choice = Choice { encoding: Encoding::VectorsCoded, raw: None };
+
 /// The best encoding of scan vectors among those that a device decodes; `None` if it decodes none.
-pub fn choose_vectors(offered: &[Encoding]) -> Option<VectorEncoding> {
-    [VectorEncoding::Coded, VectorEncoding::Plain].into_iter().find(|encoding| offered.contains(&(*encoding).into()))
+pub fn choose_vectors(offered: &[Encoding]) -> Option<Choice> {
+    let encoding =
+        [Encoding::VectorsCoded, Encoding::Vectors].into_iter().find(|encoding| offered.contains(encoding))?;
+    Some(Choice { encoding, raw: None })
 }
 
 /// Writes vectors into `bytes`, which is cleared first and keeps its memory. `lasers` has the parameters of each class, in the order of

@@ -8,6 +8,7 @@
 //! | `light`      | whether a device shines only as commanded                                                |
 //! | `mismatch`   | whether a device is the configured machine, and can print a recipe                       |
 //! | `tolerance`  | how far reports may differ from commands                                                 |
+//! | `scan_time`  | how long a laser takes for a layer                                                       |
 //! | [`sim`]      | simulated machines behind the same protocol                                              |
 //!
 //! `tests/device_common/print.rs` is the smallest host that prints with it.
@@ -17,11 +18,13 @@ mod driver;
 pub mod encoding;
 mod light;
 mod mismatch;
+mod scan_time;
 pub mod sim;
 mod tolerance;
 
-pub use act::{Act, Outcome, VatAct, VatOutcome};
+pub use act::{Act, Outcome, PowderAct, PowderOutcome, VatAct, VatOutcome};
 pub use driver::{DriverBusy, DriverEvent, FramedDriver};
 pub use light::{DARK_LIMIT_US, Light, LightWatch, STAYS_LIT};
 pub use mismatch::{MachineMismatch, Misfit, check_capabilities, check_fit};
+pub use scan_time::ScanTimes;
 pub use tolerance::{Dose, host_us, least_exposure_us, least_move_us};

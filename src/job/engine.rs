@@ -113,7 +113,7 @@ impl Engine {
     /// [`super::History::start`], or is the default for a new job.
     pub fn new(plan: JobPlan, start: StartPoint) -> Self {
         Self {
-            cycle: Cycle::new(&plan.process, start.touched),
+            cycle: Cycle::new(&plan.process, start),
             plan,
             phase: Phase::Checking { ready: false },
             intent: Intent::Print,
@@ -172,13 +172,13 @@ impl Engine {
             _ if matches!(self.phase, Phase::AbortSent | Phase::AbortReconnect) => self.while_aborting(event, now_us),
             Event::Ready => self.on_ready(now_us),
             Event::Unfit(text) => self.on_unfit(text, now_us),
-            Event::Connected { state, max_position_um } => self.on_connected(state, max_position_um, now_us),
+            Event::Connected { state, limits } => self.on_connected(state, limits, now_us),
             Event::LineLost(reason) => self.on_line_lost(reason, now_us),
             Event::Misbehaved(text) => self.on_misbehaved(&text, now_us),
             Event::State(state) => self.on_state(state, now_us),
             Event::ActSent { number } => self.act.handed_to_line(number, now_us),
             Event::ActTaken { number } => self.on_act_taken(number, now_us),
-            Event::Uploaded { layer } => self.on_uploaded(layer, now_us),
+            Event::Uploaded { layer, times } => self.on_uploaded(layer, times, now_us),
             Event::UploadRefused { layer, refusal } => self.on_upload_refused(layer, refusal, now_us),
             Event::LayerFailed { layer, text } => {
                 self.uploads.cancel();

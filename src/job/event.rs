@@ -2,8 +2,8 @@
 
 use serde::Serialize;
 
-use super::{JobState, Record, Trace};
-use crate::device::{Act, Outcome};
+use super::{JobState, Limits, Record, Trace};
+use crate::device::{Act, Outcome, ScanTimes};
 use crate::link::message::{DeviceState, Fault, Refusal, Urgent};
 
 /// What happened outside the engine.
@@ -17,8 +17,8 @@ pub enum Event {
     Connected {
         /// From the welcome of this session.
         state: DeviceState,
-        /// Highest plate position of the device ([`crate::link::message::VatCapabilities::max_position_um`]).
-        max_position_um: i32,
+        /// From the device's capabilities.
+        limits: Limits,
     },
     /// Comes before [`Event::Connected`] for a job without light: the plate is empty, or the operator confirmed that it is.
     PlateClear {
@@ -47,10 +47,12 @@ pub enum Event {
         /// Number of the act.
         number: u64,
     },
-    /// The layer of [`Action::Upload`] is in its slot, decoded and checked.
+    /// The layer of [`Action::Upload`] is in its slot, decoded and checked; or so much of it that it can be begun.
     Uploaded {
         /// Which.
         layer: u32,
+        /// How long a laser takes for it; of scan vectors alone.
+        times: Option<ScanTimes>,
     },
     /// The device did not take the layer of [`Action::Upload`].
     UploadRefused {

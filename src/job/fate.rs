@@ -20,6 +20,13 @@ pub enum Fate {
     Exposed,
     /// It had no light.
     NotExposed,
+    /// It was marked in part.
+    Partly {
+        /// The first vector that is not marked whole.
+        next_vector: u32,
+        /// Whether part of that vector is marked. Says what is known.
+        broken: Option<String>,
+    },
     /// Only the operator can tell. Says what is known.
     Unknown(String),
 }
@@ -35,6 +42,11 @@ pub fn fate(
 ) -> Fate {
     if device.last_exposed == Some(id) {
         return Fate::Exposed;
+    }
+    if let Some(powder) = device.powder.filter(|_| device.cut_short.is_some_and(|(cut, _)| cut == id)) {
+        let next_vector = powder.next_vector;
+        let broken = powder.broken.then(|| format!("its laser went off within vector {next_vector}"));
+        return Fate::Partly { next_vector, broken };
     }
     if let Some((_, light_ms)) = device.cut_short.filter(|(cut, _)| *cut == id) {
         let whole = exposure_ms.map_or_else(String::new, |exposure_ms| format!(" of {exposure_ms} ms"));

@@ -33,6 +33,8 @@ pub struct History {
     pub state: JobState,
     /// The first layer not known to be exposed.
     pub next_layer: u32,
+    /// The first vector of [`History::next_layer`] that is not marked.
+    pub next_vector: u32,
     /// [`History::next_layer`] was commanded; only the device knows the outcome.
     pub unconfirmed: Option<Unconfirmed>,
     /// [`History::next_layer`] was commanded, and not even the device knows the outcome. Says what is known; the operator must
@@ -88,6 +90,8 @@ pub struct StartPoint {
     pub confirmed: bool,
     /// [`History::exposed_before`].
     pub exposed_before: Option<ExposureId>,
+    /// [`History::next_vector`].
+    pub from_vector: u32,
 }
 
 /// Why a job cannot be resumed.
@@ -149,6 +153,7 @@ impl History {
             layer_count: *layer_count,
             state: JobState::Queued,
             next_layer: 0,
+            next_vector: 0,
             unconfirmed: None,
             in_doubt: None,
             reason: String::new(),
@@ -211,6 +216,7 @@ impl History {
             touched: self.touched(),
             confirmed: self.confirmed,
             exposed_before: self.exposed_before,
+            from_vector: self.next_vector,
         }
     }
 
@@ -247,6 +253,12 @@ impl History {
                 self.expect_commanded(*layer)?;
                 self.lit = true;
                 self.close(false);
+            }
+            Record::PartlyMarked { layer, next_vector } => {
+                self.expect_commanded(*layer)?;
+                self.lit = true;
+                self.close(false);
+                self.next_vector = *next_vector;
             }
             Record::Withdrawn { layer } => {
                 self.expect_commanded(*layer)?;
@@ -291,7 +303,10 @@ impl History {
     fn close(&mut self, exposed: bool) {
         self.unconfirmed = None;
         self.in_doubt = None;
-        self.next_layer += u32::from(exposed);
+        if exposed {
+            self.next_layer += 1;
+            self.next_vector = 0;
+        }
     }
 
     fn expect_next(&self, layer: u32) -> Result<(), String> {

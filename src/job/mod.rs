@@ -6,7 +6,7 @@
 //! ```
 //! # use std::path::Path;
 //! # use layerd::config::{Machine, Recipe};
-//! use layerd::job::{Action, Engine, Event, JobPlan, Process, Record, StartPoint};
+//! use layerd::job::{Action, Engine, Event, JobPlan, Limits, Process, Record, StartPoint};
 //! use layerd::link::message::DeviceState;
 //!
 //! # let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("config");
@@ -17,7 +17,8 @@
 //! let mut engine = Engine::new(plan, StartPoint::default());
 //! engine.handle(Event::Ready, 0);
 //! let state = DeviceState { boot_id: 1, slots: vec![None, None], ..DeviceState::default() };
-//! engine.handle(Event::Connected { state, max_position_um: 200_000 }, 1000);
+//! let limits = Limits { max_position_um: 200_000, max_exposure_ms: 120_000 };
+//! engine.handle(Event::Connected { state, limits }, 1000);
 //! assert_eq!(engine.next_action(), Some(Action::Journal(Record::Started { layer: 0 })));
 //! assert_eq!(engine.next_action(), None, "nothing moves before the record is on disk");
 //! engine.handle(Event::Journalled, 6000);
@@ -36,7 +37,7 @@ mod record;
 mod spool;
 mod state;
 
-pub use cycle::VatPlan;
+pub use cycle::{LEFTOVER_MS, Limits, PowderPlan, VatPlan};
 pub use engine::{ACT_MARGIN_US, Engine};
 pub use event::{Action, Command, Event, Progress};
 pub use fate::{Fate, fate};

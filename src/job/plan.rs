@@ -9,15 +9,16 @@
 //! let machine = Machine::load(&root.join("machines/lcd-4k-35um.toml"))?;
 //! let recipe = Recipe::load(&root.join("recipes/fine.toml"))?;
 //! let process = Process::new(&machine, &recipe).expect("a vat");
-//! assert!(process.layer_ms(0) > f64::from(process.exposure_ms(0)), "the moves take time");
+//! let Recipe::Dlp(dlp) = recipe else { panic!("for resin") };
+//! assert!(process.layer_ms(0, None) > f64::from(dlp.layer_exposure_ms(0)), "the moves take time");
 //! # Ok::<(), layerd::config::ConfigError>(())
 //! ```
 
 use std::ops::Range;
 
-use super::cycle::VatPlan;
+use super::cycle::{PowderPlan, VatPlan};
 use crate::config::{Machine, Recipe};
-use crate::device::host_us;
+use crate::device::{ScanTimes, host_us};
 
 /// A job as the engine must know it.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,6 +38,8 @@ pub struct JobPlan {
 pub enum Process {
     /// Resin in a vat, exposed from below.
     Vat(VatPlan),
+    /// Powder in a bed, melted from above.
+    Powder(PowderPlan),
 }
 
 impl JobPlan {
@@ -47,35 +50,34 @@ impl JobPlan {
 }
 
 impl Process {
-    /// What a machine does for a layer of a recipe; `None` if they are of different kinds, or of a kind that jobs cannot drive.
+    /// What a machine does for a layer of a recipe; `None` if they are of different kinds.
     pub fn new(machine: &Machine, recipe: &Recipe) -> Option<Self> {
         match (machine, recipe) {
             (Machine::Dlp(machine), Recipe::Dlp(recipe)) => {
                 Some(Self::Vat(VatPlan { recipe: recipe.clone(), clear_height_um: machine.clear_height_um }))
             }
-            (Machine::Slm(_), _) | (_, Recipe::Slm(_)) => None,
-        }
-    }
-
-    /// Light time of a layer, milliseconds.
-    pub fn exposure_ms(&self, layer: u32) -> u32 {
-        match self {
-            Self::Vat(plan) => plan.exposure_ms(layer),
+            (Machine::Slm(machine), Recipe::Slm(recipe)) => {
+                Some(Self::Powder(PowderPlan { recipe: recipe.clone(), recoat_ms: machine.recoat_ms }))
+            }
+            (Machine::Dlp(_), Recipe::Slm(_)) | (Machine::Slm(_), Recipe::Dlp(_)) => None,
         }
     }
 
     /// Time that the machine needs for a layer if it never waits for data, milliseconds of the device's clock. Moves count at
-    /// their speed, without ramps.
-    pub fn layer_ms(&self, layer: u32) -> f64 {
+    /// their speed, without ramps. `times` says how long a laser takes.
+    pub fn layer_ms(&self, layer: u32, times: Option<ScanTimes>) -> f64 {
         match self {
             Self::Vat(plan) => plan.layer_ms(layer),
+            Self::Powder(plan) => plan.layers_ms(layer..layer + 1) + f64::from(times.map_or(0, |times| times.mark_ms)),
         }
     }
 
-    /// Time that the machine needs for these layers if it never waits for data, milliseconds of the device's clock.
+    /// Time that the machine needs for these layers if it never waits for data, milliseconds of the device's clock. How long a laser
+    /// takes for them is not known and not counted.
     pub fn layers_ms(&self, layers: Range<u32>) -> f64 {
         match self {
             Self::Vat(plan) => plan.layers_ms(layers),
+            Self::Powder(plan) => plan.layers_ms(layers),
         }
     }
 }

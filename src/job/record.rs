@@ -95,6 +95,13 @@ pub enum Record {
         /// The layer.
         layer: u32,
     },
+    /// The layer was commanded, and the device exposed it up to this vector. It goes on there.
+    PartlyMarked {
+        /// The layer.
+        layer: u32,
+        /// The first vector that is not marked.
+        next_vector: u32,
+    },
 }
 
 impl Record {
@@ -112,6 +119,7 @@ impl Record {
             | Self::Dropped { .. } => false,
             Self::Confirmed { .. }
             | Self::NotExposed { .. }
+            | Self::PartlyMarked { .. }
             | Self::Withdrawn { .. }
             | Self::InDoubt { .. }
             | Self::Decided { .. }

@@ -1,6 +1,6 @@
-//! What geometry makes and devices take: one [`Layer`], and the grid of pixels it is made for.
+//! What geometry makes and devices take: layers of pixels and of scan vectors, and the grid of pixels they are made for.
 //!
-//! Used by `slice`, which draws layers, by `device::encoding`, which turns them into bytes, and by `layerctl slice`.
+//! Used by `slice`, which makes layers, by `device::encoding`, which turns them into bytes, and by `layerctl slice`.
 
 mod bitmap;
 pub mod export;
@@ -12,16 +12,3 @@ pub use bitmap::{Bitmap, Depth};
 pub use layerd_wire::encoding::{HatchFrame, HatchLine, LaserParameters, MarkClass};
 pub use raster::{Mirror, Raster};
 pub use vectors::{Mark, Run, Vectors, hatch_frame};
-
-/// One layer of a part, by what a machine exposes it with.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Layer {
-    /// Pixels, for a projector or a masked panel.
-    Bitmap(Bitmap),
-}
-
-impl From<Bitmap> for Layer {
-    fn from(bitmap: Bitmap) -> Self {
-        Self::Bitmap(bitmap)
-    }
-}

@@ -2,9 +2,11 @@
 
 use crate::buildfile::BuildFileError;
 use crate::device::encoding::WrongDepth;
+use crate::link::message::Encoding;
 use crate::slice::scan::FillError;
 use crate::slice::{PlanError, SliceError};
 use crate::stream::{BudgetExceeded, StreamError};
+use layerd_wire::encoding::VectorEncodeError;
 
 /// Why a part cannot be printed on a machine, or a layer of it not be computed. Each text says what to do.
 #[derive(Debug, thiserror::Error)]
@@ -38,6 +40,12 @@ pub enum PartError {
     /// A layer could not be encoded.
     #[error(transparent)]
     Encoding(#[from] WrongDepth),
+    /// A layer of scan vectors could not be encoded.
+    #[error(transparent)]
+    Vectors(#[from] VectorEncodeError),
+    /// An encoding of pictures was chosen for a layer of scan vectors.
+    #[error("scan vectors cannot be written as {0:?}")]
+    NoVectors(Encoding),
     /// Layers could not be computed ahead.
     #[error(transparent)]
     Stream(#[from] StreamError),

@@ -6,6 +6,7 @@ use crate::buildfile::BuildFile;
 use crate::config::Machine;
 use crate::device::encoding;
 use crate::layer::{Depth, Raster};
+use crate::slice::scan::Contours;
 use crate::slice::{BodySource, SlicePlan, Slicer};
 
 /// Memory of the line at most, bytes: queues of the session both ways, the serial buffers, bookkeeping of one layer.
@@ -13,6 +14,12 @@ const MAX_LINK_BYTES: u64 = 512 << 10;
 
 /// Largest queue of computed layers, bytes. A longer one would not help, and an abort throws its layers away.
 const MAX_QUEUE_BYTES: u64 = 16 << 20;
+
+/// Memory that is set aside for contours and vectors of a layer, bytes: a hundred thousand vectors. Layers that need more take it from
+/// the rest of the budget, or are refused.
+const LAYER_VECTORS_BYTES: u64 = 16 << 20;
+/// The same of encoded vectors: 3 bytes each.
+const ENCODED_VECTORS_BYTES: u64 = 1 << 20;
 
 /// Peak memory of a print, computed from header and index alone. `layerctl check` shows the same figure.
 #[derive(Clone, Copy, Debug)]
@@ -29,10 +36,28 @@ pub struct PrintMemory {
 impl PrintMemory {
     /// Of a part on a raster, computed by as many of `max_threads` threads as `limit_bytes` allow: each takes memory of its
     /// own, and a host with many cores is to print what one with few can.
-    pub(super) fn within(file: &Arc<BuildFile>, plan: &SlicePlan, max_threads: usize, limit_bytes: u64) -> Self {
+    pub(super) fn within(
+        file: &Arc<BuildFile>,
+        plan: &SlicePlan,
+        scans: bool,
+        max_threads: usize,
+        limit_bytes: u64,
+    ) -> Self {
         let bodies = BodySource::of(file);
-        let mut several = (2..=max_threads).rev().map(|threads| Self::new(&bodies, plan, threads));
-        several.find(|memory| memory.need_bytes() <= limit_bytes).unwrap_or_else(|| Self::new(&bodies, plan, 1))
+        let with = |threads| match scans {
+            true => Self::of_vectors(&bodies, plan, threads),
+            false => Self::new(&bodies, plan, threads),
+        };
+        let mut several = (2..=max_threads).rev().map(with);
+        several.find(|memory| memory.need_bytes() <= limit_bytes).unwrap_or_else(|| with(1))
+    }
+
+    /// Of scan vectors. A layer takes what its contours need: that is charged when it is computed.
+    fn of_vectors(bodies: &[BodySource], plan: &SlicePlan, threads: usize) -> Self {
+        let slicer_bytes = Contours::memory_bytes(bodies, plan, threads).saturating_add(LAYER_VECTORS_BYTES);
+        // The encoder's output, and a layer that waits for room.
+        let buffer_bytes = 2 * ENCODED_VECTORS_BYTES + MAX_LINK_BYTES;
+        Self { threads, slicer_bytes, buffer_bytes, min_queue_bytes: 2 * ENCODED_VECTORS_BYTES }
     }
 
     fn new(bodies: &[BodySource], plan: &SlicePlan, threads: usize) -> Self {

@@ -42,8 +42,8 @@ mod scanned;
 pub use error::PartError;
 pub use layers::Layers;
 pub use memory::PrintMemory;
-pub use part::{EncodedLayer, EncodedLayers, Part};
-pub use placed::{Placed, Resolution};
+pub use part::{EncodedLayer, EncodedLayers, Part, ScanReport};
+pub use placed::{Placed, Resolution, Scan};
 pub use scan_settings::{laser_parameters, scan_settings};
 pub use scanned::{ScannedLayer, ScannedLayers};
 

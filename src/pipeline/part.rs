@@ -3,17 +3,20 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use super::{PartError, PrintMemory};
+use super::placed::Scan;
+use super::{PartError, PrintMemory, ScannedLayers};
 use crate::buildfile::BuildFile;
 use crate::config::Recipe;
+use crate::device::ScanTimes;
 use crate::device::encoding::{self, Choice};
-use crate::layer::{Bitmap, Layer};
+use crate::layer::Bitmap;
 use crate::link::message::Encoding;
+use crate::slice::scan::ScanCounts;
 use crate::slice::{BodySource, Footing, SlicePlan, Slicer};
 use crate::stream::{Ahead, Charge, MemoryBudget};
 
 /// A layer as it goes to the device.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct EncodedLayer {
     /// Its number.
     pub layer: u32,
@@ -21,8 +24,19 @@ pub struct EncodedLayer {
     pub encoding: Encoding,
     /// The bytes.
     pub bytes: Vec<u8>,
-    /// CRC-32 of the decoded rows.
+    /// CRC-32 of the decoded rows or vectors.
     pub decoded_crc32: u32,
+    /// What marking it means; of scan vectors alone.
+    pub scan: Option<ScanReport>,
+}
+
+/// How long marking a layer takes, and what became of its regions.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ScanReport {
+    /// How long marking takes.
+    pub times: ScanTimes,
+    /// What became of its regions.
+    pub counts: ScanCounts,
 }
 
 /// A build file placed on a machine, whose print fits a memory budget. It holds neither the file nor its index.
@@ -33,14 +47,21 @@ pub struct Part {
     threads: usize,
     queue_bytes: u64,
     buffer_bytes: u64,
+    scan: Option<Scan>,
 }
 
 impl Part {
-    /// A part whose print, within `limit_bytes`, takes this memory.
-    pub(super) fn new(path: PathBuf, plan: SlicePlan, memory: &PrintMemory, limit_bytes: u64) -> Self {
+    /// A part whose print, within `limit_bytes`, takes this memory. `scan` says how it becomes scan vectors, if it does.
+    pub(super) fn new(
+        path: PathBuf,
+        plan: SlicePlan,
+        scan: Option<Scan>,
+        memory: &PrintMemory,
+        limit_bytes: u64,
+    ) -> Self {
         let queue_bytes = memory.queue_bytes(limit_bytes);
         let PrintMemory { threads, buffer_bytes, .. } = *memory;
-        Self { path, plan, threads, queue_bytes, buffer_bytes }
+        Self { path, plan, threads, queue_bytes, buffer_bytes, scan }
     }
 
     /// Number of layers.
@@ -76,11 +97,21 @@ impl Part {
         encoding: Choice,
         budget: &MemoryBudget,
     ) -> Result<EncodedLayers, PartError> {
-        let buffers = budget.charge("the picture and the line's buffers", self.buffer_bytes)?;
-        let slicer = self.slicer(first, budget)?;
-        let raster = &self.plan.raster;
-        let layer = Bitmap::new(raster.width_px, raster.height_px, self.plan.depth).into();
-        Ok(EncodedLayers { slicer, layer, encoding, bytes: Vec::new(), _buffers: buffers })
+        let buffers = budget.charge("the layer and the line's buffers", self.buffer_bytes)?;
+        let source = match &self.scan {
+            None => {
+                let raster = &self.plan.raster;
+                let bitmap = Bitmap::new(raster.width_px, raster.height_px, self.plan.depth);
+                Source::Pictures { slicer: self.slicer(first, budget)?, bitmap }
+            }
+            Some(scan) => {
+                let bodies = BodySource::of(&Arc::new(BuildFile::open(&self.path)?));
+                let layers =
+                    ScannedLayers::new(bodies, self.plan.clone(), &scan.settings, self.threads, first, budget)?;
+                Source::Vectors { layers: Box::new(layers), scan: Box::new(scan.clone()) }
+            }
+        };
+        Ok(EncodedLayers { source, encoding, bytes: Vec::new(), _buffers: buffers })
     }
 
     /// Starts computing layers ahead, from `first` on. `explain` puts an error into words.
@@ -108,29 +139,45 @@ impl Part {
 
 /// The layers of a part, computed and encoded one after the other.
 pub struct EncodedLayers {
-    slicer: Slicer,
-    /// Overwritten by each layer.
-    layer: Layer,
+    source: Source,
     encoding: Choice,
     bytes: Vec<u8>,
     _buffers: Charge,
+}
+
+/// Where layers come from. What holds one is overwritten by the next.
+enum Source {
+    Pictures { slicer: Slicer, bitmap: Bitmap },
+    Vectors { layers: Box<ScannedLayers>, scan: Box<Scan> },
+}
+
+impl EncodedLayers {
+    /// The next layer; `None` after the last.
+    fn encode_next(&mut self) -> Result<Option<EncodedLayer>, PartError> {
+        let bytes = &mut self.bytes;
+        let (layer, encoding, decoded_crc32, scan) = match &mut self.source {
+            Source::Pictures { slicer, bitmap } => {
+                let Some(layer) = slicer.next_layer(bitmap)? else { return Ok(None) };
+                let encoding = encoding::encode_shortest(bitmap, self.encoding, bytes)?;
+                (layer, encoding, encoding::picture_crc32(bitmap), None)
+            }
+            Source::Vectors { layers, scan } => {
+                let Some(scanned) = layers.next_layer()? else { return Ok(None) };
+                let encoding = self.encoding.encoding;
+                let vectors = encoding.vectors().ok_or(PartError::NoVectors(encoding))?;
+                let sum = encoding::encode_vectors(scanned.vectors, vectors, scan.field_um, &scan.lasers, bytes)?;
+                let times = ScanTimes::of(scanned.vectors, &scan.lasers);
+                (scanned.layer, encoding, sum.crc32, Some(ScanReport { times, counts: scanned.counts }))
+            }
+        };
+        Ok(Some(EncodedLayer { layer, encoding, bytes: bytes.clone(), decoded_crc32, scan }))
+    }
 }
 
 impl Iterator for EncodedLayers {
     type Item = Result<EncodedLayer, PartError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        let Layer::Bitmap(bitmap) = &mut self.layer;
-        let layer = match self.slicer.next_layer(bitmap) {
-            Ok(layer) => layer?,
-            Err(error) => return Some(Err(error.into())),
-        };
-        let encoded = encoding::encode_layer(&self.layer, self.encoding, &mut self.bytes);
-        Some(encoded.map_err(PartError::from).map(|(encoding, decoded_crc32)| EncodedLayer {
-            layer,
-            encoding,
-            bytes: self.bytes.clone(),
-            decoded_crc32,
-        }))
+        self.encode_next().transpose()
     }
 }

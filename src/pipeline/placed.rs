@@ -3,11 +3,11 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::{Part, PartError, PrintMemory, ScannedLayers};
+use super::{Part, PartError, PrintMemory, ScannedLayers, laser_parameters, scan_settings};
 use crate::buildfile::{BuildFile, Header};
 use crate::config::{Machine, Recipe};
-use crate::layer::{Depth, Raster};
-use crate::slice::scan::{Contours, Fill, ScanSettings};
+use crate::layer::{Depth, LaserParameters, MarkClass, Raster};
+use crate::slice::scan::{Contours, ScanSettings};
 use crate::slice::{BodySource, SlicePlan, Slicer};
 use crate::stream::MemoryBudget;
 
@@ -16,7 +16,7 @@ use crate::stream::MemoryBudget;
 const MAX_LAYER_BYTES: u64 = 512 << 20;
 
 /// The pixels and the height of a layer, as machine and recipe say.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Resolution {
     /// The machine's grid of pixels.
     pub raster: Raster,
@@ -24,6 +24,31 @@ pub struct Resolution {
     pub depth: Depth,
     /// Layer height, micrometres.
     pub layer_height_um: f64,
+    /// How layers become scan vectors; `None` if they are pictures.
+    pub scan: Option<Scan>,
+}
+
+/// How the layers of a part become scan vectors on a machine.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scan {
+    /// Where the laser marks.
+    pub settings: ScanSettings,
+    /// The laser's parameters of each class, in the order of the classes' numbers.
+    pub lasers: [LaserParameters; MarkClass::ALL.len()],
+    /// Size of the field, micrometres.
+    pub field_um: [u32; 2],
+}
+
+impl Scan {
+    /// That of a recipe on a machine; `None` if they are not both for a laser.
+    pub fn of(machine: &Machine, recipe: &Recipe) -> Option<Self> {
+        let (Machine::Slm(machine), Recipe::Slm(recipe)) = (machine, recipe) else { return None };
+        Some(Self {
+            settings: scan_settings(machine, recipe),
+            lasers: laser_parameters(recipe),
+            field_um: machine.field_um.map(|um| um.round() as u32),
+        })
+    }
 }
 
 impl Resolution {
@@ -33,7 +58,8 @@ impl Resolution {
             Recipe::Dlp(recipe) => recipe.depth(),
             Recipe::Slm(_) => Depth::Bit,
         };
-        Self { raster: machine.raster(), depth, layer_height_um: recipe.layer_height_um() }
+        let (raster, layer_height_um) = (machine.raster(), recipe.layer_height_um());
+        Self { raster, depth, layer_height_um, scan: Scan::of(machine, recipe) }
     }
 }
 
@@ -43,6 +69,7 @@ pub struct Placed {
     path: PathBuf,
     file: Arc<BuildFile>,
     plan: SlicePlan,
+    scan: Option<Scan>,
 }
 
 impl Placed {
@@ -52,9 +79,9 @@ impl Placed {
     /// [`PartError::File`], or [`PartError::Plan`] if it does not fit.
     pub fn open(path: &Path, resolution: &Resolution) -> Result<Self, PartError> {
         let file = Arc::new(BuildFile::open(path)?);
-        let Resolution { raster, depth, layer_height_um } = *resolution;
+        let Resolution { raster, depth, layer_height_um, ref scan } = *resolution;
         let plan = SlicePlan::new(file.header(), raster, depth, layer_height_um)?;
-        Ok(Self { path: path.into(), file, plan })
+        Ok(Self { path: path.into(), file, plan, scan: scan.clone() })
     }
 
     /// The file's header.
@@ -74,7 +101,7 @@ impl Placed {
 
     /// Memory of a print with as many of `max_threads` threads as `limit_bytes` allow.
     pub fn memory(&self, max_threads: usize, limit_bytes: u64) -> PrintMemory {
-        PrintMemory::within(&self.file, &self.plan, max_threads, limit_bytes)
+        PrintMemory::within(&self.file, &self.plan, self.scan.is_some(), max_threads, limit_bytes)
     }
 
     /// The part, to be printed with at most `max_threads` threads within `limit_bytes`.
@@ -87,22 +114,18 @@ impl Placed {
         if need_bytes > limit_bytes {
             return Err(PartError::Memory { need_bytes, limit_bytes });
         }
-        Ok(Part::new(self.path, self.plan, &memory, limit_bytes))
+        Ok(Part::new(self.path, self.plan, self.scan, &memory, limit_bytes))
     }
 
     /// The layers from `first` on as scan vectors, outside a print.
     ///
     /// # Errors
     /// [`PartError`] if the settings contradict each other, or the first layers cannot be computed.
-    pub fn scanned(self, settings: ScanSettings, threads: usize, first: u32) -> Result<ScannedLayers, PartError> {
+    pub fn scanned(self, settings: &ScanSettings, threads: usize, first: u32) -> Result<ScannedLayers, PartError> {
         let bodies = BodySource::of(&self.file);
         let fixed_bytes = Contours::memory_bytes(&bodies, &self.plan, threads);
         let budget = MemoryBudget::new(fixed_bytes.saturating_add(MAX_LAYER_BYTES));
-        let has_skins = settings.has_skins();
-        let begin = ScannedLayers::first_contour(first, has_skins);
-        let tolerance_um = settings.simplify_tolerance_um;
-        let contours = Contours::new(bodies, self.plan, tolerance_um, threads, begin, &budget)?;
-        ScannedLayers::new(contours, Fill::new(settings, threads, &budget)?, first, has_skins)
+        ScannedLayers::new(bodies, self.plan, settings, threads, first, &budget)
     }
 
     /// A slicer outside a print, which begins with layer `first`; its memory budget is its own estimate.

@@ -2,7 +2,9 @@
 
 use super::PartError;
 use crate::layer::Vectors;
-use crate::slice::scan::{Contours, Fill, LayerRegions, ScanCounts};
+use crate::slice::scan::{Contours, Fill, LayerRegions, ScanCounts, ScanSettings};
+use crate::slice::{BodySource, SlicePlan};
+use crate::stream::MemoryBudget;
 
 /// Computes the scan vectors of layers, in ascending order.
 pub struct ScannedLayers {
@@ -33,13 +35,20 @@ pub struct ScannedLayer<'a> {
 }
 
 impl ScannedLayers {
-    /// The layer that the contours must begin with, so that the skins of layer `first` are known.
-    pub(super) fn first_contour(first: u32, has_skins: bool) -> u32 {
-        first.saturating_sub(u32::from(has_skins))
-    }
-
-    /// Layers from `first` on; `contours` begins with [`ScannedLayers::first_contour`].
-    pub(super) fn new(mut contours: Contours, fill: Fill, first: u32, has_skins: bool) -> Result<Self, PartError> {
+    /// Layers from `first` on. What computing them takes is charged to `budget`.
+    pub(super) fn new(
+        bodies: Vec<BodySource>,
+        plan: SlicePlan,
+        settings: &ScanSettings,
+        threads: usize,
+        first: u32,
+        budget: &MemoryBudget,
+    ) -> Result<Self, PartError> {
+        let has_skins = settings.has_skins();
+        // The skins of the first layer depend on the layer below it.
+        let begin = first.saturating_sub(u32::from(has_skins));
+        let mut contours = Contours::new(bodies, plan, settings.simplify_tolerance_um, threads, begin, budget)?;
+        let fill = Fill::new(settings.clone(), threads, budget)?;
         let neighbours = match has_skins {
             true => {
                 let below = if first > 0 { contours.next_layer()? } else { None };

@@ -1,6 +1,7 @@
 //! A device's firmware on the bench: virtual time, and everything it says and does kept.
 #![allow(dead_code, unreachable_pub, reason = "each test file uses its part")]
 
+pub mod powder_print;
 pub mod print;
 
 use layerd::device::encoding::{encode, picture_crc32};
@@ -52,6 +53,8 @@ pub struct Bench {
     number: u32,
     pub replies: Vec<(u32, Reply)>,
     pub faults: Vec<Option<Fault>>,
+    /// What a powder machine said of its buffer.
+    pub rooms: Vec<u32>,
     pub records: Vec<ActRecord>,
     pub pictures: Vec<(u32, Bitmap)>,
 }
@@ -59,12 +62,18 @@ pub struct Bench {
 impl Bench {
     /// A device that was greeted.
     pub fn new() -> Self {
+        Self::of(DeviceCore::new(capabilities(), 5))
+    }
+
+    /// A device of any kind that is greeted.
+    pub fn of(core: DeviceCore) -> Self {
         let mut bench = Self {
-            core: DeviceCore::new(capabilities(), 5),
+            core,
             now_us: 0,
             number: 0,
             replies: Vec::new(),
             faults: Vec::new(),
+            rooms: Vec::new(),
             records: Vec::new(),
             pictures: Vec::new(),
         };
@@ -157,6 +166,11 @@ impl Bench {
         self.replies.iter().find(|(found, _)| *found == number).map(|(_, reply)| reply.clone())
     }
 
+    /// The time of the device's clock, microseconds.
+    pub fn now_us(&self) -> u64 {
+        self.now_us
+    }
+
     pub fn events(&self) -> Vec<&'static str> {
         self.records.iter().map(|record| record.event).collect()
     }
@@ -166,6 +180,7 @@ impl Bench {
             match action {
                 CoreAction::Send(DeviceMessage::Reply { number, reply }) => self.replies.push((number, reply)),
                 CoreAction::Send(DeviceMessage::Report(Report::Fault(fault))) => self.faults.push(fault),
+                CoreAction::Send(DeviceMessage::Report(Report::Room { taken_bytes })) => self.rooms.push(taken_bytes),
                 CoreAction::Record(record) => self.records.push(record),
                 CoreAction::Picture(layer, picture) => self.pictures.push((layer, picture)),
             }

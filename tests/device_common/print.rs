@@ -5,7 +5,7 @@ use layerd::device::{Act, DriverEvent, FramedDriver, Outcome, VatAct, VatOutcome
 use layerd::link::message::{DeviceMessage, DeviceState, Encoding, ExposureId, Fault, HostMessage, Refusal};
 use layerd::link::session::{HostSession, SendError};
 
-use super::{id, picture};
+use super::{capabilities, id, picture};
 
 pub struct Printer {
     layers: u32,
@@ -46,7 +46,7 @@ impl Printer {
     }
 
     pub fn connected(&mut self, state: &DeviceState) {
-        self.driver = Some(FramedDriver::new(id(0).job));
+        self.driver = Some(FramedDriver::new(id(0).job, &capabilities().machine));
         self.unsent = None;
         self.uploading = None;
         let own = |slot: &Option<ExposureId>| slot.filter(|held| held.job == id(0).job).map(|held| held.layer);
@@ -71,7 +71,8 @@ impl Printer {
 
     pub fn message(&mut self, message: DeviceMessage) {
         let Some(driver) = &mut self.driver else { return };
-        match driver.handle(message) {
+        let Some(event) = driver.handle(message) else { return };
+        match event {
             DriverEvent::ActDone(Outcome::Vat(VatOutcome::Exposed { layer, .. })) => {
                 assert_eq!(layer, self.next);
                 self.next += 1;

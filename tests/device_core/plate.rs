@@ -1,6 +1,6 @@
 //! The plate: when it may move, and where to.
 
-use layerd::link::message::{MachineCapabilities, Refusal, Reply, Request, VatCapabilities, VatReply, VatRequest};
+use layerd::link::message::{Refusal, Reply, Request, VatReply, VatRequest};
 
 use crate::device_common::{Bench, capabilities, id};
 
@@ -15,7 +15,7 @@ fn the_plate_moves_only_homed_inside_its_travel_and_in_the_dark() {
     assert_eq!((state.position_um, state.moving), (None, true), "before its end the first homing knows no position");
     bench.advance(10_000_000);
     assert_eq!(bench.reply(home), Some(Reply::Vat(VatReply::Moved { position_um: 0 })));
-    let MachineCapabilities::Vat(VatCapabilities { max_position_um, .. }) = capabilities().machine;
+    let max_position_um = capabilities().machine.max_position_um();
     for wrong in [go(-1, 1000), go(max_position_um + 1, 1000), go(1000, 0)] {
         let number = bench.request(wrong);
         assert_eq!(bench.reply(number), Some(Reply::Refused(Refusal::BadMove)));

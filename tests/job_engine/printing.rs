@@ -1,6 +1,6 @@
 //! A whole print, and what ends one early.
 
-use crate::job_world::{CLEAR_UM, Disturbance, LAYERS, World, world_exposing};
+use crate::job_world::{CLEAR_UM, Disturbance, LAYERS, World, limits, world_exposing};
 use layerd::device::{Act, VatAct};
 use layerd::job::{Event, History, JobState};
 use layerd::link::message::Fault;
@@ -40,7 +40,7 @@ fn a_late_layer_is_waited_for_counted_and_timed() {
 fn a_part_taller_than_the_travel_is_refused_before_anything_moves() {
     let mut world = World::new();
     world.tell(Event::Ready);
-    world.tell(Event::Connected { state: world.device.clone(), max_position_um: 200 });
+    world.tell(Event::Connected { state: world.device.clone(), limits: limits(200) });
     while world.finished.is_none() {
         assert!(world.next_event());
     }

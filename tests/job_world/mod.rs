@@ -11,7 +11,7 @@ use std::path::Path;
 
 use layerd::config::Recipe;
 use layerd::device::{Act, VatAct};
-use layerd::job::{Action, Engine, Event, JobPlan, JobState, Process, Record, StartPoint, VatPlan};
+use layerd::job::{Action, Engine, Event, JobPlan, JobState, Limits, Process, Record, StartPoint, VatPlan};
 use layerd::link::message::{DeviceState, ExposureId, Urgent};
 
 /// One second, microseconds.
@@ -20,6 +20,11 @@ pub(crate) const KEY: u64 = 7;
 pub(crate) const LAYERS: u32 = 5;
 pub(crate) const CLEAR_UM: i32 = 20_000;
 pub(crate) const MAX_POSITION_UM: i32 = 150_000;
+
+/// The device's limits.
+pub(crate) fn limits(max_position_um: i32) -> Limits {
+    Limits { max_position_um, max_exposure_ms: 120_000 }
+}
 
 pub(crate) fn plan() -> JobPlan {
     let text = "name = \"test\"\nlayer_height_um = 50.0\nexposure_ms = 2000\nbottom_exposure_ms = 20000\nbottom_layers = 1\n\
@@ -252,12 +257,12 @@ impl World {
         } else if upload_us == Some(at_us) {
             if let Some((_, layer, slot)) = self.upload.take() {
                 self.device.slots[usize::from(slot)] = Some(ExposureId::first_pass(KEY, layer));
-                self.tell(Event::Uploaded { layer });
+                self.tell(Event::Uploaded { layer, times: None });
             }
         } else if self.reconnect_at_us == Some(at_us) {
             self.reconnect_at_us = None;
             self.line_up = true;
-            self.tell(Event::Connected { state: self.device.clone(), max_position_um: MAX_POSITION_UM });
+            self.tell(Event::Connected { state: self.device.clone(), limits: limits(MAX_POSITION_UM) });
             if let Some(urgent) = self.urgent_waits.take() {
                 self.urgent(urgent);
                 self.carry_out();

@@ -298,7 +298,7 @@ fn a_machine_is_another_one_for_a_session() {
         .welcomes
         .iter()
         .map(|(told, _)| {
-            let MachineCapabilities::Vat(vat) = &told.machine;
+            let MachineCapabilities::Vat(vat) = &told.machine else { panic!("a vat") };
             (vat.width_px, vat.max_position_um)
         })
         .collect();

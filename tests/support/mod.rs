@@ -50,8 +50,19 @@ pub(crate) struct Setup {
     pub antialias: bool,
     /// Whether a queued job waits for the operator's word that the plate is empty.
     pub confirm_plate: bool,
-    /// Further arguments of `layerctl simulate dlp`.
+    /// A laser machine instead of a resin printer.
+    pub laser: Option<Laser>,
+    /// Further arguments of `layerctl simulate`.
     pub simulate: Vec<String>,
+}
+
+/// What a test may vary of a laser machine.
+#[derive(Clone, Copy)]
+pub(crate) struct Laser {
+    /// Speed of marks, millimetres a second.
+    pub mark_speed_mm_s: u32,
+    /// Buffer of the device, bytes of layer data.
+    pub buffer_bytes: u32,
 }
 
 impl Default for Setup {
@@ -67,6 +78,7 @@ impl Default for Setup {
             memory_budget: "64MiB",
             antialias: false,
             confirm_plate: false,
+            laser: None,
             simulate: Vec::new(),
         }
     }
@@ -149,9 +161,30 @@ impl Bench {
             "socket = \"control.sock\"\nspool = \"spool\"\nmemory_budget = \"{memory_budget}\"\n\
              machine = \"machine.toml\"\nrecipe = \"recipe.toml\"\n",
         );
+        let (machine, recipe) = match self.setup.laser {
+            None => (machine, recipe),
+            Some(laser) => self.laser_configuration(laser),
+        };
         fs::write(self.path("machine.toml"), machine).expect("machine.toml");
         fs::write(self.path("recipe.toml"), recipe).expect("recipe.toml");
         fs::write(self.path("layerd.toml"), daemon).expect("layerd.toml");
+    }
+
+    /// Machine and recipe of a laser machine.
+    fn laser_configuration(&self, laser: Laser) -> (String, String) {
+        let Setup { confirm_plate, time_scale, baud, layer_height_um, .. } = &self.setup;
+        let machine = format!(
+            "name = \"bench\"\nkind = \"slm\"\nfield_um = [12000.0, 12000.0]\nbuild_height_um = 50000.0\nbeam_diameter_um = 60.0\n\
+             max_power_w = 200.0\nlayer_height_range_um = [20.0, 200.0]\nrecoat_ms = 4000\nconfirm_plate = {confirm_plate}\n\
+             time_scale = {time_scale}.0\n[link]\npath = \"device\"\nbaud = {baud}\n",
+        );
+        let recipe = format!(
+            "name = \"bench\"\nkind = \"slm\"\nlayer_height_um = {layer_height_um:?}\nlaser_power_w = 180.0\n\
+             mark_speed_mm_s = {}.0\njump_speed_mm_s = 5000.0\njump_delay_us = 100\nmark_delay_us = 50\npolygon_delay_us = 20\n\
+             hatch_strategy = \"zigzag\"\nhatch_spacing_um = 60.0\nplate_speed_um_s = 20000\nwait_after_recoat_ms = 200\n",
+            laser.mark_speed_mm_s,
+        );
+        (machine, recipe)
     }
 
     /// Starts the simulated device and waits for its line.
@@ -160,7 +193,9 @@ impl Bench {
         let baud = self.setup.baud.to_string();
         let child = Command::new(env!("CARGO_BIN_EXE_layerctl"))
             .current_dir(self.dir.path())
-            .args(["simulate", "dlp", "--link", "device", "-o", "device-out", "--machine", "machine.toml"])
+            .args(["simulate", if self.setup.laser.is_some() { "slm" } else { "dlp" }])
+            .args(["--link", "device", "-o", "device-out", "--machine", "machine.toml"])
+            .args(self.setup.laser.map_or(vec![], |laser| vec!["--buffer".into(), laser.buffer_bytes.to_string()]))
             .args(["--baud", &baud, "--time-scale", &time_scale])
             .args(&self.setup.simulate)
             .stdin(Stdio::null())

@@ -5,8 +5,9 @@ use alloc::vec::Vec;
 
 use super::bytes::{Reader, WireError, Writer};
 use super::message::{
-    Capabilities, DeviceMessage, DeviceState, Encoding, ExposureId, Fault, HostMessage, MachineCapabilities, Refusal,
-    Reply, Report, Request, VatCapabilities, VatReply, VatRequest,
+    Capabilities, DeviceMessage, DeviceState, Encoding, ExposureId, Fault, HostMessage, MachineCapabilities,
+    PowderCapabilities, PowderReply, PowderRequest, PowderState, Refusal, Reply, Report, Request, VatCapabilities,
+    VatReply, VatRequest,
 };
 
 // Kinds of messages.
@@ -15,24 +16,34 @@ const LAYER_DATA: u8 = 0x02;
 const REPLY: u8 = 0x81;
 const REPORT: u8 = 0x82;
 
-// Kinds of machines. 2 is reserved for machines that melt powder with a laser.
+// Kinds of machines.
 const VAT: u8 = 1;
+const POWDER: u8 = 2;
 
-// Requests and replies: 0x01 to 0x1F are for every machine, 0x20 to 0x3F for vats. 0x40 to 0x5F are reserved for powder.
+// Requests and replies: 0x01 to 0x1F are for every machine, 0x20 to 0x3F for vats, 0x40 to 0x5F for powder.
 const STATE: u8 = 0x01;
 const LAYER_BEGIN: u8 = 0x02;
 const EXPOSE: u8 = 0x20;
 const HOME: u8 = 0x21;
 const MOVE: u8 = 0x22;
+const POWDER_HOME: u8 = 0x40;
+const POWDER_MOVE: u8 = 0x41;
+const RECOAT: u8 = 0x42;
+const MARK: u8 = 0x43;
 
 const DONE: u8 = 0x01;
 const STATE_IS: u8 = 0x02;
 const REFUSED: u8 = 0x03;
 const EXPOSED: u8 = 0x20;
 const MOVED: u8 = 0x21;
+const POWDER_STATE_IS: u8 = 0x40;
+const POWDER_MOVED: u8 = 0x41;
+const RECOATED: u8 = 0x42;
+const MARKED: u8 = 0x43;
 
 // Reports.
 const FAULT: u8 = 0x01;
+const ROOM: u8 = 0x40;
 
 /// Longest device name, bytes.
 const MAX_NAME_BYTES: u8 = 64;
@@ -87,6 +98,9 @@ pub fn encode_device_message(message: &DeviceMessage) -> Vec<u8> {
         DeviceMessage::Report(Report::Fault(fault)) => {
             writer.u8(REPORT).u8(FAULT).option(fault.as_ref(), write_fault);
         }
+        DeviceMessage::Report(Report::Room { taken_bytes }) => {
+            writer.u8(REPORT).u8(ROOM).u32(*taken_bytes);
+        }
     }
     writer.finish()
 }
@@ -101,6 +115,7 @@ pub fn decode_device_message(payload: &[u8]) -> Result<DeviceMessage, WireError>
         REPLY => DeviceMessage::Reply { number: reader.u32("number")?, reply: read_reply(&mut reader)? },
         REPORT => match reader.u8("report")? {
             FAULT => DeviceMessage::Report(Report::Fault(reader.option("fault", read_fault)?)),
+            ROOM => DeviceMessage::Report(Report::Room { taken_bytes: reader.u32("taken_bytes")? }),
             kind => return Err(WireError::UnknownReport { kind }),
         },
         other => return Err(WireError::BadValue { field: "message", value: other.into() }),
@@ -130,6 +145,26 @@ fn write_request(writer: &mut Writer, request: &Request) {
         Request::Vat(VatRequest::Move { position_um, speed_um_s }) => {
             writer.u8(MOVE).i32(*position_um).u32(*speed_um_s);
         }
+        Request::Powder(request) => write_powder_request(writer, request),
+    }
+}
+
+fn write_powder_request(writer: &mut Writer, request: &PowderRequest) {
+    match request {
+        PowderRequest::Home => {
+            writer.u8(POWDER_HOME);
+        }
+        PowderRequest::Move { position_um, speed_um_s } => {
+            writer.u8(POWDER_MOVE).i32(*position_um).u32(*speed_um_s);
+        }
+        PowderRequest::Recoat => {
+            writer.u8(RECOAT);
+        }
+        PowderRequest::Mark { id, from_vector, most_ms } => {
+            writer.u8(MARK);
+            write_id(writer, id);
+            writer.u32(*from_vector).u32(*most_ms);
+        }
     }
 }
 
@@ -153,6 +188,17 @@ fn read_request(reader: &mut Reader<'_>) -> Result<Request, WireError> {
             position_um: reader.i32("position_um")?,
             speed_um_s: reader.u32("speed_um_s")?,
         }),
+        POWDER_HOME => Request::Powder(PowderRequest::Home),
+        POWDER_MOVE => Request::Powder(PowderRequest::Move {
+            position_um: reader.i32("position_um")?,
+            speed_um_s: reader.u32("speed_um_s")?,
+        }),
+        RECOAT => Request::Powder(PowderRequest::Recoat),
+        MARK => Request::Powder(PowderRequest::Mark {
+            id: read_id(reader)?,
+            from_vector: reader.u32("from_vector")?,
+            most_ms: reader.u32("most_ms")?,
+        }),
         other => return Err(WireError::BadValue { field: "request", value: other.into() }),
     })
 }
@@ -163,7 +209,7 @@ fn write_reply(writer: &mut Writer, reply: &Reply) {
             writer.u8(DONE);
         }
         Reply::State(state) => {
-            writer.u8(STATE_IS);
+            writer.u8(if state.powder.is_some() { POWDER_STATE_IS } else { STATE_IS });
             write_state(writer, state);
         }
         Reply::Refused(refusal) => {
@@ -177,16 +223,36 @@ fn write_reply(writer: &mut Writer, reply: &Reply) {
         Reply::Vat(VatReply::Moved { position_um }) => {
             writer.u8(MOVED).i32(*position_um);
         }
+        Reply::Powder(PowderReply::Moved { position_um }) => {
+            writer.u8(POWDER_MOVED).i32(*position_um);
+        }
+        Reply::Powder(PowderReply::Recoated) => {
+            writer.u8(RECOATED);
+        }
+        Reply::Powder(PowderReply::Marked { id, vectors, laser_ms, starved_ms }) => {
+            writer.u8(MARKED);
+            write_id(writer, id);
+            writer.u32(*vectors).u32(*laser_ms).u32(*starved_ms);
+        }
     }
 }
 
 fn read_reply(reader: &mut Reader<'_>) -> Result<Reply, WireError> {
     Ok(match reader.u8("reply")? {
         DONE => Reply::Done,
-        STATE_IS => Reply::State(read_state(reader)?),
+        STATE_IS => Reply::State(read_state(reader, false)?),
+        POWDER_STATE_IS => Reply::State(read_state(reader, true)?),
         REFUSED => Reply::Refused(read_refusal(reader)?),
         EXPOSED => Reply::Vat(VatReply::Exposed { id: read_id(reader)?, duration_ms: reader.u32("duration_ms")? }),
         MOVED => Reply::Vat(VatReply::Moved { position_um: reader.i32("position_um")? }),
+        POWDER_MOVED => Reply::Powder(PowderReply::Moved { position_um: reader.i32("position_um")? }),
+        RECOATED => Reply::Powder(PowderReply::Recoated),
+        MARKED => Reply::Powder(PowderReply::Marked {
+            id: read_id(reader)?,
+            vectors: reader.u32("vectors")?,
+            laser_ms: reader.u32("laser_ms")?,
+            starved_ms: reader.u32("starved_ms")?,
+        }),
         other => return Err(WireError::BadValue { field: "reply", value: other.into() }),
     })
 }
@@ -209,6 +275,15 @@ pub(super) fn write_capabilities(writer: &mut Writer, capabilities: &Capabilitie
             .u32(vat.pixel_nm[0])
             .u32(vat.pixel_nm[1])
             .i32(vat.max_position_um),
+        MachineCapabilities::Powder(powder) => writer
+            .u8(POWDER)
+            .u32(powder.field_um[0])
+            .u32(powder.field_um[1])
+            .u32(powder.max_power_mw)
+            .u32(powder.layer_height_um[0])
+            .u32(powder.layer_height_um[1])
+            .i32(powder.max_position_um)
+            .u32(powder.buffer_bytes),
     };
 }
 
@@ -231,6 +306,13 @@ pub(super) fn read_capabilities(reader: &mut Reader<'_>) -> Result<Capabilities,
                 height_px: reader.u32("height_px")?,
                 pixel_nm: [reader.u32("pixel_nm")?, reader.u32("pixel_nm")?],
                 max_position_um: reader.i32("max_position_um")?,
+            }),
+            POWDER => MachineCapabilities::Powder(PowderCapabilities {
+                field_um: [reader.u32("field_um")?, reader.u32("field_um")?],
+                max_power_mw: reader.u32("max_power_mw")?,
+                layer_height_um: [reader.u32("layer_height_um")?, reader.u32("layer_height_um")?],
+                max_position_um: reader.i32("max_position_um")?,
+                buffer_bytes: reader.u32("buffer_bytes")?,
             }),
             kind => return Err(WireError::UnknownMachine { kind }),
         },
@@ -255,9 +337,13 @@ pub(super) fn write_state(writer: &mut Writer, state: &DeviceState) {
             writer.option(slot.as_ref(), write_id);
         })
         .option(state.fault.as_ref(), write_fault);
+    if let Some(PowderState { next_vector, broken, recoated }) = state.powder {
+        writer.u32(next_vector).bool(broken).bool(recoated);
+    }
 }
 
-pub(super) fn read_state(reader: &mut Reader<'_>) -> Result<DeviceState, WireError> {
+/// Reads a state; `of_powder` says that a powder machine sent it.
+pub(super) fn read_state(reader: &mut Reader<'_>, of_powder: bool) -> Result<DeviceState, WireError> {
     Ok(DeviceState {
         boot_id: reader.u32("boot_id")?,
         last_exposed: reader.option("last_exposed", read_id)?,
@@ -268,6 +354,14 @@ pub(super) fn read_state(reader: &mut Reader<'_>) -> Result<DeviceState, WireErr
         moving: reader.bool("moving")?,
         slots: reader.list("slots", MAX_SLOTS.into(), |reader| reader.option("slot", read_id))?,
         fault: reader.option("fault", read_fault)?,
+        powder: match of_powder {
+            true => Some(PowderState {
+                next_vector: reader.u32("next_vector")?,
+                broken: reader.bool("broken")?,
+                recoated: reader.bool("recoated")?,
+            }),
+            false => None,
+        },
     })
 }
 
@@ -311,6 +405,8 @@ fn read_refusal(reader: &mut Reader<'_>) -> Result<Refusal, WireError> {
         Refusal::Busy,
         Refusal::CutShort,
         Refusal::Unknown,
+        Refusal::NotRecoated,
+        Refusal::WrongVector,
     ];
     let refusal = known.into_iter().find(|refusal| *refusal as u8 == code);
     refusal.ok_or(WireError::BadValue { field: "refusal", value: code.into() })

@@ -5,7 +5,7 @@ use alloc::vec::Vec;
 
 use super::bytes::{Reader, WireError, Writer};
 use super::codec::{read_capabilities, read_state, write_capabilities, write_state};
-use super::message::{Capabilities, DeviceState, Urgent};
+use super::message::{Capabilities, DeviceState, MachineCapabilities, Urgent};
 use super::version::{VERSIONS, VersionRange};
 
 /// What the host states when it opens a session.
@@ -106,7 +106,9 @@ impl Welcome {
         if !VERSIONS.contains(version) {
             return Err(WireError::OtherVersion { version });
         }
-        let (capabilities, state) = (read_capabilities(&mut reader)?, read_state(&mut reader)?);
+        let capabilities = read_capabilities(&mut reader)?;
+        let of_powder = matches!(capabilities.machine, MachineCapabilities::Powder(_));
+        let state = read_state(&mut reader, of_powder)?;
         reader.end()?;
         // One entry for each slot is the most there can be.
         if state.slots.len() > usize::from(capabilities.layer_slots) {

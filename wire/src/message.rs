@@ -114,6 +114,19 @@ pub struct Capabilities {
 pub enum MachineCapabilities {
     /// Resin in a vat, exposed by a projector or a masked panel (DLP).
     Vat(VatCapabilities),
+    /// Powder in a bed, melted by a laser (SLM).
+    Powder(PowderCapabilities),
+}
+
+impl MachineCapabilities {
+    /// The plate's greatest distance from the plane in which layers are exposed, micrometres: above the bottom of a vat, or below the
+    /// working plane of a bed of powder.
+    pub const fn max_position_um(&self) -> i32 {
+        match self {
+            Self::Vat(vat) => vat.max_position_um,
+            Self::Powder(powder) => powder.max_position_um,
+        }
+    }
 }
 
 /// What a vat machine is and can do.
@@ -129,6 +142,22 @@ pub struct VatCapabilities {
     pub max_position_um: i32,
 }
 
+/// What a powder machine is and can do.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PowderCapabilities {
+    /// Size of the field that the laser reaches, x and y, micrometres.
+    pub field_um: [u32; 2],
+    /// Greatest power of the laser, milliwatts.
+    pub max_power_mw: u32,
+    /// Least and greatest layer height, micrometres.
+    pub layer_height_um: [u32; 2],
+    /// Deepest plate position below the working plane, micrometres.
+    pub max_position_um: i32,
+    /// Size of the buffer that all layers share, bytes of layer data; at least 1024. A layer may be larger. The host has sent at most
+    /// so many bytes in a session that [`Report::Room`] has not counted.
+    pub buffer_bytes: u32,
+}
+
 /// What the device is doing. Sent with the welcome and on request.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct DeviceState {
@@ -142,14 +171,29 @@ pub struct DeviceState {
     pub cut_short: Option<(ExposureId, u32)>,
     /// Whether the light is on.
     pub light_on: bool,
-    /// Plate height above the bottom of the vat, micrometres; `None` before homing.
+    /// Distance of the plate from the plane in which layers are exposed, micrometres; `None` before homing. In a vat that is the
+    /// height above its bottom, in a bed of powder the depth below the working plane.
     pub position_um: Option<i32>,
     /// Whether the plate moves.
     pub moving: bool,
-    /// The layer in each slot; only complete and checked layers.
+    /// The layer in each slot; only those that were answered with [`Reply::Done`].
     pub slots: Vec<Option<ExposureId>>,
     /// The present fault.
     pub fault: Option<Fault>,
+    /// What only powder machines report; they always do.
+    pub powder: Option<PowderState>,
+}
+
+/// What a powder machine reports besides what every machine does.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PowderState {
+    /// The first vector not marked yet, of the layer that is being marked or, if none is, of the one that was cut short last. Kept
+    /// across resets if the device keeps `cut_short`.
+    pub next_vector: u32,
+    /// Whether the laser went off within that vector, so that part of it is marked.
+    pub broken: bool,
+    /// Whether powder was spread since the plate moved last.
+    pub recoated: bool,
 }
 
 /// From host to device, in order, none lost.
@@ -172,7 +216,8 @@ pub enum Request {
     /// Report the state. Answered by [`Reply::State`].
     State,
     /// A layer follows in [`HostMessage::LayerData`]. Answered by [`Reply::Done`] once all bytes have arrived and were decoded, and
-    /// the CRC is right. The slot then holds the layer.
+    /// the CRC is right. The slot then holds the layer. A powder machine answers sooner if the layer is larger than its buffer: when
+    /// that is three quarters full. The rest of such a layer follows while it is marked.
     LayerBegin {
         /// Slot to fill; its former layer is dropped.
         slot: u8,
@@ -187,6 +232,8 @@ pub enum Request {
     },
     /// A request that only vat machines know.
     Vat(VatRequest),
+    /// A request that only powder machines know.
+    Powder(PowderRequest),
 }
 
 impl Request {
@@ -194,8 +241,11 @@ impl Request {
     pub const fn is_exposure(&self) -> bool {
         // Without `_`, so that a new kind of machine or act must be decided on here.
         match self {
-            Self::State | Self::LayerBegin { .. } | Self::Vat(VatRequest::Home | VatRequest::Move { .. }) => false,
-            Self::Vat(VatRequest::Expose { .. }) => true,
+            Self::State
+            | Self::LayerBegin { .. }
+            | Self::Vat(VatRequest::Home | VatRequest::Move { .. })
+            | Self::Powder(PowderRequest::Home | PowderRequest::Move { .. } | PowderRequest::Recoat) => false,
+            Self::Vat(VatRequest::Expose { .. }) | Self::Powder(PowderRequest::Mark { .. }) => true,
         }
     }
 }
@@ -220,6 +270,31 @@ pub enum VatRequest {
         position_um: i32,
         /// Speed, micrometres a second.
         speed_um_s: u32,
+    },
+}
+
+/// A request to a powder machine. Each begins an act; acts run one at a time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PowderRequest {
+    /// Find the zero position: plate level with the working plane, recoater at rest. Answered by [`PowderReply::Moved`].
+    Home,
+    /// Move the plate. Answered by [`PowderReply::Moved`] on arrival.
+    Move {
+        /// Target below the working plane, micrometres.
+        position_um: i32,
+        /// Speed, micrometres a second.
+        speed_um_s: u32,
+    },
+    /// Spread powder over the plate. Answered by [`PowderReply::Recoated`] when the recoater is at rest again.
+    Recoat,
+    /// Mark a layer. Answered by [`PowderReply::Marked`] after its last vector.
+    Mark {
+        /// The layer. It must be in a slot, which becomes free after its last vector.
+        id: ExposureId,
+        /// The first vector to mark; those before it are passed over.
+        from_vector: u32,
+        /// Longest time of the act, milliseconds. After that the laser stops at the end of the vector it is on.
+        most_ms: u32,
     },
 }
 
@@ -248,6 +323,8 @@ pub enum Reply {
     Refused(Refusal),
     /// An answer that only vat machines give.
     Vat(VatReply),
+    /// An answer that only powder machines give.
+    Powder(PowderReply),
 }
 
 /// An answer of a vat machine.
@@ -267,6 +344,29 @@ pub enum VatReply {
     },
 }
 
+/// An answer of a powder machine.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PowderReply {
+    /// The plate arrived.
+    Moved {
+        /// Where it is, micrometres below the working plane.
+        position_um: i32,
+    },
+    /// Powder is spread, and the recoater is at rest.
+    Recoated,
+    /// The layer is marked to its last vector.
+    Marked {
+        /// Which.
+        id: ExposureId,
+        /// Number of its vectors.
+        vectors: u32,
+        /// How long the laser was on in this act, milliseconds.
+        laser_ms: u32,
+        /// How long the laser waited, off, for layer data in this act, milliseconds.
+        starved_ms: u32,
+    },
+}
+
 /// Why a request was not carried out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
@@ -279,7 +379,7 @@ pub enum Refusal {
     BadDuration = 3,
     /// No slot holds that layer, or there is no such slot.
     NoSuchLayer = 4,
-    /// The slot is being exposed.
+    /// The slot is being exposed or marked.
     SlotBusy = 5,
     /// The layer cannot be decoded, has a wrong CRC or length, or was not finished.
     BadLayer = 6,
@@ -289,12 +389,17 @@ pub enum Refusal {
     BadMove = 8,
     /// Not homed.
     NotHomed = 9,
-    /// An exposure or a move is running, or waits for Release.
+    /// An act is running, or waits for Release.
     Busy = 10,
-    /// Began, and was ended early by an abort, a light-off, a fault or an interlock.
+    /// Began, and was ended early by an abort, a light-off, a fault or an interlock; marking also by its longest time or by bad layer
+    /// data.
     CutShort = 11,
     /// The device does not know the request, or it is malformed.
     Unknown = 12,
+    /// No powder was spread since the plate moved last.
+    NotRecoated = 13,
+    /// The layer was marked in part, and this is not its next vector; or the layer has no such vector.
+    WrongVector = 14,
 }
 
 /// A message that answers no request.
@@ -302,6 +407,11 @@ pub enum Refusal {
 pub enum Report {
     /// The device has a fault, or its fault is gone (`None`).
     Fault(Option<Fault>),
+    /// A powder machine has room again in the buffer that its layers share.
+    Room {
+        /// Bytes of layer data that left the buffer since the session began: marked, passed over or dropped. Wraps.
+        taken_bytes: u32,
+    },
 }
 
 /// A condition that keeps a device from working.

@@ -109,6 +109,9 @@ impl Story {
             LogRecord::NotExposed { layer } => {
                 format!("layer {layer}: not exposed, says the device; it is commanded again")
             }
+            LogRecord::PartlyMarked { layer, next_vector } => {
+                format!("layer {layer}: marked up to vector {next_vector}, where it goes on")
+            }
             LogRecord::Withdrawn { layer } => {
                 format!("layer {layer}: not exposed, its command never left the host; it is commanded again")
             }

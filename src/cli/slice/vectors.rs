@@ -26,7 +26,7 @@ pub(super) fn write(
     let Selection { part, range, threads } = selection;
     let plan = part.plan().clone();
     let mut writer = Writer::create(format, output, &range, machine, recipe)?;
-    let mut scanned = part.scanned(scan_settings(machine, recipe), threads, range.start)?;
+    let mut scanned = part.scanned(&scan_settings(machine, recipe), threads, range.start)?;
     let layer_count = u64::from(range.end - range.start);
     let bar = cli::progress_bar("{bar:40} {pos}/{len} layers, {eta} left");
     bar.set_length(layer_count);

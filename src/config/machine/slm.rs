@@ -30,6 +30,9 @@ pub struct SlmMachine {
     pub max_power_w: f64,
     /// Least and greatest layer height, micrometres: what plate and recoater can do.
     pub layer_height_range_um: [f64; 2],
+    /// Time that the recoater takes for a layer, milliseconds.
+    #[serde(default = "ten_seconds")]
+    pub recoat_ms: u32,
     /// Whether the operator must confirm that plate and bed are ready (`layerctl resume`) before a queued job begins.
     #[serde(default = "yes")]
     pub confirm_plate: bool,
@@ -42,6 +45,10 @@ pub struct SlmMachine {
 
 fn thirty() -> f64 {
     30.0
+}
+
+fn ten_seconds() -> u32 {
+    10_000
 }
 
 impl SlmMachine {
@@ -58,6 +65,7 @@ impl SlmMachine {
             within("max_power_w", self.max_power_w, 0.1, 10_000.0),
             within("layer_height_range_um[0]", low_um, 1.0, 1000.0),
             within("layer_height_range_um[1]", high_um, low_um.clamp(1.0, 1000.0), 1000.0),
+            within("recoat_ms", self.recoat_ms, 0, 600_000),
             within("time_scale", self.time_scale, 1.0, 1000.0),
         ]
         .into_iter()

@@ -69,6 +69,7 @@ fn log_entry(Entry { at_unix_ms, record }: Entry) -> LogEntry {
         Record::Commanded { layer, .. } => LogRecord::Commanded { layer },
         Record::Confirmed { layer } => LogRecord::Confirmed { layer },
         Record::NotExposed { layer } => LogRecord::NotExposed { layer },
+        Record::PartlyMarked { layer, next_vector } => LogRecord::PartlyMarked { layer, next_vector },
         Record::Withdrawn { layer } => LogRecord::Withdrawn { layer },
         Record::InDoubt { layer, why } => LogRecord::InDoubt { layer, why },
         Record::Decided { layer, exposed } => LogRecord::Decided { layer, exposed },

@@ -7,8 +7,8 @@ use crate::api::JobView;
 use crate::config::{Machine, Recipe};
 use crate::daemon::handle::Reply;
 use crate::job::{
-    Command, EndOrder, Entry as JournalEntry, Forgotten, History, JobDirectory, JobState, Journal, Progress, Record,
-    ResumeChoice, read_journal,
+    Command, EndOrder, Entry as JournalEntry, Forgotten, History, JobDirectory, JobState, Journal, LEFTOVER_MS,
+    Progress, Record, ResumeChoice, read_journal,
 };
 use crate::system::unix_ms;
 
@@ -143,7 +143,7 @@ impl Job {
         let unconfirmed_ms = past
             .unconfirmed
             .zip(recipe.as_ref())
-            .and_then(|(commanded, recipe)| recipe.layer_exposure_ms(commanded.layer));
+            .map(|(commanded, recipe)| recipe.layer_exposure_ms(commanded.layer).unwrap_or(LEFTOVER_MS));
         view.recipe = recipe.as_ref().map_or_else(String::new, |recipe| recipe.name().into());
         let made_for = recipe
             .filter(|_| !view.state.is_final())

@@ -42,6 +42,13 @@ pub(crate) enum Sign {
         /// Boot id of the device.
         boot_id: u32,
     },
+    /// The plate is below the working plane of a bed of powder.
+    Deep {
+        /// By how much.
+        position_um: i32,
+        /// Boot id of the device.
+        boot_id: u32,
+    },
     /// `layerctl raise` lifted a plate that was not clear of the resin.
     Raised {
         /// From where.
@@ -66,9 +73,10 @@ impl Sign {
     pub(crate) fn is_known(&self, known: &[Self], state: Option<&DeviceState>) -> bool {
         known.iter().any(|known| match (self, known) {
             (Self::Exposure { trace, .. }, Self::Exposure { trace: known, .. }) => trace == known,
-            (Self::Low { boot_id, .. }, Self::Low { boot_id: known, .. }) => boot_id == known,
+            (Self::Low { boot_id, .. }, Self::Low { boot_id: known, .. })
+            | (Self::Deep { boot_id, .. }, Self::Deep { boot_id: known, .. }) => boot_id == known,
             // A part left in the vat means a low plate, on the device that printed it.
-            (Self::Low { .. }, Self::Left { key, .. }) => state.is_some_and(|state| {
+            (Self::Low { .. } | Self::Deep { .. }, Self::Left { key, .. }) => state.is_some_and(|state| {
                 let cut = state.cut_short.map(|(id, _)| id);
                 state.last_exposed.into_iter().chain(cut).any(|id| id.job == *key)
             }),
@@ -101,6 +109,11 @@ impl fmt::Display for Sign {
                 mm_text(*position_um),
                 mm_text(*clear_um)
             ),
+            Self::Deep { position_um, .. } => write!(
+                f,
+                "the plate is {} below the working plane, and its bed may hold a part",
+                mm_text(*position_um)
+            ),
             Self::Raised { from_um } => {
                 write!(f, "the plate was raised from {} above the vat, and may carry a part", mm_text(*from_um))
             }
@@ -121,7 +134,9 @@ pub(crate) fn text(signs: &[Sign], job: u32) -> String {
             keys.push(*job);
             is_new
         }
-        Sign::Low { .. } | Sign::Raised { .. } | Sign::OtherDevice { .. } | Sign::Left { .. } => true,
+        Sign::Low { .. } | Sign::Deep { .. } | Sign::Raised { .. } | Sign::OtherDevice { .. } | Sign::Left { .. } => {
+            true
+        }
     };
     let signs: Vec<_> = signs.iter().filter(is_new).map(ToString::to_string).collect();
     format!(

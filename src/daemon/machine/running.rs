@@ -9,9 +9,9 @@ use crate::daemon::background::Background;
 use crate::daemon::jobs::opened::Opened;
 use crate::daemon::jobs::opened::spool_text;
 use crate::device::encoding::Choice;
-use crate::device::{DriverEvent, FramedDriver, LightWatch, Outcome, check_fit};
-use crate::job::{Action, Command, Engine, Event, JobPlan, Journal, Record};
-use crate::link::message::{Capabilities, DeviceState, MachineCapabilities, Urgent, VatCapabilities};
+use crate::device::{DriverEvent, FramedDriver, LightWatch, Outcome, ScanTimes, check_fit};
+use crate::job::{Action, Command, Engine, Event, JobPlan, Journal, Limits, Record};
+use crate::link::message::{Capabilities, DeviceState, Urgent};
 use crate::pipeline::{EncodedLayer, Layers, Part};
 use crate::stream::{Finished, MemoryBudget, Room};
 use crate::system::{spawn_blocking, unix_ms};
@@ -50,11 +50,19 @@ pub(crate) struct Running {
     layers: Layers,
     /// Layer and slot that the engine wants uploaded; the layer is not computed yet.
     wanted: Option<(u32, u8)>,
-    /// The queue's share of the layer that is being sent.
-    sending: Option<Room>,
+    /// The layer that is being sent.
+    sending: Option<Sending>,
     act_number: u64,
     /// The urgent frame whose answer the engine waits for, and its number.
     pub urgent: Option<(u32, Urgent)>,
+}
+
+/// A layer on its way to the device.
+struct Sending {
+    /// How long a laser takes for it.
+    times: Option<ScanTimes>,
+    /// Its share of the queue.
+    _room: Room,
 }
 
 impl Running {
@@ -98,9 +106,10 @@ impl Running {
             Ok(encoding) => self.encoding = Some(encoding),
             Err(misfit) => return self.engine.handle(Event::Unfit(misfit.to_string()), now_us),
         }
-        self.driver = Some(FramedDriver::new(self.key));
-        let MachineCapabilities::Vat(VatCapabilities { max_position_um, .. }) = capabilities.machine;
-        self.engine.handle(Event::Connected { state: state.clone(), max_position_um }, now_us);
+        self.driver = Some(FramedDriver::new(self.key, &capabilities.machine));
+        let max_position_um = capabilities.machine.max_position_um();
+        let limits = Limits { max_position_um, max_exposure_ms: capabilities.max_exposure_ms };
+        self.engine.handle(Event::Connected { state: state.clone(), limits }, now_us);
     }
 
     /// The session is lost.
@@ -190,7 +199,7 @@ impl Running {
                 return self.engine.handle(Event::LayerFailed { layer: wanted, text }, now_us);
             }
         };
-        let EncodedLayer { layer, encoding, bytes, decoded_crc32 } = finished.layer;
+        let EncodedLayer { layer, encoding, bytes, decoded_crc32, scan } = finished.layer;
         if layer < wanted {
             // The sweep began earlier; the device holds this layer already.
             return;
@@ -205,7 +214,7 @@ impl Running {
             if let Err(error) = driver.upload(layer, slot, encoding, bytes, decoded_crc32) {
                 tracing::error!(%error, layer, "upload refused by the driver");
             }
-            self.sending = Some(finished.room);
+            self.sending = Some(Sending { times: scan.map(|scan| scan.times), _room: finished.room });
         }
     }
 
@@ -213,8 +222,8 @@ impl Running {
     pub(crate) fn driver_event(&mut self, event: DriverEvent, now_us: u64) {
         let event = match event {
             DriverEvent::Uploaded { layer } => {
-                self.sending = None;
-                Event::Uploaded { layer }
+                let times = self.sending.take().and_then(|sending| sending.times);
+                Event::Uploaded { layer, times }
             }
             DriverEvent::UploadRefused { layer, refusal } => {
                 self.sending = None;

@@ -1,8 +1,12 @@
 //! Converts the daemon's state to the types that the API shows. `GET /v1/status` in `docs/control-api.md` shows the result.
 
-use crate::api::{BudgetView, CutShortView, DeviceInfo, DeviceStateView, DeviceView, ExposureView, JobView, LineView};
+use crate::api::{
+    BudgetView, CutShortView, DeviceInfo, DeviceStateView, DeviceView, ExposureView, JobView, LaserInfo, LineView,
+    PicturesInfo,
+};
+use crate::config::Kind;
 use crate::daemon::jobs::Jobs;
-use crate::device::{DriverEvent, Outcome, VatOutcome};
+use crate::device::{DriverEvent, Outcome, PowderOutcome, VatOutcome};
 use crate::link::message::{Capabilities, DeviceState, ExposureId, MachineCapabilities};
 use crate::link::session::{Hindrance, Statistics};
 use crate::stream::MemoryBudget;
@@ -36,20 +40,30 @@ pub(crate) fn line(
 
 /// Updates the view when a device connects.
 pub(crate) fn device_connected(view: &mut DeviceView, capabilities: &Capabilities, state: &DeviceState, jobs: &Jobs) {
-    let MachineCapabilities::Vat(vat) = &capabilities.machine;
+    let (kind, vat, powder) = match &capabilities.machine {
+        MachineCapabilities::Vat(vat) => (Kind::Dlp, Some(vat), None),
+        MachineCapabilities::Powder(powder) => (Kind::Slm, None, Some(powder)),
+    };
     view.connected = true;
     view.info = Some(DeviceInfo {
         name: capabilities.name.clone(),
-        kind: "dlp".into(),
-        width_px: vat.width_px,
-        height_px: vat.height_px,
-        pixel_um: vat.pixel_nm.map(|nm| f64::from(nm) / 1000.0),
+        kind: kind.to_string(),
+        pictures: vat.map(|vat| PicturesInfo {
+            width_px: vat.width_px,
+            height_px: vat.height_px,
+            pixel_um: vat.pixel_nm.map(|nm| f64::from(nm) / 1000.0),
+        }),
+        laser: powder.map(|powder| LaserInfo {
+            field_um: powder.field_um,
+            max_power_w: f64::from(powder.max_power_mw) / 1000.0,
+            buffer_bytes: powder.buffer_bytes,
+        }),
         layer_slots: capabilities.layer_slots,
         window_bytes: capabilities.window_bytes,
         largest_frame_bytes: capabilities.largest_frame_bytes,
         encodings: capabilities.encodings.iter().map(|encoding| format!("{encoding:?}")).collect(),
         max_exposure_ms: capabilities.max_exposure_ms,
-        max_position_um: vat.max_position_um,
+        max_position_um: capabilities.machine.max_position_um(),
     });
     view.state = Some(state_view(state, jobs));
 }
@@ -59,11 +73,15 @@ pub(crate) fn device_told(view: &mut DeviceView, event: &DriverEvent, jobs: &Job
     let state = view.state.get_or_insert_with(DeviceStateView::default);
     match event {
         DriverEvent::StateKnown { state: known, .. } => *state = state_view(known, jobs),
-        DriverEvent::ActDone(Outcome::Vat(VatOutcome::Arrived { position_um })) => {
+        DriverEvent::ActDone(
+            Outcome::Vat(VatOutcome::Arrived { position_um }) | Outcome::Powder(PowderOutcome::Arrived { position_um }),
+        ) => {
             state.position_um = Some(*position_um);
             state.moving = false;
         }
-        DriverEvent::ActDone(Outcome::Vat(VatOutcome::Exposed { layer, .. })) => {
+        DriverEvent::ActDone(
+            Outcome::Vat(VatOutcome::Exposed { layer, .. }) | Outcome::Powder(PowderOutcome::Marked { layer, .. }),
+        ) => {
             state.light_on = false;
             state.last_exposed = holder.map(|job| ExposureView { job: job.to_string(), layer: *layer });
         }
@@ -72,7 +90,7 @@ pub(crate) fn device_told(view: &mut DeviceView, event: &DriverEvent, jobs: &Job
             state.fault_code = fault.as_ref().map(|fault| fault.code);
         }
         // The next state shows where it stands. Every outcome is listed, so that a new one is not overlooked here.
-        DriverEvent::ActDone(Outcome::Refused(_) | Outcome::TakenBack)
+        DriverEvent::ActDone(Outcome::Powder(PowderOutcome::Recoated) | Outcome::Refused(_) | Outcome::TakenBack)
         | DriverEvent::Uploaded { .. }
         | DriverEvent::UploadRefused { .. }
         | DriverEvent::Misbehaved(_) => {}

@@ -1,7 +1,7 @@
 //! `layerctl raise`: lifts the plate clear of the resin while no job runs. The plate only moves up. `tests/plate.rs` tests it.
 
 use crate::api::RaiseView;
-use crate::config::Recipe;
+use crate::config::{Kind, Recipe};
 use crate::daemon::error::OrderError;
 use crate::daemon::handle::{Answer, Reply};
 use crate::daemon::jobs::sign::CLEAR_TOLERANCE_UM;
@@ -42,6 +42,9 @@ impl Printer {
     fn may_raise(&self) -> Result<RaiseView, OrderError> {
         if self.shutting_down {
             return Err(OrderError::new(503, "the daemon is shutting down and begins nothing new"));
+        }
+        if self.setting.machine.kind() == Kind::Slm {
+            return Err(OrderError::new(409, NO_VAT));
         }
         if let Some(job) = self.holder() {
             let text = format!(
@@ -95,7 +98,7 @@ impl Printer {
         let RaiseView { from_um, to_um, .. } = view;
         let speed_um_s = match &self.setting.recipe {
             Recipe::Dlp(recipe) => recipe.lift_speed_um_s,
-            Recipe::Slm(_) => return Err(OrderError::new(409, "only a plate in a vat of resin can be raised")),
+            Recipe::Slm(_) => return Err(OrderError::new(409, NO_VAT)),
         };
         let now_us = self.clock.now_us();
         let driver = self.idle.driver.as_mut().ok_or_else(absent)?;
@@ -153,7 +156,7 @@ impl Printer {
             Outcome::Refused(refusal) => {
                 format!("the plate was not raised: the device refused, or stopped the move ({refusal:?})")
             }
-            Outcome::Vat(VatOutcome::Exposed { .. }) | Outcome::TakenBack => {
+            Outcome::Vat(VatOutcome::Exposed { .. }) | Outcome::Powder(_) | Outcome::TakenBack => {
                 "the plate was not raised: the device answered something else; check its firmware".into()
             }
         };
@@ -224,6 +227,8 @@ impl Printer {
         }
     }
 }
+
+const NO_VAT: &str = "only the plate of a resin printer is raised: a part in a bed of powder is safe where it is";
 
 fn absent() -> OrderError {
     OrderError::new(409, "the device does not answer, so nothing can be moved: `layerctl status` tells why")

@@ -16,8 +16,8 @@ impl Printer {
         let layer = exposure.layer;
         let exposure_ms = self.jobs.commanded_ms(exposure, commanded.boot_id);
         let why = match fate(exposure, Some(commanded), exposure_ms, self.idle.light.has_shone(exposure), state) {
-            Fate::Unknown(why) => Some(why),
-            Fate::Exposed | Fate::NotExposed => None,
+            Fate::Unknown(why) | Fate::Partly { broken: Some(why), .. } => Some(why),
+            Fate::Exposed | Fate::NotExposed | Fate::Partly { broken: None, .. } => None,
         };
         if self.jobs.get_mut(id).is_some_and(|job| job.set_doubt(layer, why)) {
             self.publish_job(id);

@@ -6,13 +6,14 @@
 //! they start the next job or before they confirm one that waited in the queue.
 
 use super::Printer;
+use crate::config::Kind;
 use crate::daemon::background::Background;
 use crate::daemon::jobs::Account;
 use crate::daemon::jobs::job::{Job, TakeUp};
 use crate::daemon::jobs::sign::{CLEAR_TOLERANCE_UM, Seen, Sign, text, traces};
 use crate::daemon::machine::idle::Idle;
 use crate::job::{Event, Trace};
-use crate::link::message::{Capabilities, DeviceState, MachineCapabilities};
+use crate::link::message::DeviceState;
 
 impl Printer {
     /// The signs that the operator must still confirm before this job, which has had no light, may move the plate down. `state` is
@@ -34,25 +35,27 @@ impl Printer {
         signs
     }
 
+    /// The sign that the plate is where a part may be: not clear of the resin, or deep in the powder.
     pub(crate) fn low_plate(&self, state: &DeviceState) -> Option<Sign> {
-        let position_um = state.position_um?;
-        let clear_um = self.clear_um();
-        let is_own = self.jobs.bare_on() == Some(state.boot_id);
-        (position_um < clear_um - CLEAR_TOLERANCE_UM && !is_own).then_some(Sign::Low {
-            position_um,
-            clear_um,
-            boot_id: state.boot_id,
-        })
+        let (position_um, boot_id) = (state.position_um?, state.boot_id);
+        if self.jobs.bare_on() == Some(boot_id) {
+            return None;
+        }
+        match self.setting.machine.kind() {
+            Kind::Dlp => {
+                let clear_um = self.clear_um();
+                let is_low = position_um < clear_um - CLEAR_TOLERANCE_UM;
+                is_low.then_some(Sign::Low { position_um, clear_um, boot_id })
+            }
+            Kind::Slm => (position_um > CLEAR_TOLERANCE_UM).then_some(Sign::Deep { position_um, boot_id }),
+        }
     }
 
     /// The height at which the plate is clear of the resin, or the device's highest if that is lower, micrometres.
     pub(crate) fn clear_um(&self) -> i32 {
         // `as` saturates; the configuration allows two metres.
         let clear_um = self.setting.machine.clear_height_um().ceil() as i32;
-        let highest_um = self
-            .capabilities
-            .as_ref()
-            .map(|Capabilities { machine: MachineCapabilities::Vat(vat), .. }| vat.max_position_um);
+        let highest_um = self.capabilities.as_ref().map(|capabilities| capabilities.machine.max_position_um());
         clear_um.min(highest_um.unwrap_or(clear_um))
     }
 

@@ -27,7 +27,7 @@ impl Printer {
                     Some(running) if may_begin => running.connected(&capabilities, &state, now_us),
                     Some(_) => {}
                     None => {
-                        self.idle.driver = Some(FramedDriver::new(0));
+                        self.idle.driver = Some(FramedDriver::new(0, &capabilities.machine));
                         self.idle_state(&state, now_us);
                     }
                 }
@@ -68,7 +68,7 @@ impl Printer {
 
     /// Handles a message of the device.
     fn message(&mut self, message: DeviceMessage, now_us: u64) {
-        match self.driver().map(|driver| driver.handle(message)) {
+        match self.driver().and_then(|driver| driver.handle(message)) {
             Some(DriverEvent::Fault(fault)) => {
                 if let Some(fault) = self.faults.reported(fault, now_us) {
                     self.driver_event(DriverEvent::Fault(fault), now_us);

@@ -11,19 +11,17 @@
 
 use std::collections::VecDeque;
 
+use super::upload::{LAYER_TIMEOUT_US, Piece, Uploads};
 use crate::deadline::Deadline;
-use crate::device::{Act, Outcome, VatAct, VatOutcome};
+use crate::device::{Act, Outcome, PowderAct, PowderOutcome, VatAct, VatOutcome};
 use crate::link::message::{
-    DeviceMessage, DeviceState, Encoding, ExposureId, Fault, HostMessage, Refusal, Reply, Report, Request, VatReply,
-    VatRequest,
+    DeviceMessage, DeviceState, Encoding, ExposureId, Fault, HostMessage, MachineCapabilities, PowderReply,
+    PowderRequest, Refusal, Reply, Report, Request, VatReply, VatRequest,
 };
 use crate::text::mm_text;
 
 /// Time limit for the reply to a State request. It holds while the device decodes a layer or moves, too.
 const STATE_TIMEOUT_US: u64 = 5_000_000;
-/// Time limit for the reply to a layer, counted from when its last byte was handed to the line. The line holds at most half a
-/// second of data.
-const LAYER_TIMEOUT_US: u64 = 10_000_000;
 /// State requests without a reply. One is sent twice a second and one after each act. A device that leaves this many open is
 /// silent; no more are sent until the oldest times out.
 const MAX_QUESTIONS: usize = 4;
@@ -75,31 +73,24 @@ pub enum DriverBusy {
 pub struct FramedDriver {
     job: u64,
     last_number: u32,
-    /// Requests not yet sent: at most one act, [`MAX_QUESTIONS`] State requests and one LayerBegin.
+    /// Requests not yet sent: at most one act and [`MAX_QUESTIONS`] State requests.
     requests: VecDeque<(u32, Request)>,
     /// The act whose reply is due.
     act: Option<(u32, Act)>,
     /// The State requests whose replies are due, at most [`MAX_QUESTIONS`].
     questions: VecDeque<(u32, Deadline)>,
-    /// The layer on its way.
-    upload: Option<Upload>,
-}
-
-#[derive(Debug)]
-struct Upload {
-    number: u32,
-    layer: u32,
-    /// Empty once all is sent: the line keeps what the device has not acknowledged.
-    bytes: Vec<u8>,
-    sent_bytes: usize,
-    /// When the reply is due; set once all is sent.
-    due: Option<Deadline>,
+    uploads: Uploads,
 }
 
 impl FramedDriver {
-    /// A driver for a job (its key in [`ExposureId`]) in a session that just began.
-    pub fn new(job: u64) -> Self {
-        Self { job, last_number: 0, requests: VecDeque::new(), act: None, questions: VecDeque::new(), upload: None }
+    /// A driver for a job (its key in [`ExposureId`]) in a session that just began with a machine like this.
+    pub fn new(job: u64, machine: &MachineCapabilities) -> Self {
+        let buffer_bytes = match machine {
+            MachineCapabilities::Vat(_) => None,
+            MachineCapabilities::Powder(powder) => Some(powder.buffer_bytes),
+        };
+        let (requests, questions) = (VecDeque::new(), VecDeque::new());
+        Self { job, last_number: 0, requests, act: None, questions, uploads: Uploads::new(buffer_bytes) }
     }
 
     /// Whether an act is under way.
@@ -125,17 +116,34 @@ impl FramedDriver {
         if self.act.is_some() {
             return Err(DriverBusy::ActUnderWay);
         }
-        let Act::Vat(vat) = act;
-        let number = self.request(Request::Vat(match vat {
+        let number = self.request(match act {
+            Act::Vat(act) => Request::Vat(self.vat_request(act)),
+            Act::Powder(act) => Request::Powder(self.powder_request(act)),
+        });
+        self.act = Some((number, act));
+        self.ask(now_us);
+        Ok(())
+    }
+
+    fn vat_request(&self, act: VatAct) -> VatRequest {
+        match act {
             VatAct::Home => VatRequest::Home,
             VatAct::Move { position_um, speed_um_s } => VatRequest::Move { position_um, speed_um_s },
             VatAct::Expose { layer, duration_ms, light_pwm } => {
                 VatRequest::Expose { id: self.id(layer), duration_ms, light_pwm }
             }
-        }));
-        self.act = Some((number, act));
-        self.ask(now_us);
-        Ok(())
+        }
+    }
+
+    fn powder_request(&self, act: PowderAct) -> PowderRequest {
+        match act {
+            PowderAct::Home => PowderRequest::Home,
+            PowderAct::Move { position_um, speed_um_s } => PowderRequest::Move { position_um, speed_um_s },
+            PowderAct::Recoat => PowderRequest::Recoat,
+            PowderAct::Mark { layer, from_vector, most_ms } => {
+                PowderRequest::Mark { id: self.id(layer), from_vector, most_ms }
+            }
+        }
     }
 
     /// Takes back an exposure that has not left the host, so that it does not begin after a light-off. `is_unsent` says that the
@@ -167,8 +175,9 @@ impl FramedDriver {
         }
     }
 
-    /// Begins to send a layer into a slot. The end is reported as [`DriverEvent::Uploaded`] or [`DriverEvent::UploadRefused`].
-    /// `crc32` is the CRC-32 of the decoded rows ([`crate::device::encoding::picture_crc32`]).
+    /// Begins to send a layer into a slot. The end is reported as [`DriverEvent::Uploaded`] or [`DriverEvent::UploadRefused`]. A layer
+    /// larger than the buffer that all layers share is reported as uploaded when it can be begun; the rest follows while it is marked,
+    /// and the next layer after that. `crc32` is that of the decoded layer ([`crate::pipeline::EncodedLayer`]).
     ///
     /// # Errors
     /// [`DriverBusy::UploadUnderWay`].
@@ -180,18 +189,10 @@ impl FramedDriver {
         bytes: Vec<u8>,
         crc32: u32,
     ) -> Result<(), DriverBusy> {
-        if self.upload.is_some() {
-            return Err(DriverBusy::UploadUnderWay);
-        }
-        let number = self.request(Request::LayerBegin {
-            slot,
-            id: self.id(layer),
-            encoding,
-            encoded_bytes: bytes.len() as u32,
-            decoded_crc32: crc32,
-        });
-        self.upload = Some(Upload { number, layer, bytes, sent_bytes: 0, due: None });
-        Ok(())
+        let id = self.id(layer);
+        let encoded_bytes = bytes.len() as u32;
+        let begin = Request::LayerBegin { slot, id, encoding, encoded_bytes, decoded_crc32: crc32 };
+        self.uploads.add(layer, begin, bytes)
     }
 
     /// The next message to send, requests first. Call it only while the session can take a request. Layer data comes in pieces of
@@ -200,14 +201,20 @@ impl FramedDriver {
         if let Some((number, request)) = self.requests.pop_front() {
             return Some(HostMessage::Request { number, request });
         }
-        self.upload.as_mut()?.next_piece(room_bytes, now_us).map(HostMessage::LayerData)
+        let number = self.last_number.wrapping_add(1);
+        Some(match self.uploads.next(number, room_bytes, now_us)? {
+            Piece::Begin(request) => {
+                self.last_number = number;
+                HostMessage::Request { number, request }
+            }
+            Piece::Data(bytes) => HostMessage::LayerData(bytes),
+        })
     }
 
     /// When to call [`Self::handle_timeout`]; `None` while the driver waits for no reply.
     pub fn next_timeout_us(&self) -> Option<u64> {
         let question = self.questions.front().map(|(_, due)| due.at_us());
-        let upload = self.upload.as_ref().and_then(|upload| upload.due).map(Deadline::at_us);
-        question.into_iter().chain(upload).min()
+        question.into_iter().chain(self.uploads.due_us()).min()
     }
 
     /// Reports a reply that is overdue.
@@ -221,73 +228,112 @@ impl FramedDriver {
                 "the device did not answer a question for its state within {seconds} s: check the line and its firmware"
             )));
         }
-        let upload = self.upload.as_mut()?;
-        if !upload.due.as_mut()?.is_over(now_us) {
-            return None;
-        }
-        upload.due = None;
-        let (layer, seconds) = (upload.layer, LAYER_TIMEOUT_US / 1_000_000);
+        let (layer, seconds) = (self.uploads.overdue(now_us)?, LAYER_TIMEOUT_US / 1_000_000);
         Some(DriverEvent::Misbehaved(format!(
             "the device did not say within {seconds} s whether it holds layer {layer}: check its firmware"
         )))
     }
 
-    /// Handles a message from the device.
-    pub fn handle(&mut self, message: DeviceMessage) -> DriverEvent {
+    /// Handles a message from the device; `None` if its owner need not know of it.
+    pub fn handle(&mut self, message: DeviceMessage) -> Option<DriverEvent> {
         let (number, reply) = match message {
-            DeviceMessage::Report(Report::Fault(fault)) => return DriverEvent::Fault(fault),
+            DeviceMessage::Report(Report::Fault(fault)) => return Some(DriverEvent::Fault(fault)),
+            DeviceMessage::Report(Report::Room { taken_bytes }) => return self.room(taken_bytes),
             DeviceMessage::Reply { number, reply } => (number, reply),
         };
         if let Some((_, act)) = self.act.filter(|(due, _)| *due == number) {
-            return self.act_replied(act, number, &reply);
+            return Some(self.act_replied(act, number, &reply));
         }
         if let Some(place) = self.questions.iter().position(|(due, _)| *due == number) {
-            return match reply {
+            return Some(match reply {
                 Reply::State(state) => {
                     self.questions.remove(place);
                     let act_taken = self.act.is_some_and(|(act, _)| act < number);
                     DriverEvent::StateKnown { state, act_taken }
                 }
                 other => nonsense("for its state", number, &other),
-            };
+            });
         }
-        match self.upload.take_if(|upload| upload.number == number) {
-            Some(upload) if upload.is_ended_by(&reply) => match reply {
-                Reply::Refused(refusal) => DriverEvent::UploadRefused { layer: upload.layer, refusal },
-                _ => DriverEvent::Uploaded { layer: upload.layer },
-            },
-            Some(upload) => nonsense(&format!("to take {}", exposure_text(self.id(upload.layer))), number, &reply),
-            None => DriverEvent::Misbehaved(format!(
+        Some(self.upload_replied(number, &reply))
+    }
+
+    fn room(&mut self, taken_bytes: u32) -> Option<DriverEvent> {
+        (!self.uploads.room(taken_bytes)).then(|| {
+            DriverEvent::Misbehaved(format!(
+                "the device says that it took {taken_bytes} bytes of layer data, more than it was sent: check its firmware"
+            ))
+        })
+    }
+
+    fn upload_replied(&mut self, number: u32, reply: &Reply) -> DriverEvent {
+        let Some(upload) = self.uploads.awaiting(number) else {
+            return DriverEvent::Misbehaved(format!(
                 "the device replied to request {number}, which awaits no reply: check its firmware"
-            )),
+            ));
+        };
+        let layer = upload.layer;
+        if !self.uploads.may_end(upload, reply) {
+            return nonsense(&format!("to take {}", exposure_text(self.id(layer))), number, reply);
+        }
+        self.uploads.answered(number, matches!(reply, Reply::Refused(_)));
+        match reply {
+            Reply::Refused(refusal) => DriverEvent::UploadRefused { layer, refusal: *refusal },
+            _ => DriverEvent::Uploaded { layer },
         }
     }
 
     fn act_replied(&mut self, act: Act, number: u32, reply: &Reply) -> DriverEvent {
-        let Act::Vat(vat) = act;
-        let outcome = match (vat, reply) {
-            (VatAct::Home | VatAct::Move { .. }, Reply::Vat(VatReply::Moved { position_um })) => {
-                Outcome::Vat(VatOutcome::Arrived { position_um: *position_um })
-            }
-            (VatAct::Expose { layer, .. }, Reply::Vat(VatReply::Exposed { id, duration_ms }))
-                if *id == self.id(layer) =>
-            {
-                Outcome::Vat(VatOutcome::Exposed { layer, duration_ms: *duration_ms })
-            }
-            (_, Reply::Refused(refusal)) => Outcome::Refused(*refusal),
-            (vat, reply) => return nonsense(&self.act_text(vat), number, reply),
+        let outcome = match (act, reply) {
+            (_, Reply::Refused(refusal)) => Some(Outcome::Refused(*refusal)),
+            (Act::Vat(act), Reply::Vat(reply)) => self.vat_outcome(act, *reply).map(Outcome::Vat),
+            (Act::Powder(act), Reply::Powder(reply)) => self.powder_outcome(act, *reply).map(Outcome::Powder),
+            _ => None,
         };
+        let Some(outcome) = outcome else { return nonsense(&self.act_text(act), number, reply) };
         self.act = None;
         DriverEvent::ActDone(outcome)
     }
 
+    fn vat_outcome(&self, act: VatAct, reply: VatReply) -> Option<VatOutcome> {
+        match (act, reply) {
+            (VatAct::Home | VatAct::Move { .. }, VatReply::Moved { position_um }) => {
+                Some(VatOutcome::Arrived { position_um })
+            }
+            (VatAct::Expose { layer, .. }, VatReply::Exposed { id, duration_ms }) if id == self.id(layer) => {
+                Some(VatOutcome::Exposed { layer, duration_ms })
+            }
+            _ => None,
+        }
+    }
+
+    fn powder_outcome(&self, act: PowderAct, reply: PowderReply) -> Option<PowderOutcome> {
+        match (act, reply) {
+            (PowderAct::Home | PowderAct::Move { .. }, PowderReply::Moved { position_um }) => {
+                Some(PowderOutcome::Arrived { position_um })
+            }
+            (PowderAct::Recoat, PowderReply::Recoated) => Some(PowderOutcome::Recoated),
+            (PowderAct::Mark { layer, .. }, PowderReply::Marked { id, vectors, laser_ms, starved_ms })
+                if id == self.id(layer) =>
+            {
+                Some(PowderOutcome::Marked { layer, vectors, laser_ms, starved_ms })
+            }
+            _ => None,
+        }
+    }
+
     /// What an act asks of the device.
-    fn act_text(&self, act: VatAct) -> String {
+    fn act_text(&self, act: Act) -> String {
         match act {
-            VatAct::Home => "to home".into(),
-            VatAct::Move { position_um, .. } => format!("to move to {}", mm_text(position_um)),
-            VatAct::Expose { layer, duration_ms, .. } => {
+            Act::Vat(VatAct::Home) | Act::Powder(PowderAct::Home) => "to home".into(),
+            Act::Vat(VatAct::Move { position_um, .. }) | Act::Powder(PowderAct::Move { position_um, .. }) => {
+                format!("to move to {}", mm_text(position_um))
+            }
+            Act::Vat(VatAct::Expose { layer, duration_ms, .. }) => {
                 format!("to expose {} for {duration_ms} ms", exposure_text(self.id(layer)))
+            }
+            Act::Powder(PowderAct::Recoat) => "to recoat".into(),
+            Act::Powder(PowderAct::Mark { layer, from_vector, .. }) => {
+                format!("to mark {} from vector {from_vector} on", exposure_text(self.id(layer)))
             }
         }
     }
@@ -304,28 +350,6 @@ impl FramedDriver {
     }
 }
 
-impl Upload {
-    /// The next piece of the layer; `None` if all is sent or there is no room.
-    fn next_piece(&mut self, room_bytes: usize, now_us: u64) -> Option<Vec<u8>> {
-        let rest = &self.bytes[self.sent_bytes..];
-        let piece = rest[..rest.len().min(room_bytes)].to_vec();
-        self.sent_bytes += piece.len();
-        if !piece.is_empty() && self.sent_bytes == self.bytes.len() {
-            (self.bytes, self.sent_bytes) = (Vec::new(), 0);
-            self.due = Some(Deadline::at(now_us + LAYER_TIMEOUT_US));
-        }
-        (!piece.is_empty()).then_some(piece)
-    }
-
-    /// A device may refuse a layer before all of it is sent, but accept it only afterwards.
-    fn is_ended_by(&self, reply: &Reply) -> bool {
-        match reply {
-            Reply::Done => self.bytes.is_empty(),
-            reply => matches!(reply, Reply::Refused(_)),
-        }
-    }
-}
-
 fn exposure_text(ExposureId { job, layer, pass }: ExposureId) -> String {
     format!("layer {layer}, pass {pass}, of job {job:016x}")
 }
@@ -338,7 +362,13 @@ fn nonsense(asked: &str, number: u32, reply: &Reply) -> DriverEvent {
         Reply::Vat(VatReply::Exposed { id, duration_ms }) => {
             format!("an exposure of {duration_ms} ms of {}", exposure_text(*id))
         }
-        Reply::Vat(VatReply::Moved { position_um }) => format!("a move to {}", mm_text(*position_um)),
+        Reply::Vat(VatReply::Moved { position_um }) | Reply::Powder(PowderReply::Moved { position_um }) => {
+            format!("a move to {}", mm_text(*position_um))
+        }
+        Reply::Powder(PowderReply::Recoated) => "\"recoated\"".into(),
+        Reply::Powder(PowderReply::Marked { id, laser_ms, .. }) => {
+            format!("{laser_ms} ms of laser for {}", exposure_text(*id))
+        }
         Reply::Refused(refusal) => format!("a refusal (reason {})", *refusal as u8),
     };
     DriverEvent::Misbehaved(format!(

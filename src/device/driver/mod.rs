@@ -5,5 +5,6 @@
 //! (`daemon/machine/running.rs`).
 
 mod framed;
+mod upload;
 
 pub use framed::{DriverBusy, DriverEvent, FramedDriver};

@@ -3,6 +3,7 @@
 
 use std::str::FromStr;
 
+use crate::link::message::Fault;
 use crate::random::SplitMix;
 
 /// What `--fault` accepts, for help and errors.
@@ -12,7 +13,11 @@ corrupt=P      flip a bit of a frame with probability P
 duplicate=P    send a frame twice with probability P
 stall=NxMS     N times in the print, let the line stand still for MS milliseconds, such as stall=2x1500 (stall=N: 1000 ms)
 disconnect=N   N times in the print, take the pseudo-terminal away and bring a new one after a while
-reset=N        N times in the print, restart the device: it keeps the layers exposed and cut short last, and a resting plate";
+reset=N        N times in the print, restart the device: it keeps the layers exposed and cut short last, and a resting plate
+oxygen=N       N times in the print of a laser machine, while it marks: too much oxygen in the chamber. The laser goes off at once, and
+               the fault lasts 2 to 6 seconds of the device's clock
+door=N         the same with a door that is opened
+power=N        the same with a laser that has no power";
 
 /// An invalid `--fault`.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -37,6 +42,31 @@ pub enum FaultSpec {
     Disconnect(u32),
     /// How often the device restarts.
     Reset(u32),
+    /// Which interlock opens while a laser machine marks, and how often.
+    Interlock(Interlock, u32),
+}
+
+/// What keeps a laser dark.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Interlock {
+    /// Too much oxygen in the chamber.
+    Oxygen,
+    /// An open door.
+    Door,
+    /// A laser without power.
+    Power,
+}
+
+impl Interlock {
+    /// The fault that the device reports while the interlock is open.
+    pub(super) fn fault(self) -> Fault {
+        let (code, text) = match self {
+            Self::Oxygen => (10, "oxygen at 1.2 %: above 0.5 %"),
+            Self::Door => (11, "the door of the chamber is open"),
+            Self::Power => (12, "the laser has no power"),
+        };
+        Fault { code, text: text.into() }
+    }
 }
 
 impl FromStr for FaultSpec {
@@ -64,6 +94,9 @@ impl FromStr for FaultSpec {
             }
             "disconnect" => count(value).map(Self::Disconnect),
             "reset" => count(value).map(Self::Reset),
+            "oxygen" => count(value).map(|times| Self::Interlock(Interlock::Oxygen, times)),
+            "door" => count(value).map(|times| Self::Interlock(Interlock::Door, times)),
+            "power" => count(value).map(|times| Self::Interlock(Interlock::Power, times)),
             _ => Err(bad("the name is unknown")),
         }
     }
@@ -84,6 +117,15 @@ pub(super) enum Incident {
     },
     /// The device restarts.
     Reset,
+    /// An interlock opens.
+    Opens {
+        /// Which.
+        interlock: Interlock,
+        /// For how long, by the device's clock.
+        open_ms: u32,
+    },
+    /// An interlock closes.
+    Closes(Interlock),
 }
 
 /// Random numbers: the same seed gives the same faults on every machine.
@@ -135,7 +177,7 @@ impl FrameFaults {
                 FaultSpec::Drop(share) => faults.drop = share,
                 FaultSpec::Corrupt(share) => faults.corrupt = share,
                 FaultSpec::Duplicate(share) => faults.duplicate = share,
-                FaultSpec::Stall(..) | FaultSpec::Disconnect(_) | FaultSpec::Reset(_) => {}
+                FaultSpec::Stall(..) | FaultSpec::Disconnect(_) | FaultSpec::Reset(_) | FaultSpec::Interlock(..) => {}
             }
         }
         faults
@@ -185,16 +227,12 @@ impl Incidents {
         let mut dice = Dice::new(seed ^ 0x1ac1_de27);
         let mut incidents = Vec::new();
         for spec in specs {
-            let (count, make): (u32, fn(u32, &mut Dice) -> Incident) = match *spec {
-                FaultSpec::Stall(count, _) => (count, |duration_ms, _| Incident::Stall { duration_ms }),
-                FaultSpec::Disconnect(count) => {
-                    (count, |_, dice| Incident::Disconnect { duration_ms: 200 + dice.below(1300) as u32 })
-                }
-                FaultSpec::Reset(count) => (count, |_, _| Incident::Reset),
-                FaultSpec::Drop(_) | FaultSpec::Corrupt(_) | FaultSpec::Duplicate(_) => continue,
+            let count = match *spec {
+                FaultSpec::Stall(count, _) | FaultSpec::Interlock(_, count) => count,
+                FaultSpec::Disconnect(count) | FaultSpec::Reset(count) => count,
+                FaultSpec::Drop(_) | FaultSpec::Corrupt(_) | FaultSpec::Duplicate(_) => 0,
             };
-            let stall_ms = if let FaultSpec::Stall(_, stall_ms) = *spec { stall_ms } else { 0 };
-            incidents.extend((0..count).map(|_| make(stall_ms, &mut dice)));
+            incidents.extend((0..count).filter_map(|_| incident(*spec, &mut dice)));
         }
         // Shuffled, so that incidents of one kind do not come in a row.
         for last in (1..incidents.len()).rev() {
@@ -220,6 +258,19 @@ impl Incidents {
     }
 }
 
+/// What a fault of this kind is; `None` for one of the line.
+fn incident(spec: FaultSpec, dice: &mut Dice) -> Option<Incident> {
+    match spec {
+        FaultSpec::Stall(_, duration_ms) => Some(Incident::Stall { duration_ms }),
+        FaultSpec::Disconnect(_) => Some(Incident::Disconnect { duration_ms: 200 + dice.below(1300) as u32 }),
+        FaultSpec::Reset(_) => Some(Incident::Reset),
+        FaultSpec::Interlock(interlock, _) => {
+            Some(Incident::Opens { interlock, open_ms: 2000 + dice.below(4000) as u32 })
+        }
+        FaultSpec::Drop(_) | FaultSpec::Corrupt(_) | FaultSpec::Duplicate(_) => None,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -230,6 +281,9 @@ mod tests {
         assert_eq!("stall=2x1500ms".parse(), Ok(FaultSpec::Stall(2, 1500)));
         assert_eq!("stall=3".parse(), Ok(FaultSpec::Stall(3, 1000)));
         assert_eq!("reset=1".parse(), Ok(FaultSpec::Reset(1)));
+        assert_eq!("oxygen=2".parse(), Ok(FaultSpec::Interlock(Interlock::Oxygen, 2)));
+        assert_eq!("door=1".parse(), Ok(FaultSpec::Interlock(Interlock::Door, 1)));
+        assert_eq!("power=3".parse(), Ok(FaultSpec::Interlock(Interlock::Power, 3)));
         for wrong in ["drop", "drop=2", "drop=nan", "fire=1", "disconnect=-1", "stall=1x99999999", "reset=1001"] {
             let message = wrong.parse::<FaultSpec>().expect_err(wrong).to_string();
             assert!(message.starts_with(&format!("`{wrong}` is not a fault")), "{message}");
@@ -261,7 +315,12 @@ mod tests {
 
     #[test]
     fn all_incidents_happen_in_the_same_places_for_the_same_seed() {
-        let specs = [FaultSpec::Disconnect(3), FaultSpec::Reset(1), FaultSpec::Stall(2, 70)];
+        let specs = [
+            FaultSpec::Disconnect(3),
+            FaultSpec::Reset(1),
+            FaultSpec::Stall(2, 70),
+            FaultSpec::Interlock(Interlock::Door, 1),
+        ];
         let run = |seed| {
             let mut incidents = Incidents::new(&specs, seed);
             (0..40).map(|_| incidents.exposure_began()).collect::<Vec<_>>()
@@ -269,7 +328,9 @@ mod tests {
         assert_eq!(run(1), run(1));
         assert_ne!(run(1), run(2));
         let all: Vec<_> = run(3).into_iter().flatten().map(|(incident, _)| incident).collect();
-        assert_eq!(all.len(), 6);
+        assert_eq!(all.len(), 7);
+        let opens = |incident: &&Incident| matches!(incident, Incident::Opens { interlock: Interlock::Door, .. });
+        assert_eq!(all.iter().filter(opens).count(), 1);
         assert_eq!(all.iter().filter(|i| **i == Incident::Stall { duration_ms: 70 }).count(), 2);
         assert_eq!(all.iter().filter(|i| **i == Incident::Reset).count(), 1);
     }

@@ -14,7 +14,8 @@ use crate::layer::export::write_png;
 pub struct ActRecord {
     /// Device clock, milliseconds since its start.
     pub t_ms: u64,
-    /// What happened: `exposed`, `light_on`, `light_off`, `moved`, `refused`, `urgent`, `fault`, `reset`, `host_silent`, `hello`.
+    /// What happened: `exposed`, `light_on`, `light_off`, `moved`, `refused`, `urgent`, `fault`, `reset`, `host_silent`, `hello`; in a
+    /// powder machine `marked`, `laser_on`, `laser_off` and `recoated` as well.
     pub event: &'static str,
     /// Key of the job.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -22,12 +23,24 @@ pub struct ActRecord {
     /// Layer.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub layer: Option<u32>,
-    /// How long the light was on.
+    /// How long the light was on, milliseconds. Of a laser, in this act.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub duration_ms: Option<u32>,
-    /// Plate above the bottom of the vat.
+    /// Plate above the bottom of the vat, or below the working plane, micrometres.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub position_um: Option<i32>,
+    /// Vectors of a layer that was marked.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub vectors: Option<u32>,
+    /// First vector of an act of marking.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub from_vector: Option<u32>,
+    /// First vector that is not marked whole, where an act of marking ended early.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub next_vector: Option<u32>,
+    /// How long the laser waited, off, for layer data, milliseconds.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub starved_ms: Option<u32>,
     /// Why, or what exactly.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,

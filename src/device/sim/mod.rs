@@ -12,8 +12,8 @@ mod pace;
 mod pty;
 mod run;
 
-pub use self::core::{CoreAction, DeviceCore, Statistics};
-pub use fault::{BadFault, FAULT_HELP, FaultSpec};
+pub use self::core::{CoreAction, DeviceCore, MeltSettings, Statistics};
+pub use fault::{BadFault, FAULT_HELP, FaultSpec, Interlock};
 pub use log::{ActLog, ActRecord};
 pub use pty::Pty;
 pub use run::{SimulateOptions, run};

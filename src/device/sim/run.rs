@@ -3,24 +3,26 @@
 //! One loop: it handles what is due, passes messages from the session to the firmware, carries out the firmware's actions and sends
 //! what the line can carry. Then it sleeps until the line or a timer wakes it. `layerctl simulate` and `demo` call [`run`].
 
+mod wait;
+
 use std::collections::VecDeque;
 use std::collections::hash_map::RandomState;
 use std::hash::{BuildHasher, Hasher};
 use std::io;
-use std::os::fd::AsFd;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use tokio::io::unix::AsyncFd;
 
 use super::fault::{Dice, FaultSpec, FrameFaults, Incident, Incidents};
 use super::pace::Pace;
 use super::pty::{Claim, Pty};
-use super::{ActLog, CoreAction, DeviceCore, Statistics};
+use super::{ActLog, CoreAction, DeviceCore, MeltSettings, Statistics};
 use crate::link::message::{Capabilities, DeviceMessage, Fault};
 use crate::link::session::SendError;
 use crate::text::eprint;
 use layerd_wire::session::{DeviceEvent, DeviceSession, DeviceSettings};
+use wait::{Wait, Woken};
 
 /// The options of the command line.
 #[derive(Clone, Debug)]
@@ -41,6 +43,8 @@ pub struct SimulateOptions {
     pub time_scale: f64,
     /// The capabilities that the device reports.
     pub capabilities: Capabilities,
+    /// How the picture of what a laser melted is drawn; none is if `None`. A vat needs nothing to draw what it exposed.
+    pub melt: Option<MeltSettings>,
 }
 
 /// Messages that may wait for room in the session. Beyond this, a host that sends requests but acknowledges nothing is not read.
@@ -102,8 +106,10 @@ struct Device {
     receive_faults: FrameFaults,
     transmit_faults: FrameFaults,
     incidents: Incidents,
-    /// Incidents with the line's time at which they happen; at most as many as were planned.
+    /// Incidents with the line's time at which they happen, the earliest first; at most as many as were planned.
     coming: VecDeque<(u64, Incident)>,
+    /// Interlocks that were to open while the device exposed, and came too late: they open at the next exposure.
+    missed: Vec<Incident>,
     stalled_until_us: u64,
     reopen_us: Option<u64>,
     /// On its way to the host, possibly damaged: one frame, or two if it was duplicated.
@@ -119,10 +125,11 @@ impl Device {
         let (faults, seed, baud) = (&options.faults, options.seed, options.baud);
         // Not from the seed alone: each start of the device must have another boot id.
         let mut dice = Dice::new(seed ^ RandomState::new().build_hasher().finish());
+        let core = DeviceCore::new(options.capabilities.clone(), dice.next_u64() as u32);
         Ok(Self {
             started: Instant::now(),
             session: new_session(&options, 0),
-            core: DeviceCore::new(options.capabilities.clone(), dice.next_u64() as u32),
+            core: if let Some(melt) = options.melt { core.drawing(melt) } else { core },
             log,
             pty,
             receive_pace: Pace::new(baud, 0),
@@ -131,6 +138,7 @@ impl Device {
             transmit_faults: FrameFaults::new(faults, seed, 2),
             incidents: Incidents::new(faults, seed),
             coming: VecDeque::new(),
+            missed: Vec::new(),
             stalled_until_us: 0,
             reopen_us: None,
             outgoing: Vec::new(),
@@ -148,6 +156,11 @@ impl Device {
     /// The device's time.
     fn device_us(&self, now_us: u64) -> u64 {
         (now_us as f64 * self.options.time_scale) as u64
+    }
+
+    /// How much of the line's time passes in a time of the device's clock.
+    fn line_us(&self, device_us: u64) -> u64 {
+        (device_us as f64 / self.options.time_scale) as u64
     }
 
     /// Handles everything that is due.
@@ -186,7 +199,41 @@ impl Device {
                 let (boot_id, device_us) = (self.dice.next_u64() as u32, self.device_us(now_us));
                 self.core.reset(boot_id, device_us);
             }
+            Incident::Opens { .. } if self.core.exposure().is_none() => self.missed.push(incident),
+            Incident::Opens { interlock, open_ms } => {
+                let fault = interlock.fault();
+                eprint(&format!("fault: {}", fault.text));
+                self.plan(now_us + self.line_us(u64::from(open_ms) * 1000), Incident::Closes(interlock));
+                let device_us = self.device_us(now_us);
+                self.core.set_fault(Some(fault), device_us);
+            }
+            Incident::Closes(interlock) => {
+                // A device that was restarted, or cannot write its log, has no such fault any more.
+                if self.core.state().fault == Some(interlock.fault()) {
+                    eprint("the interlock is closed again");
+                    let device_us = self.device_us(now_us);
+                    self.core.set_fault(None, device_us);
+                }
+            }
         }
+    }
+
+    /// An exposure began: what is to happen during it.
+    fn exposure_began(&mut self, now_us: u64) {
+        let due = self.missed.pop().map(|incident| (incident, 0)).or_else(|| self.incidents.exposure_began());
+        let Some((incident, after_ms)) = due else { return };
+        let after_us = match incident {
+            // What happens to the exposure goes by the clock of the exposure.
+            Incident::Opens { .. } => self.line_us(after_ms * 1000),
+            _ => after_ms * 1000,
+        };
+        self.plan(now_us + after_us, incident);
+    }
+
+    /// Lets an incident happen at a time of the line.
+    fn plan(&mut self, at_us: u64, incident: Incident) {
+        let place = self.coming.partition_point(|(other_us, _)| *other_us <= at_us);
+        self.coming.insert(place, (at_us, incident));
     }
 
     fn lose_line(&mut self, until_us: u64) {
@@ -243,10 +290,8 @@ impl Device {
                     continue;
                 }
                 CoreAction::Record(record) => {
-                    if record.event == "light_on"
-                        && let Some((incident, after_ms)) = self.incidents.exposure_began()
-                    {
-                        self.coming.push_back((now_us + after_ms * 1000, incident));
+                    if matches!(record.event, "light_on" | "laser_on") {
+                        self.exposure_began(now_us);
                     }
                     self.log.as_mut().map_or(Ok(()), |log| log.append(&record))
                 }
@@ -345,43 +390,4 @@ fn open_line(link: &Path) -> io::Result<AsyncFd<Pty>> {
 fn new_session(options: &SimulateOptions, now_us: u64) -> DeviceSession {
     let settings = DeviceSettings { baud: options.baud.unwrap_or(UNLIMITED_BAUD), escaped: options.escaped };
     DeviceSession::new(options.capabilities.clone(), settings, now_us)
-}
-
-/// What the loop waits for.
-struct Wait<'a> {
-    pty: Option<&'a AsyncFd<Pty>>,
-    readable: usize,
-    writable: &'a [u8],
-    sleep_us: u64,
-}
-
-enum Woken {
-    Timer,
-    Read(io::Result<usize>),
-    Written(io::Result<usize>),
-}
-
-impl Wait<'_> {
-    async fn wait(self, buffer: &mut [u8]) -> Woken {
-        let sleep = tokio::time::sleep(Duration::from_micros(self.sleep_us));
-        let Some(pty) = self.pty else {
-            sleep.await;
-            return Woken::Timer;
-        };
-        tokio::select! {
-            read = async { loop {
-                let mut guard = match pty.readable().await { Ok(guard) => guard, Err(error) => break Err(error) };
-                let read = |pty: &AsyncFd<Pty>| {
-                    Ok(rustix::io::read(pty.get_ref().as_fd(), &mut buffer[..self.readable])?)
-                };
-                if let Ok(done) = guard.try_io(read) { break done }
-            }}, if self.readable > 0 => Woken::Read(read),
-            written = async { loop {
-                let mut guard = match pty.writable().await { Ok(guard) => guard, Err(error) => break Err(error) };
-                let write = |pty: &AsyncFd<Pty>| Ok(rustix::io::write(pty.get_ref().as_fd(), self.writable)?);
-                if let Ok(done) = guard.try_io(write) { break done }
-            }}, if !self.writable.is_empty() => Woken::Written(written),
-            () = sleep => Woken::Timer,
-        }
-    }
 }

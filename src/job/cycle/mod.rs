@@ -22,18 +22,21 @@
 //! again. So a cycle never decides whether the print goes on. It decides what is safe for the machine: whether the machine may
 //! search its zero position, and where a part is safe while nothing is printed.
 //!
-//! A second kind of machine becomes a variant of [`Cycle`], [`super::Process`], [`Act`] and [`Outcome`]. [`Step::Wait`] also
+//! A new kind of machine becomes a variant of [`Cycle`], [`super::Process`], [`Act`] and [`Outcome`]. [`Step::Wait`] also
 //! serves for a state of the machine that the engine does not know: the cycle sees every reported state, and may answer
 //! [`Cycle::waited`] with another wait. See the interface used in `job/engine/steps.rs`.
 
+mod powder;
 mod vat;
 
+pub use powder::{LEFTOVER_MS, PowderPlan};
 pub use vat::VatPlan;
 
+use powder::PowderCycle;
 use vat::VatCycle;
 
-use super::Process;
-use crate::device::{Act, Dose, Outcome};
+use super::{Process, StartPoint};
+use crate::device::{Act, Dose, Outcome, ScanTimes};
 use crate::link::message::{DeviceState, Refusal};
 
 /// The machine's side of a job.
@@ -41,6 +44,17 @@ use crate::link::message::{DeviceState, Refusal};
 pub(super) enum Cycle {
     /// Resin in a vat.
     Vat(VatCycle),
+    /// Powder in a bed.
+    Powder(PowderCycle),
+}
+
+/// The limits of a device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limits {
+    /// The plate's greatest distance from the plane in which layers are exposed, micrometres.
+    pub max_position_um: i32,
+    /// Longest exposure, milliseconds.
+    pub max_exposure_ms: u32,
 }
 
 /// What the engine must do next.
@@ -87,8 +101,8 @@ pub(super) enum Goal {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Exposure {
     pub(super) act: Act,
-    /// Commanded light time, milliseconds.
-    pub(super) duration_ms: u32,
+    /// The light must be off after this time, milliseconds.
+    pub(super) limit_ms: u32,
     /// Least time until its end is reported, microseconds of the device's clock.
     pub(super) least_us: u64,
 }
@@ -120,17 +134,20 @@ pub(super) struct Done {
 }
 
 impl Cycle {
-    /// A machine of which nothing is known yet. `part_possible` says that earlier runs of the job may have made a part.
-    pub(super) fn new(process: &Process, part_possible: bool) -> Self {
+    /// A machine of which nothing is known yet, to go on from `start`.
+    pub(super) fn new(process: &Process, start: StartPoint) -> Self {
         match process {
-            Process::Vat(vat) => Self::Vat(VatCycle::new(vat.clone(), part_possible)),
+            Process::Vat(plan) => Self::Vat(VatCycle::new(plan.clone(), start.touched)),
+            Process::Powder(plan) => Self::Powder(PowderCycle::new(plan.clone(), start.from_vector)),
         }
     }
 
-    /// A session with the device began.
-    pub(super) fn greeted(&mut self, max_position_um: i32) {
-        let Self::Vat(vat) = self;
-        vat.greeted(max_position_um);
+    /// A session with a device of these limits began.
+    pub(super) fn greeted(&mut self, limits: Limits) {
+        match self {
+            Self::Vat(vat) => vat.greeted(limits.max_position_um),
+            Self::Powder(powder) => powder.greeted(limits.max_position_um, limits.max_exposure_ms),
+        }
     }
 
     /// Checks that a part of so many layers fits the machine.
@@ -138,78 +155,149 @@ impl Cycle {
     /// # Errors
     /// What does not fit, and what to do.
     pub(super) fn check_fit(&self, layer_count: u32) -> Result<(), String> {
-        let Self::Vat(vat) = self;
-        vat.check_fit(layer_count)
+        match self {
+            Self::Vat(vat) => vat.check_fit(layer_count),
+            Self::Powder(powder) => powder.check_fit(layer_count),
+        }
     }
 
     /// What the operator must know of this machine before the print begins.
     pub(super) fn notice(&self) -> Option<String> {
-        let Self::Vat(vat) = self;
-        vat.notice()
+        match self {
+            Self::Vat(vat) => vat.notice(),
+            Self::Powder(_) => None,
+        }
     }
 
     /// Takes over where the machine is, after a time in which it may have moved by order.
     pub(super) fn locate(&mut self, state: &DeviceState) {
-        let Self::Vat(vat) = self;
-        vat.locate(state);
+        match self {
+            Self::Vat(vat) => vat.locate(state),
+            Self::Powder(powder) => powder.locate(state),
+        }
     }
 
     /// Takes over where the machine is during a pause: the operator may move it.
     pub(super) fn rest(&mut self, state: &DeviceState) {
-        let Self::Vat(vat) = self;
-        vat.rest(state);
+        match self {
+            Self::Vat(vat) => vat.rest(state),
+            Self::Powder(powder) => powder.locate(state),
+        }
     }
 
     /// Compares where the machine is with where it was left. Call it only while nothing moves by order. Returns a message for the
     /// operator if it has moved; the print must end then.
     pub(super) fn moved(&mut self, state: &DeviceState) -> Option<String> {
-        let Self::Vat(vat) = self;
-        vat.moved(state)
+        match self {
+            Self::Vat(vat) => vat.moved(state),
+            Self::Powder(powder) => powder.moved(state),
+        }
     }
 
     /// The next step to make the machine ready for the layer `next_layer`, until [`Step::Clear`].
     pub(super) fn prepare(&mut self, next_layer: u32, part_possible: bool) -> Step {
-        let Self::Vat(vat) = self;
-        vat.prepare(next_layer, part_possible)
+        match self {
+            Self::Vat(vat) => vat.prepare(next_layer, part_possible),
+            Self::Powder(powder) => powder.prepare(part_possible),
+        }
     }
 
     /// The next step to bring the machine to where a layer is exposed, until [`Step::Ready`]. [`Step::Clear`] came before.
     pub(super) fn begin(&mut self, layer: u32) -> Step {
-        let Self::Vat(vat) = self;
-        vat.begin(layer)
+        match self {
+            Self::Vat(vat) => vat.begin(layer),
+            Self::Powder(powder) => powder.begin(layer),
+        }
+    }
+
+    /// The device holds a layer; `times` says how long a laser takes for it.
+    pub(super) fn sent(&mut self, layer: u32, times: Option<ScanTimes>) {
+        match (self, times) {
+            (Self::Powder(powder), Some(times)) => powder.sent(layer, times),
+            (Self::Vat(_), _) | (Self::Powder(_), None) => {}
+        }
+    }
+
+    /// Whether enough is known of a layer that the device holds to expose it.
+    pub(super) fn knows(&self, layer: u32) -> bool {
+        match self {
+            Self::Vat(_) => true,
+            Self::Powder(powder) => powder.knows(layer),
+        }
     }
 
     /// How the layer is exposed. [`Step::Ready`] came before.
     pub(super) fn exposure(&mut self, layer: u32) -> Exposure {
-        let Self::Vat(vat) = self;
-        vat.exposure(layer)
+        match self {
+            Self::Vat(vat) => vat.exposure(layer),
+            Self::Powder(powder) => powder.exposure(layer),
+        }
+    }
+
+    /// Commanded light time of a layer, milliseconds; `None` if it is not known.
+    pub(super) fn light_ms(&self, layer: u32) -> Option<u32> {
+        match self {
+            Self::Vat(vat) => Some(vat.light_ms(layer)),
+            Self::Powder(powder) => powder.light_ms(layer),
+        }
+    }
+
+    /// Longest light of an exposure that an earlier session commanded, milliseconds.
+    pub(super) fn leftover_ms(&self, layer: u32) -> u32 {
+        match self {
+            Self::Vat(vat) => vat.light_ms(layer),
+            Self::Powder(_) => powder::LEFTOVER_MS,
+        }
     }
 
     /// The light that an outcome reports for the exposure of `layer`; `None` if the outcome is not that of its exposure.
     pub(super) fn judge(&self, layer: u32, outcome: Outcome) -> Option<Lit> {
         match (self, outcome) {
             (Self::Vat(vat), Outcome::Vat(outcome)) => vat.judge(layer, outcome),
-            (_, Outcome::Refused(_) | Outcome::TakenBack) => None,
+            (Self::Powder(powder), Outcome::Powder(outcome)) => powder.judge(layer, outcome),
+            (_, Outcome::Vat(_) | Outcome::Powder(_) | Outcome::Refused(_) | Outcome::TakenBack) => None,
+        }
+    }
+
+    /// Whether a machine of this kind can go on with a layer whose light ended early.
+    pub(super) fn continues(&self) -> bool {
+        match self {
+            Self::Vat(_) => false,
+            Self::Powder(_) => true,
+        }
+    }
+
+    /// The layer was exposed up to this vector. Returns whether that can be.
+    pub(super) fn marked_to(&mut self, layer: u32, next_vector: u32) -> bool {
+        match self {
+            Self::Vat(_) => false,
+            Self::Powder(powder) => powder.marked_to(layer, next_vector),
         }
     }
 
     /// The layer before `next_layer` counts as exposed.
     pub(super) fn note_exposed(&mut self) {
-        let Self::Vat(vat) = self;
-        vat.note_exposed();
+        match self {
+            Self::Vat(vat) => vat.note_exposed(),
+            Self::Powder(powder) => powder.note_exposed(),
+        }
     }
 
     /// The first step after an exposure.
     pub(super) fn after_exposure(&mut self) -> Step {
-        let Self::Vat(vat) = self;
-        vat.after_exposure()
+        match self {
+            Self::Vat(vat) => vat.after_exposure(),
+            Self::Powder(_) => Step::Free,
+        }
     }
 
     /// The next step to a place where the machine can rest and the part is safe, until [`Step::Parked`] or [`Step::Unparked`].
     /// `is_faulty` forbids to move.
     pub(super) fn park(&mut self, next_layer: u32, is_faulty: bool) -> Step {
-        let Self::Vat(vat) = self;
-        vat.park(next_layer, is_faulty)
+        match self {
+            Self::Vat(vat) => vat.park(next_layer, is_faulty),
+            Self::Powder(powder) => powder.park(),
+        }
     }
 
     /// The act of a step has ended. Returns `None` if the outcome is not that of the act.
@@ -222,50 +310,65 @@ impl Cycle {
     ) -> Option<Done> {
         match (self, outcome) {
             (Self::Vat(vat), Outcome::Vat(outcome)) => vat.done(outcome, next_layer, too_soon, goal),
-            (_, Outcome::Refused(_) | Outcome::TakenBack) => None,
+            (Self::Powder(powder), Outcome::Powder(outcome)) => powder.done(outcome, too_soon),
+            (_, Outcome::Vat(_) | Outcome::Powder(_) | Outcome::Refused(_) | Outcome::TakenBack) => None,
         }
     }
 
     /// A [`Step::Wait`] is over.
     pub(super) fn waited(&mut self) -> Step {
-        let Self::Vat(vat) = self;
-        vat.waited()
+        match self {
+            Self::Vat(vat) => vat.waited(),
+            Self::Powder(powder) => powder.waited(),
+        }
     }
 
     /// Whether the machine is parked.
     pub(super) fn is_parked(&self) -> bool {
-        let Self::Vat(vat) = self;
-        vat.is_parked()
+        match self {
+            Self::Vat(vat) => vat.is_parked(),
+            Self::Powder(powder) => powder.is_parked(),
+        }
     }
 
     /// Whether the act under way can be left to itself when the daemon ends: no part is in its way, and nothing follows.
     pub(super) fn may_be_left(&self) -> bool {
-        let Self::Vat(vat) = self;
-        vat.may_be_left()
+        match self {
+            Self::Vat(vat) => vat.may_be_left(),
+            Self::Powder(powder) => powder.may_be_left(),
+        }
     }
 
     /// What to tell the operator if the act under way has not ended in time. `is_taken` says that the device has received it.
     pub(super) fn overdue_text(&self, is_taken: bool) -> String {
-        let Self::Vat(vat) = self;
-        vat.overdue_text(is_taken)
+        match self {
+            Self::Vat(vat) => vat.overdue_text(is_taken),
+            Self::Powder(powder) => powder.overdue_text(is_taken),
+        }
     }
 
     /// Why a device refused an act or a layer, and what to do.
     pub(super) fn remedy(&self, request: Requested, refusal: Refusal) -> &'static str {
-        let Self::Vat(_) = self;
-        vat::remedy(request, refusal)
+        match self {
+            Self::Vat(_) => vat::remedy(request, refusal),
+            Self::Powder(_) => powder::remedy(request, refusal),
+        }
     }
 
     /// Says that the machine was not parked.
     pub(super) fn unparked_text(&self) -> &'static str {
-        let Self::Vat(_) = self;
-        vat::UNPARKED
+        match self {
+            Self::Vat(_) => vat::UNPARKED,
+            Self::Powder(_) => powder::UNPARKED,
+        }
     }
 
     /// Says what is done about a part while the disk is slow.
     pub(super) fn slow_disk_text(&self) -> &'static str {
-        let Self::Vat(_) = self;
-        vat::SLOW_DISK
+        match self {
+            Self::Vat(_) => vat::SLOW_DISK,
+            Self::Powder(_) => powder::SLOW_DISK,
+        }
     }
 }
 

@@ -163,11 +163,15 @@ impl VatCycle {
         Step::Wait { us: self.plan.settle_us(), may_break_off: true }
     }
 
+    pub(super) fn light_ms(&self, layer: u32) -> u32 {
+        self.plan.exposure_ms(layer)
+    }
+
     pub(super) fn exposure(&mut self, layer: u32) -> Exposure {
         self.stage = Stage::Still;
         let duration_ms = self.plan.exposure_ms(layer);
         let act = Act::Vat(VatAct::Expose { layer, duration_ms, light_pwm: self.plan.recipe.light_pwm });
-        Exposure { act, duration_ms, least_us: least_exposure_us(duration_ms) }
+        Exposure { act, limit_ms: duration_ms, least_us: least_exposure_us(duration_ms) }
     }
 
     pub(super) fn judge(&self, layer: u32, outcome: VatOutcome) -> Option<Lit> {

@@ -6,7 +6,7 @@ use super::phase::End;
 use super::track::Session;
 use super::{Engine, Event, Intent, Phase, SECOND_US};
 use crate::device::Light;
-use crate::job::{EndOrder, JobState, Record};
+use crate::job::{EndOrder, JobState, Limits, Record};
 use crate::link::message::{DeviceState, Urgent};
 
 /// Longest wait for a new session after an abort. An aborted device accepts one at once, a restarted one within seconds.
@@ -65,8 +65,8 @@ impl Engine {
                 self.out.query = true;
                 self.wait_until(Phase::AbortSent, self.abort_order.sent_us + ABORT_OBEYED_US);
             }
-            Event::Connected { state, max_position_um } => {
-                self.on_connected_after_abort(state, max_position_um, now_us);
+            Event::Connected { state, limits } => {
+                self.on_connected_after_abort(state, limits, now_us);
             }
             Event::State(state) => self.on_state_after_abort(state, now_us),
             Event::LineLost(_) => self.line.drop_session(),
@@ -130,11 +130,11 @@ impl Engine {
 
     /// A new session began during an abort. Parks the machine if the device has answered, is dark and stands still; else the abort
     /// goes out again.
-    fn on_connected_after_abort(&mut self, state: DeviceState, max_position_um: i32, now_us: u64) {
+    fn on_connected_after_abort(&mut self, state: DeviceState, limits: Limits, now_us: u64) {
         let dark = !self.look_for_light(&state, now_us);
         let moving = state.moving;
         self.immobile = state.fault.is_some();
-        self.greet(state, max_position_um);
+        self.greet(state, limits);
         if self.abort_order.answered && dark {
             self.light_is_off();
         }

@@ -2,7 +2,7 @@
 
 use super::track::Session;
 use super::{Engine, Phase, RECONNECT_US, SECOND_US};
-use crate::job::{JobState, Record};
+use crate::job::{JobState, Limits, Record};
 use crate::link::message::DeviceState;
 
 /// Lost lines in a row, without a layer printed in between, that are tolerated.
@@ -17,12 +17,12 @@ const MAX_MISBEHAVIOURS_OPEN: u32 = 8;
 
 impl Engine {
     /// A session with the device began.
-    pub(super) fn on_connected(&mut self, state: DeviceState, max_position_um: i32, now_us: u64) {
+    pub(super) fn on_connected(&mut self, state: DeviceState, limits: Limits, now_us: u64) {
         if self.line.is_up() {
             // The end of the old session was not reported.
             self.on_line_lost("the device began a new session".into(), now_us);
         }
-        self.greet(state, max_position_um);
+        self.greet(state, limits);
         match self.phase {
             Phase::Checking { ready: true } => self.start(now_us),
             Phase::Lost => self.take_stock(now_us),
@@ -31,10 +31,10 @@ impl Engine {
     }
 
     /// Takes over the state of a new session.
-    pub(super) fn greet(&mut self, state: DeviceState, max_position_um: i32) {
+    pub(super) fn greet(&mut self, state: DeviceState, limits: Limits) {
         self.line.session = Session::Up;
-        self.cycle.greeted(max_position_um);
-        self.uploads.reset(self.plan.key, &state);
+        self.cycle.greeted(limits);
+        self.uploads.reset(self.plan.key, &state, |layer| self.cycle.knows(layer));
         self.light.greeted(&state);
         self.notice_state(state);
     }

@@ -157,7 +157,8 @@ impl Engine {
             Phase::Acting if !is_abort && self.cycle.may_be_left() => self.end(),
             Phase::Asking { until_us } => *until_us = (*until_us).min(now_us + SHUTDOWN_EXPOSURE_US),
             Phase::Exposing { light_until_us } if *light_until_us > now_us + SHUTDOWN_EXPOSURE_US => {
-                self.cut_short(now_us);
+                // A machine that can go on with the layer stops by itself where that is safe, once the session ends.
+                if self.cycle.continues() { self.end() } else { self.cut_short(now_us) }
             }
             _ => {}
         }

@@ -37,8 +37,8 @@ impl Engine {
     pub(super) fn expose(&mut self, now_us: u64) {
         let exposure = self.cycle.exposure(self.next.number);
         self.part = self.part.max(PartState::Possible);
-        self.light.command(self.exposure_id(), exposure.duration_ms, now_us);
-        let light_until_us = now_us + u64::from(exposure.duration_ms) * 1000;
+        self.light.command(self.exposure_id(), exposure.limit_ms, now_us);
+        let light_until_us = now_us + u64::from(exposure.limit_ms) * 1000;
         let limit_us = self.light.limit_us().unwrap_or(light_until_us);
         self.start_act(exposure.act, exposure.least_us, Phase::Exposing { light_until_us }, limit_us, now_us);
     }
@@ -76,12 +76,15 @@ impl Engine {
 
     /// Compares the reported light time with the commanded one.
     fn on_exposed(&mut self, lit: Lit, now_us: u64) {
-        let (layer, commanded_ms) = (self.next.number, self.plan.process.exposure_ms(self.next.number));
+        let layer = self.next.number;
         if let Some(text) = self.exposed_too_soon(now_us) {
             return self.doubt(&text, now_us);
         }
         let Lit { light_ms, dose } = lit;
-        let text = format!("the device reports {light_ms} ms of light for layer {layer} instead of {commanded_ms} ms");
+        let text = format!(
+            "the device reports {light_ms} ms of light for layer {layer} instead of {} ms",
+            self.cycle.light_ms(layer).unwrap_or(0)
+        );
         match dose {
             Dose::TooLittle => return self.doubt(&text, now_us),
             Dose::TooMuch => {
@@ -95,9 +98,10 @@ impl Engine {
     /// Describes the error if the last exposure is reported to have ended sooner than it can by the host's clock.
     pub(super) fn exposed_too_soon(&self, now_us: u64) -> Option<String> {
         let too_soon = self.too_soon(now_us)?;
-        let (layer, commanded_ms) = (self.next.number, self.plan.process.exposure_ms(self.next.number));
+        let layer = self.next.number;
         Some(format!(
-            "the device says that layer {layer} had its {commanded_ms} ms of light, but only {} ms have passed since the order{}",
+            "the device says that layer {layer} had its {} ms of light, but only {} ms have passed since the order{}",
+            self.cycle.light_ms(layer).unwrap_or(0),
             too_soon.took_us / 1000,
             too_soon.hint
         ))
@@ -120,7 +124,7 @@ impl Engine {
     pub(super) fn confirm(&mut self, light_ms: Option<u32>, now_us: u64) {
         self.part = PartState::Confirmed;
         let layer = self.next.number;
-        self.pace.confirmed(self.plan.process.layer_ms(layer), light_ms, now_us);
+        self.pace.confirmed(self.plan.process.layer_ms(layer, None), light_ms, now_us);
         self.out.journal(Record::Confirmed { layer });
         self.count_as_exposed();
         self.phase = Phase::Confirming;
@@ -137,6 +141,26 @@ impl Engine {
         self.cycle.note_exposed();
         self.part = self.part.max(PartState::Possible);
         self.failures.layer_printed();
+    }
+
+    /// The device has marked the commanded layer up to this vector, and goes on there.
+    pub(super) fn on_partly_marked(&mut self, next_vector: u32, now_us: u64) {
+        let layer = self.next.number;
+        let goes_on = self.next.from_vector < next_vector;
+        if !self.cycle.marked_to(layer, next_vector) {
+            let text =
+                format!("the device says that it marked layer {layer} up to vector {next_vector}, which cannot be");
+            return self.doubt(&text, now_us);
+        }
+        if goes_on {
+            (self.next.from_vector, self.next.commands) = (next_vector, 0);
+        }
+        if self.next.deny() {
+            self.out.journal(Record::PartlyMarked { layer, next_vector });
+        }
+        self.uploads.release(layer);
+        self.out.notice(format!("layer {layer} was marked up to vector {next_vector}; it goes on there"));
+        self.advance(now_us);
     }
 
     /// The device says that the commanded layer had no light.

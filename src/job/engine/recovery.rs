@@ -79,7 +79,7 @@ impl Engine {
         let id = self.exposure_id();
         let is_ours = self.next.unconfirmed().is_some_and(|commanded| commanded.boot_id == state.boot_id);
         if is_ours && state.exposing == Some(id) {
-            self.light.found(id, self.plan.process.exposure_ms(id.layer), now_us);
+            self.light.found(id, self.cycle.leftover_ms(id.layer), now_us);
         }
         let busy_until_us = match self.light.observe(&state, now_us) {
             Light::Uncommanded(text) => return self.on_uncommanded_light(&text, now_us),
@@ -159,9 +159,9 @@ impl Engine {
             Sign::Refused(refusal) => Some(refusal),
             Sign::EndedEarly(text) => return self.doubt(&text, now_us),
         };
-        let exposure_ms = self.plan.process.exposure_ms(self.next.number);
+        let exposure_ms = self.cycle.light_ms(self.next.number);
         let commanded = self.next.unconfirmed();
-        match (fate(self.exposure_id(), commanded, Some(exposure_ms), shone, &self.device), refused) {
+        match (fate(self.exposure_id(), commanded, exposure_ms, shone, &self.device), refused) {
             // The device forgot earlier exposures, so it may have forgotten this one as well.
             (Fate::NotExposed, _) if self.memory.went_back().is_some() => {
                 self.doubt("the device says that it did not expose it", now_us);
@@ -170,6 +170,10 @@ impl Engine {
             (Fate::NotExposed, None) => {
                 self.deny();
                 self.advance(now_us);
+            }
+            (Fate::Partly { next_vector, broken: None }, _) => self.on_partly_marked(next_vector, now_us),
+            (Fate::Partly { next_vector, broken: Some(why) }, _) => {
+                self.decide_broken(choice, next_vector, &why, now_us);
             }
             (Fate::Exposed, Some(refusal)) if refusal != Refusal::AlreadyExposed => {
                 let text =
@@ -221,6 +225,14 @@ impl Engine {
                 self.advance(now_us);
             }
         }
+    }
+
+    /// Part of a vector is marked. Only the operator can tell whether it may be marked again.
+    fn decide_broken(&mut self, choice: ResumeChoice, next_vector: u32, why: &str, now_us: u64) {
+        if choice == ResumeChoice::Repeat && self.cycle.marked_to(self.next.number, next_vector) {
+            self.next.from_vector = next_vector;
+        }
+        self.decide(choice, why, now_us);
     }
 
     /// What the operator must know if the device's memory has gone back.

@@ -26,6 +26,8 @@ impl Engine {
     pub(super) fn on_exposure_refused(&mut self, refusal: Refusal, now_us: u64) {
         let layer = self.next.number;
         match refusal {
+            // Its state tells up to which vector it was marked.
+            Refusal::CutShort if self.cycle.continues() => self.ask(now_us),
             Refusal::CutShort if self.light.must_wait() => self.doubt("its light was switched off", now_us),
             Refusal::CutShort => {
                 self.doubt("the device ended its light early (`layerctl device` tells after how long)", now_us);

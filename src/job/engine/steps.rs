@@ -2,7 +2,7 @@
 //! tested by `tests/job_engine/printing.rs` and `tests/job_lies/plate.rs`.
 
 use super::{Engine, Intent, LATE_LIMIT_US, Phase};
-use crate::device::Outcome;
+use crate::device::{Outcome, ScanTimes};
 use crate::job::JobState;
 use crate::job::cycle::{Done, Goal, Step, TooSoon};
 use crate::link::message::DeviceState;
@@ -68,7 +68,8 @@ impl Engine {
         self.wait_until(Phase::Waiting { since_us: now_us }, now_us + LATE_LIMIT_US);
     }
 
-    pub(super) fn on_uploaded(&mut self, layer: u32, now_us: u64) {
+    pub(super) fn on_uploaded(&mut self, layer: u32, times: Option<ScanTimes>, now_us: u64) {
+        self.cycle.sent(layer, times);
         if !self.uploads.uploaded(layer) || layer != self.next.number {
             return;
         }

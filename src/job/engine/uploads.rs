@@ -29,9 +29,11 @@ pub(super) struct Wanted {
 }
 
 impl Uploads {
-    /// Takes the slots from the state of a new session. An upload under way is void.
-    pub(super) fn reset(&mut self, key: u64, state: &DeviceState) {
-        let ours = |slot: &Option<ExposureId>| slot.filter(|id| *id == ExposureId::first_pass(key, id.layer));
+    /// Takes the slots from the state of a new session. An upload under way is void. A layer of which `knows` says that too little
+    /// is known to expose it is sent again.
+    pub(super) fn reset(&mut self, key: u64, state: &DeviceState, knows: impl Fn(u32) -> bool) {
+        let is_ours = |id: &ExposureId| *id == ExposureId::first_pass(key, id.layer) && knows(id.layer);
+        let ours = |slot: &Option<ExposureId>| slot.filter(is_ours);
         self.warm = false;
         self.slots = state.slots.iter().map(|slot| ours(slot).map(|id| id.layer)).collect();
         self.cancel();

@@ -274,6 +274,7 @@ impl Asked {
             Request::LayerBegin { .. } => Self::Layer,
             Request::Vat(VatRequest::Expose { .. }) => Self::Exposure,
             Request::Vat(VatRequest::Home | VatRequest::Move { .. }) => Self::Plate,
+            Request::Powder(_) => unreachable!("the simulated machine is a vat"),
         }
     }
 }

@@ -18,7 +18,7 @@ pub use incident::Incident;
 
 use layerd::device::sim::{ActRecord, CoreAction, DeviceCore};
 use layerd::layer::Bitmap;
-use layerd::link::message::{Capabilities, DeviceMessage, ExposureId, MachineCapabilities, Request};
+use layerd::link::message::{Capabilities, DeviceMessage, ExposureId, Request};
 use layerd_wire::session::{DeviceEvent, DeviceSession, DeviceSettings, SendError};
 
 use super::line::Line;
@@ -221,8 +221,7 @@ impl Machine {
     }
 
     fn max_position_um(&self) -> i32 {
-        let MachineCapabilities::Vat(vat) = &self.core.capabilities().machine;
-        vat.max_position_um
+        self.core.capabilities().machine.max_position_um()
     }
 
     fn forget_messages(&mut self) {

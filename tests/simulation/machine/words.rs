@@ -218,7 +218,7 @@ impl Machine {
         };
         let welcome = Welcome::decode(&decoded.frame.payload);
         let Some(mut welcome) = welcome.ok().filter(|_| decoded.frame.kind == FrameKind::Welcome) else { return frame };
-        let MachineCapabilities::Vat(vat) = &mut welcome.capabilities.machine;
+        let MachineCapabilities::Vat(vat) = &mut welcome.capabilities.machine else { return frame };
         vat.width_px += wider_px;
         vat.max_position_um += higher_um;
         encode_frame(FrameKind::Welcome, decoded.frame.session_id, decoded.frame.sequence, &welcome.encode())

@@ -1,24 +1,21 @@
-//! What only a vat machine does: exposures of whole pictures, and moves of the plate. Part of [`DeviceCore`].
+//! What only a vat machine does: it exposes whole pictures. Part of [`DeviceCore`](super::DeviceCore).
 
-mod plate;
+mod upload;
 
-use super::{ActRecord, CoreAction, DeviceCore, Readiness, of_layer};
+use super::CoreAction;
+use super::board::{Board, of_layer};
+use crate::device::sim::log::ActRecord;
 use crate::layer::Bitmap;
-use crate::link::message::{ExposureId, Refusal, Reply, VatReply, VatRequest};
-use plate::{HOMING_SPEED_UM_S, Motion};
+use crate::link::message::{ExposureId, Refusal, Reply, VatCapabilities, VatReply, VatRequest};
+use upload::Upload;
 
-/// Where the plate stands before the first homing. Only the simulation knows it.
-const UNKNOWN_POSITION_UM: i32 = 20_000;
-
-/// Light and plate.
+/// Light and layers.
 #[derive(Debug)]
 pub(super) struct Vat {
+    capabilities: VatCapabilities,
+    slots: Vec<Option<(ExposureId, Bitmap)>>,
+    upload: Option<Upload>,
     exposure: Option<Exposure>,
-    motion: Option<Motion>,
-    /// The request that came during a hold.
-    waiting: Option<(u32, VatRequest)>,
-    position_um: i32,
-    homed: bool,
 }
 
 #[derive(Debug)]
@@ -37,49 +34,6 @@ impl Exposure {
     }
 }
 
-impl Vat {
-    /// Dark, at rest, and not homed.
-    pub(super) fn new() -> Self {
-        Self { exposure: None, motion: None, waiting: None, position_um: UNKNOWN_POSITION_UM, homed: false }
-    }
-
-    /// When an act under way ends.
-    pub(super) fn next_timeout_us(&self) -> Option<u64> {
-        let light_off_us = self.exposure.as_ref().map(Exposure::ends_us);
-        let arrival_us = self.motion.as_ref().map(|motion| motion.arrives_us);
-        light_off_us.into_iter().chain(arrival_us).min()
-    }
-
-    pub(super) fn exposing(&self) -> Option<ExposureId> {
-        self.exposure.as_ref().map(|exposure| exposure.id)
-    }
-
-    pub(super) fn exposes_slot(&self, slot: usize) -> bool {
-        self.exposure.as_ref().is_some_and(|exposure| exposure.slot == slot)
-    }
-
-    pub(super) fn is_moving(&self) -> bool {
-        self.motion.is_some()
-    }
-
-    /// Where the plate is; `None` before homing.
-    pub(super) fn position_um(&self, now_us: u64) -> Option<i32> {
-        let moving_at = self.motion.as_ref().map(|motion| motion.position_um(now_us));
-        self.homed.then_some(moving_at.unwrap_or(self.position_um))
-    }
-
-    /// The session has ended: acts under way go on without a reply, and the request that waits is void.
-    pub(super) fn forget_requests(&mut self) {
-        self.waiting = None;
-        if let Some(exposure) = &mut self.exposure {
-            exposure.number = None;
-        }
-        if let Some(motion) = &mut self.motion {
-            motion.number = None;
-        }
-    }
-}
-
 /// The name of a request in the log, and its exposure.
 pub(super) fn named(request: VatRequest) -> (&'static str, Option<ExposureId>) {
     match request {
@@ -89,90 +43,117 @@ pub(super) fn named(request: VatRequest) -> (&'static str, Option<ExposureId>) {
     }
 }
 
-impl DeviceCore {
+impl Vat {
+    /// Dark and empty.
+    pub(super) fn new(capabilities: VatCapabilities, slots: usize) -> Self {
+        Self { capabilities, slots: vec![None; slots], upload: None, exposure: None }
+    }
+
+    /// When an exposure under way ends.
+    pub(super) fn next_timeout_us(&self) -> Option<u64> {
+        self.exposure.as_ref().map(Exposure::ends_us)
+    }
+
     /// The exposure under way, and its commanded time in milliseconds.
-    pub fn exposure(&self) -> Option<(ExposureId, u32)> {
-        self.vat.exposure.as_ref().map(|exposure| (exposure.id, exposure.duration_ms))
+    pub(super) fn exposure(&self) -> Option<(ExposureId, u32)> {
+        self.exposure.as_ref().map(|exposure| (exposure.id, exposure.duration_ms))
     }
 
-    /// Ends the acts that are due by `now_us`, each at its own time.
-    pub(super) fn advance_vat(&mut self, now_us: u64) {
-        if let Some(exposure) = self.vat.exposure.take_if(|exposure| exposure.ends_us() <= now_us) {
-            self.now_us = exposure.ends_us();
-            self.end_exposure(&exposure);
-        }
-        if let Some(motion) = self.vat.motion.take_if(|motion| motion.arrives_us <= now_us) {
-            self.now_us = motion.arrives_us;
-            self.arrive(&motion);
+    /// The layer in each slot.
+    pub(super) fn slot_ids(&self) -> Vec<Option<ExposureId>> {
+        self.slots.iter().map(|slot| slot.as_ref().map(|(id, _)| *id)).collect()
+    }
+
+    /// Ends an exposure that is due by `now_us`, at its own time.
+    pub(super) fn advance(&mut self, board: &mut Board, now_us: u64) {
+        if let Some(exposure) = self.exposure.take_if(|exposure| exposure.ends_us() <= now_us) {
+            board.now_us = exposure.ends_us();
+            self.end_exposure(board, &exposure);
         }
     }
 
-    /// Begins an act, or lets it wait during a hold.
-    pub(super) fn begin_act(&mut self, number: u32, request: VatRequest) -> Result<(), Refusal> {
-        self.check_ready()?;
-        if self.readiness == Readiness::Held {
-            if self.vat.waiting.is_some() {
-                return Err(Refusal::Busy);
-            }
-            self.vat.waiting = Some((number, request));
-            return Ok(());
-        }
-        // Light while the plate moves would smear the layer.
-        if self.vat.exposure.is_some() || self.vat.motion.is_some() {
-            return Err(Refusal::Busy);
-        }
+    /// Begins an act. None is under way.
+    pub(super) fn begin_act(&mut self, board: &mut Board, number: u32, request: VatRequest) -> Result<(), Refusal> {
         match request {
-            VatRequest::Expose { id, duration_ms, light_pwm } => self.expose(number, id, duration_ms, light_pwm),
-            VatRequest::Move { position_um, speed_um_s } => self.begin_move(number, position_um, speed_um_s),
+            VatRequest::Expose { id, duration_ms, light_pwm } => self.expose(board, number, id, duration_ms, light_pwm),
+            VatRequest::Move { position_um, speed_um_s } => board.begin_move(number, position_um, speed_um_s),
             VatRequest::Home => {
-                self.begin_motion(number, 0, HOMING_SPEED_UM_S, true);
+                board.begin_homing(number);
                 Ok(())
             }
         }
     }
 
-    /// The request that waited during a hold.
-    pub(super) fn take_waiting(&mut self) -> Option<(u32, VatRequest)> {
-        self.vat.waiting.take()
-    }
-
-    fn expose(&mut self, number: u32, id: ExposureId, duration_ms: u32, light_pwm: u8) -> Result<(), Refusal> {
-        if duration_ms == 0 || light_pwm == 0 || duration_ms > self.capabilities.max_exposure_ms {
+    fn expose(
+        &mut self,
+        board: &mut Board,
+        number: u32,
+        id: ExposureId,
+        duration_ms: u32,
+        light_pwm: u8,
+    ) -> Result<(), Refusal> {
+        if duration_ms == 0 || light_pwm == 0 || duration_ms > board.capabilities.max_exposure_ms {
             return Err(Refusal::BadDuration);
         }
-        if self.last_exposed.is_some_and(|last| last.job == id.job && id <= last) {
+        if board.was_exposed(id) {
             return Err(Refusal::AlreadyExposed);
         }
         let held = |slot: &Option<(ExposureId, Bitmap)>| slot.as_ref().is_some_and(|(held, _)| *held == id);
         let slot = self.slots.iter().position(held).ok_or(Refusal::NoSuchLayer)?;
-        self.vat.exposure = Some(Exposure { number: Some(number), slot, id, began_us: self.now_us, duration_ms });
-        self.record(of_layer("light_on", id));
+        self.exposure = Some(Exposure { number: Some(number), slot, id, began_us: board.now_us, duration_ms });
+        board.record(of_layer("light_on", id));
         Ok(())
     }
 
     /// An exposure that ran its whole time.
-    fn end_exposure(&mut self, exposure: &Exposure) {
+    fn end_exposure(&mut self, board: &mut Board, exposure: &Exposure) {
         let Exposure { number, slot, id, duration_ms, .. } = *exposure;
-        self.last_exposed = Some(id);
-        self.statistics.exposed += 1;
-        self.record(of_layer("light_off", id));
+        board.last_exposed = Some(id);
+        board.statistics.exposed += 1;
+        board.record(of_layer("light_off", id));
         // The picture goes before its log line, so that a reader of the log finds the file.
         if let Some((_, picture)) = self.slots[slot].take() {
-            self.actions.push_back(CoreAction::Picture(id.layer, picture));
+            board.actions.push_back(CoreAction::Picture(id.layer, picture));
         }
-        self.record(ActRecord { duration_ms: Some(duration_ms), ..of_layer("exposed", id) });
-        self.reply(number, Reply::Vat(VatReply::Exposed { id, duration_ms }));
+        board.record(ActRecord { duration_ms: Some(duration_ms), ..of_layer("exposed", id) });
+        board.reply(number, Reply::Vat(VatReply::Exposed { id, duration_ms }));
     }
 
     /// The light goes off now, whatever is left of the exposure.
-    pub(super) fn cut_exposure(&mut self, reason: &str) {
-        let Some(exposure) = self.vat.exposure.take() else { return };
-        let lit_ms = ((self.now_us - exposure.began_us) / 1000) as u32;
-        self.cut_short = Some((exposure.id, lit_ms));
+    pub(super) fn cut(&mut self, board: &mut Board, reason: &str) {
+        let Some(exposure) = self.exposure.take() else { return };
+        let lit_ms = ((board.now_us - exposure.began_us) / 1000) as u32;
+        board.cut_short = Some((exposure.id, lit_ms));
         self.slots[exposure.slot] = None;
-        self.statistics.cut_short += 1;
+        board.statistics.cut_short += 1;
         let record = of_layer("light_off", exposure.id);
-        self.record(ActRecord { duration_ms: Some(lit_ms), reason: Some(reason.into()), ..record });
-        self.reply(exposure.number, Reply::Refused(Refusal::CutShort));
+        board.record(ActRecord { duration_ms: Some(lit_ms), reason: Some(reason.into()), ..record });
+        board.reply(exposure.number, Reply::Refused(Refusal::CutShort));
+    }
+
+    /// The request of an exposure under way is not answered any more.
+    pub(super) fn forget_request(&mut self) {
+        if let Some(exposure) = &mut self.exposure {
+            exposure.number = None;
+        }
+    }
+
+    /// The session has ended: a layer that is not complete is dropped.
+    pub(super) fn end_session(&mut self) {
+        self.upload = None;
+    }
+
+    /// The device restarts: no layer survives.
+    pub(super) fn restart(&mut self) {
+        self.upload = None;
+        self.slots.fill(None);
+    }
+
+    /// Drops all layers; the one on its way is refused.
+    pub(super) fn drop_layers(&mut self, board: &mut Board) {
+        self.slots.fill(None);
+        if let Some(upload) = self.upload.take() {
+            board.reply(Some(upload.number), Reply::Refused(Refusal::NotReady));
+        }
     }
 }

@@ -37,7 +37,9 @@ fn remedy_of_upload(refusal: Refusal) -> &'static str {
              recipe"
         }
         Refusal::Unknown => "it does not know the request; check that it is a DLP machine of this protocol version",
-        Refusal::AlreadyExposed
+        Refusal::NotRecoated
+        | Refusal::WrongVector
+        | Refusal::AlreadyExposed
         | Refusal::BadDuration
         | Refusal::BadMove
         | Refusal::NotHomed
@@ -62,6 +64,9 @@ fn remedy_of_act(refusal: Refusal) -> &'static str {
         }
         Refusal::NotHomed => "it does not know where its plate is; take the part off and start again",
         Refusal::CutShort => "it was ended early by an interlock or at the machine; look at the device, then resume",
+        Refusal::NotRecoated | Refusal::WrongVector => {
+            "this refusal does not apply to a DLP machine; check its firmware"
+        }
         Refusal::Unknown => "it does not know the request; check that it is a DLP machine of this protocol version",
     }
 }

@@ -1,0 +1,236 @@
+//! The buffer that all layers of a powder machine share: their bytes as they came, and the count by which the host knows how much room
+//! there is. Part of [`Powder`](super::Powder).
+
+use std::collections::VecDeque;
+
+use layerd_wire::encoding::{Vector, VectorDecoder, VectorEncoding, VectorError};
+
+use super::scan::usable;
+use crate::device::sim::core::LayerBegin;
+use crate::link::message::{ExposureId, PowderCapabilities};
+
+/// Least growth of the count that is reported while the buffer still holds the layer, bytes: reports are longer than a few bytes of room.
+const MIN_REPORT_BYTES: u32 = 256;
+
+/// The layers in the slots, complete or not.
+#[derive(Debug)]
+pub(super) struct Buffer {
+    capabilities: PowderCapabilities,
+    slots: Vec<Option<StoredLayer>>,
+    /// The slot of the layer whose bytes come.
+    receiving: Option<usize>,
+    // The counts wrap, as they do on the line. They begin at 0 with each session, when the buffer is empty.
+    /// Bytes of layer data that came.
+    received: u32,
+    /// Of these, the bytes that left the buffer.
+    taken: u32,
+    /// What the host knows of `taken`.
+    reported: u32,
+    /// Whether to report any growth: a layer has left the buffer, or one begins.
+    owes_report: bool,
+}
+
+/// A layer in a slot.
+#[derive(Debug)]
+pub(super) struct StoredLayer {
+    /// Number of its request.
+    pub(super) number: u32,
+    pub(super) id: ExposureId,
+    pub(super) encoding: VectorEncoding,
+    pub(super) encoded_bytes: u32,
+    pub(super) crc32: u32,
+    /// Number of its vectors; `None` before all of them came.
+    pub(super) vectors: Option<u32>,
+    /// Whether it may be marked: it was answered with Done.
+    pub(super) is_ready: bool,
+    /// Bytes that have not come yet.
+    missing_bytes: u32,
+    bytes: VecDeque<u8>,
+    /// Decodes the bytes as they come, until the layer may be marked; it keeps no vectors.
+    check: Option<VectorDecoder>,
+}
+
+/// What came of bytes of layer data.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) enum Arrival {
+    /// They belong to no layer.
+    Stray,
+    /// The layer in this slot has more bytes.
+    More(usize),
+    /// The layer in this slot may be marked now.
+    Ready(usize),
+    /// The layer in this slot is bad. It must be dropped.
+    Bad(usize, String),
+}
+
+impl Buffer {
+    pub(super) fn new(capabilities: PowderCapabilities, slots: usize) -> Self {
+        let slots = std::iter::repeat_with(|| None).take(slots).collect();
+        Self { capabilities, slots, receiving: None, received: 0, taken: 0, reported: 0, owes_report: false }
+    }
+
+    /// Number of slots.
+    pub(super) fn slot_count(&self) -> usize {
+        self.slots.len()
+    }
+
+    /// The layers that may be marked.
+    pub(super) fn slot_ids(&self) -> Vec<Option<ExposureId>> {
+        self.slots.iter().map(|slot| slot.as_ref().filter(|layer| layer.is_ready).map(|layer| layer.id)).collect()
+    }
+
+    /// The slot of a layer that may be marked.
+    pub(super) fn slot_of(&self, id: ExposureId) -> Option<usize> {
+        self.slot_ids().iter().position(|held| *held == Some(id))
+    }
+
+    /// The layer in a slot.
+    pub(super) fn layer(&self, slot: usize) -> Option<&StoredLayer> {
+        self.slots.get(slot)?.as_ref()
+    }
+
+    /// The slot of the layer whose bytes come.
+    pub(super) fn receiving(&self) -> Option<usize> {
+        self.receiving
+    }
+
+    /// Puts a layer that is announced into its slot, which exists.
+    pub(super) fn begin(&mut self, number: u32, begin: &LayerBegin, encoding: VectorEncoding) {
+        let LayerBegin { slot, id, encoded_bytes, decoded_crc32: crc32, .. } = *begin;
+        let slot = usize::from(slot);
+        self.drop_layer(slot);
+        let check = Some(VectorDecoder::new(encoding, self.capabilities.field_um, encoded_bytes));
+        let (bytes, missing_bytes) = (VecDeque::new(), encoded_bytes);
+        self.slots[slot] = Some(StoredLayer {
+            number,
+            id,
+            encoding,
+            encoded_bytes,
+            crc32,
+            vectors: None,
+            is_ready: false,
+            missing_bytes,
+            bytes,
+            check,
+        });
+        self.receiving = Some(slot);
+        // The host may need the last byte of room for this layer.
+        self.owes_report = true;
+    }
+
+    /// Takes bytes from the line.
+    pub(super) fn push(&mut self, bytes: &[u8]) -> Arrival {
+        // No frame has so many bytes.
+        let count = u32::try_from(bytes.len()).unwrap_or(u32::MAX);
+        self.received = self.received.wrapping_add(count);
+        let size_bytes = self.capabilities.buffer_bytes;
+        let has_room = self.received.wrapping_sub(self.reported) <= size_bytes;
+        let layer = self.receiving.and_then(|slot| Some((slot, self.slots.get_mut(slot)?.as_mut()?)));
+        let Some((slot, layer)) = layer else {
+            self.taken = self.taken.wrapping_add(count);
+            return Arrival::Stray;
+        };
+        let missing_bytes = layer.missing_bytes.checked_sub(count).filter(|_| has_room);
+        let Some(missing_bytes) = missing_bytes else {
+            self.taken = self.taken.wrapping_add(count);
+            let why = if has_room { "more bytes than announced" } else { "more bytes than there was room for" };
+            return Arrival::Bad(slot, why.into());
+        };
+        layer.missing_bytes = missing_bytes;
+        layer.bytes.extend(bytes);
+        if missing_bytes == 0 {
+            self.receiving = None;
+        }
+        match layer.check(bytes, &self.capabilities) {
+            Err(why) => Arrival::Bad(slot, why),
+            Ok(true) => Arrival::Ready(slot),
+            Ok(false) => Arrival::More(slot),
+        }
+    }
+
+    /// Gives bytes of a layer to the decoder that marks it. `None`: it needs bytes that have not come, or the layer is over.
+    pub(super) fn decode(&mut self, slot: usize, decoder: &mut VectorDecoder) -> Result<Option<Vector>, VectorError> {
+        let Some(layer) = self.slots.get_mut(slot).and_then(Option::as_mut) else { return Ok(None) };
+        loop {
+            let (piece, _) = layer.bytes.as_slices();
+            let (mut rest, given) = (piece, piece.len());
+            let found = decoder.next(&mut rest);
+            let used = given - rest.len();
+            layer.bytes.drain(..used);
+            self.taken = self.taken.wrapping_add(used as u32);
+            // It has taken this piece; the bytes may go on at the begin of the ring.
+            if !matches!(found, Ok(None)) || used == 0 {
+                return found;
+            }
+        }
+    }
+
+    /// Whether all bytes of a layer were given to the decoder that marks it.
+    pub(super) fn is_consumed(&self, slot: usize) -> bool {
+        self.layer(slot).is_some_and(|layer| layer.missing_bytes == 0 && layer.bytes.is_empty())
+    }
+
+    /// Empties a slot. Bytes that still come for its layer belong to none.
+    pub(super) fn drop_layer(&mut self, slot: usize) {
+        if self.receiving == Some(slot) {
+            self.receiving = None;
+        }
+        if let Some(layer) = self.slots.get_mut(slot).and_then(Option::take) {
+            self.taken = self.taken.wrapping_add(layer.bytes.len() as u32);
+            self.owes_report = true;
+        }
+    }
+
+    /// Empties all slots.
+    pub(super) fn drop_layers(&mut self) {
+        for slot in 0..self.slots.len() {
+            self.drop_layer(slot);
+        }
+    }
+
+    /// A session begins: the buffer is empty, and the counts begin at 0.
+    pub(super) fn restart(&mut self) {
+        self.drop_layers();
+        (self.received, self.taken, self.reported, self.owes_report) = (0, 0, 0, false);
+    }
+
+    /// The count of bytes that left the buffer, if it is to be reported now.
+    pub(super) fn report(&mut self) -> Option<u32> {
+        let owes_report = std::mem::take(&mut self.owes_report);
+        let size_bytes = self.capabilities.buffer_bytes;
+        let step_bytes = (size_bytes / 8).max(MIN_REPORT_BYTES).min(size_bytes / 4).max(1);
+        let grown = self.taken.wrapping_sub(self.reported);
+        if grown < step_bytes && (grown == 0 || !owes_report) {
+            return None;
+        }
+        self.reported = self.taken;
+        Some(self.taken)
+    }
+}
+
+impl StoredLayer {
+    /// Checks bytes that came. Returns whether the layer may be marked from now on.
+    fn check(&mut self, mut bytes: &[u8], capabilities: &PowderCapabilities) -> Result<bool, String> {
+        let Some(check) = &mut self.check else { return Ok(false) };
+        while let Some(vector) = check.next(&mut bytes).map_err(|error| error.to_string())? {
+            usable(check, &vector, capabilities.max_power_mw)
+                .map_err(|error| format!("vector {}: {error}", vector.number))?;
+        }
+        let size_bytes = capabilities.buffer_bytes;
+        let has_head_start = self.bytes.len() as u64 * 4 >= u64::from(size_bytes) * 3;
+        if self.missing_bytes > 0 && !(self.encoded_bytes > size_bytes && has_head_start) {
+            return Ok(false);
+        }
+        if let Some(check) = self.check.take()
+            && self.missing_bytes == 0
+        {
+            let sum = check.finish().map_err(|error| error.to_string())?;
+            if sum.crc32 != self.crc32 {
+                return Err("its vectors have another CRC than announced".into());
+            }
+            self.vectors = Some(sum.vectors);
+        }
+        self.is_ready = true;
+        Ok(true)
+    }
+}
