@@ -192,7 +192,8 @@ impl World {
                 self.note(|| "host: the daemon runs".into());
                 self.host = Some(host);
                 self.patient.refusals.clear();
-                self.undeleted = false;
+                // A disk that still fails keeps files from being deleted from now on, too.
+                self.undeleted = self.ends.values().any(|end| matches!(end, End::DiskBroken | End::DiskUnreadable));
                 if std::mem::take(&mut self.spool_is_new) {
                     self.forget_spool();
                 }
