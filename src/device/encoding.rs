@@ -1,4 +1,4 @@
-//! How layers are encoded for a device: which encoding, and a [`Layer`] or [`Vectors`] in it. The encodings themselves are in
+//! How layers are encoded for a device: which encoding, and a [`Bitmap`] or [`Vectors`] in it. The encodings themselves are in
 //! [`layerd_wire::encoding`].
 //!
 //! ```
