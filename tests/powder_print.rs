@@ -5,8 +5,10 @@ mod support;
 use std::time::Duration;
 
 use layerd::config::{Machine, Recipe};
+use layerd::device::encoding::BEST_VECTORS;
 use layerd::layer::Bitmap;
 use layerd::pipeline::{Placed, Resolution};
+use layerd::stream::MemoryBudget;
 use serde_json::Value;
 use support::{Bench, Laser, Setup, wait_until};
 
@@ -99,6 +101,28 @@ fn a_print_marks_every_layer_once_and_melts_what_was_sliced() {
     assert_eq!(assert_marked_once(&bench, layers), 0);
     let (covered, beside) = coverage(&bench, layers);
     assert!(covered > 0.97 && beside < 0.03, "covered {covered}, beside {beside}");
+    let (computed, measured) = marking_ms(&bench);
+    assert!(computed.abs_diff(measured) * 20 <= measured, "{computed} ms computed, {measured} ms measured");
+}
+
+/// How long the layers take to mark: as computed, and by the device's clock, milliseconds.
+fn marking_ms(bench: &Bench) -> (u64, u64) {
+    let machine = Machine::load(&bench.path("machine.toml")).expect("a machine");
+    let recipe = Recipe::load(&bench.path("recipe.toml")).expect("a recipe");
+    let placed = Placed::open(&bench.path("part.layerd"), &Resolution::of(&machine, &recipe)).expect("fits");
+    let part = placed.fit(1, 64 << 20).expect("fits the memory");
+    let layers = part.encoded_layers(0, BEST_VECTORS, &MemoryBudget::new(64 << 20)).expect("begins");
+    let computed = layers.map(|layer| u64::from(layer.expect("a layer").scan.expect("vectors").times.mark_ms)).sum();
+    let (mut measured, mut began_ms) = (0, 0);
+    for act in bench.acts() {
+        let at_ms = act["t_ms"].as_u64().expect("t_ms");
+        match act["event"].as_str().expect("event") {
+            "laser_on" => began_ms = at_ms,
+            "marked" => measured += at_ms - began_ms,
+            _ => {}
+        }
+    }
+    (computed, measured)
 }
 
 #[test]

@@ -33,7 +33,7 @@ const CONTENTS: [&str; 8] =
 #[command(after_help = "\
 Examples:
   layerctl demo                  about half a minute; pictures in demo-out/exposed
-  layerctl demo slm              the same on a laser machine, twenty times faster than real
+  layerctl demo slm              a laser machine, simulated twenty times faster than real
   layerctl demo dlp -o /tmp/d    somewhere else
 
 It generates a lattice, starts a simulated printer on a virtual serial port and the daemon, and prints the lattice. Then it slices \
@@ -86,7 +86,7 @@ impl Kind {
                 line: "/tmp/layerd-sim-slm",
                 recipe: include_str!("../../config/recipes/slm-demo.toml"),
                 time_scale: 20,
-                part: &["--struts", "900", "--box", "12,12,2", "--radius", "0.15"],
+                part: &["--struts", "500", "--box", "12,12,1", "--radius", "0.15"],
             },
         }
     }

@@ -165,8 +165,8 @@ pub struct Progress {
     pub layers_done: u32,
     /// Layers of the job.
     pub layers_total: u32,
-    /// Layers in whose cycle the machine stood still for more than 250 ms. It waited for the layer, or for an order to cross the
-    /// line.
+    /// Layers in whose cycle the machine stood still for more than 250 ms. It waited for the layer, for an order to cross the line,
+    /// or, with a laser, for the layer's data.
     pub late_layers: u32,
     /// Time the machine stood still for these layers, milliseconds.
     pub late_ms_total: u64,

@@ -52,6 +52,8 @@ pub(crate) struct Running {
     wanted: Option<(u32, u8)>,
     /// The layer that is being sent.
     sending: Option<Sending>,
+    /// The layer before it, if the rest of it follows while it is marked.
+    streaming: Option<Sending>,
     act_number: u64,
     /// The urgent frame whose answer the engine waits for, and its number.
     pub urgent: Option<(u32, Urgent)>,
@@ -93,6 +95,7 @@ impl Running {
             layers: Layers::default(),
             wanted: None,
             sending: None,
+            streaming: None,
             act_number: 0,
             urgent: None,
         }
@@ -100,7 +103,7 @@ impl Running {
 
     /// A session with the device began.
     pub(crate) fn connected(&mut self, capabilities: &Capabilities, state: &DeviceState, now_us: u64) {
-        self.sending = None;
+        (self.sending, self.streaming) = (None, None);
         self.wanted = None;
         match check_fit(&self.machine, &self.recipe, capabilities) {
             Ok(encoding) => self.encoding = Some(encoding),
@@ -121,7 +124,7 @@ impl Running {
     /// Drops what belonged to the session.
     fn session_ended(&mut self) {
         self.driver = None;
-        self.sending = None;
+        (self.sending, self.streaming) = (None, None);
         self.wanted = None;
     }
 
@@ -222,7 +225,10 @@ impl Running {
     pub(crate) fn driver_event(&mut self, event: DriverEvent, now_us: u64) {
         let event = match event {
             DriverEvent::Uploaded { layer } => {
-                let times = self.sending.take().and_then(|sending| sending.times);
+                let sent = self.sending.take();
+                let times = sent.as_ref().and_then(|sent| sent.times);
+                let is_streaming = self.driver.as_ref().is_some_and(FramedDriver::is_streaming);
+                self.streaming = sent.filter(|_| is_streaming);
                 Event::Uploaded { layer, times }
             }
             DriverEvent::UploadRefused { layer, refusal } => {
@@ -260,7 +266,7 @@ impl Running {
 
     /// Ends everything; returns once the memory is given back.
     pub(crate) async fn release(self) {
-        drop(self.sending);
+        drop((self.sending, self.streaming));
         drop(self.driver);
         // Closing a file can block on a disk that hangs.
         spawn_blocking(move || drop(self.journal));

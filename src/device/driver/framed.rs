@@ -195,6 +195,11 @@ impl FramedDriver {
         self.uploads.add(layer, begin, bytes)
     }
 
+    /// Whether bytes of a layer that was reported as uploaded are still to be sent.
+    pub fn is_streaming(&self) -> bool {
+        self.uploads.is_streaming()
+    }
+
     /// The next message to send, requests first. Call it only while the session can take a request. Layer data comes in pieces of
     /// at most `room_bytes`; if that is 0, none comes.
     pub fn next_message(&mut self, room_bytes: usize, now_us: u64) -> Option<HostMessage> {

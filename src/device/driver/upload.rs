@@ -135,6 +135,11 @@ impl Uploads {
         is_possible
     }
 
+    /// Whether bytes of a layer that the device has taken are still to be sent.
+    pub(super) fn is_streaming(&self) -> bool {
+        self.queue.iter().any(|upload| upload.is_taken)
+    }
+
     /// When the next reply is due.
     pub(super) fn due_us(&self) -> Option<u64> {
         self.queue.iter().filter_map(|upload| upload.due).map(Deadline::at_us).min()

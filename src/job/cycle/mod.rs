@@ -112,6 +112,8 @@ pub(super) struct Exposure {
 pub(super) struct Lit {
     /// Light time, milliseconds.
     pub(super) light_ms: u32,
+    /// How long the laser waited, off, for layer data, milliseconds.
+    pub(super) starved_ms: u32,
     /// How that compares with the commanded time.
     pub(super) dose: Dose,
 }

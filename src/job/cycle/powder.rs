@@ -215,7 +215,7 @@ impl PowderCycle {
 
     /// Compares the whole layer's laser time. Of the rest of a layer only the most is known.
     pub(super) fn judge(&self, layer: u32, outcome: PowderOutcome) -> Option<Lit> {
-        let PowderOutcome::Marked { layer: marked, vectors, laser_ms, .. } = outcome else { return None };
+        let PowderOutcome::Marked { layer: marked, vectors, laser_ms, starved_ms } = outcome else { return None };
         let times = self.times(layer)?;
         if marked != layer || vectors != times.vectors {
             return None;
@@ -224,7 +224,7 @@ impl PowderCycle {
             Dose::TooLittle if self.from_vector > 0 => Dose::Right,
             dose => dose,
         };
-        Some(Lit { light_ms: laser_ms, dose })
+        Some(Lit { light_ms: laser_ms, starved_ms, dose })
     }
 
     /// The device has marked the next layer up to this vector. Returns whether that can be.

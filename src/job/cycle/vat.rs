@@ -177,7 +177,7 @@ impl VatCycle {
     pub(super) fn judge(&self, layer: u32, outcome: VatOutcome) -> Option<Lit> {
         match outcome {
             VatOutcome::Exposed { layer: exposed, duration_ms: light_ms } if exposed == layer => {
-                Some(Lit { light_ms, dose: Dose::of(self.plan.exposure_ms(layer), light_ms) })
+                Some(Lit { light_ms, starved_ms: 0, dose: Dose::of(self.plan.exposure_ms(layer), light_ms) })
             }
             VatOutcome::Exposed { .. } | VatOutcome::Arrived { .. } => None,
         }

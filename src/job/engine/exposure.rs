@@ -80,7 +80,8 @@ impl Engine {
         if let Some(text) = self.exposed_too_soon(now_us) {
             return self.doubt(&text, now_us);
         }
-        let Lit { light_ms, dose } = lit;
+        let Lit { light_ms, starved_ms, dose } = lit;
+        self.pace.waited(self.plan.host_us(u64::from(starved_ms) * 1000));
         let text = format!(
             "the device reports {light_ms} ms of light for layer {layer} instead of {} ms",
             self.cycle.light_ms(layer).unwrap_or(0)
