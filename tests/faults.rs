@@ -96,7 +96,7 @@ fn a_device_switched_off_in_an_exposure_leaves_the_layer_in_doubt() {
     let status = bench.ok(&["status"]);
     assert!(status.contains(&format!("layer {layer} may or may not have been exposed")), "the file's number: {status}");
     // The end of a job begins a new session. What the device does not know is known once that is open.
-    wait_until("the device", || bench.json(&["status"])["link"]["state"] == "connected");
+    wait_until("the device", || refusal(&bench, &["resume"]).contains("does not know where its plate is"));
     // Its plate hangs where it hung, but the device does not know where: nothing moves and nothing is exposed.
     for arguments in [&["resume"][..], &["resume", "--in-doubt", "repeat"]] {
         let text = refusal(&bench, arguments);
