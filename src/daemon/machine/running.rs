@@ -266,7 +266,8 @@ impl Running {
 
     /// Ends everything; returns once the memory is given back.
     pub(crate) async fn release(self) {
-        drop((self.sending, self.streaming));
+        drop(self.sending);
+        drop(self.streaming);
         drop(self.driver);
         // Closing a file can block on a disk that hangs.
         spawn_blocking(move || drop(self.journal));
