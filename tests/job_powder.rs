@@ -262,6 +262,9 @@ fn a_vector_marked_in_part_is_for_the_operator_to_decide() {
         let start = history.start(choice).expect("decided");
         let mut next = World::resumed(start, world.device.clone(), world.journal.clone());
         next.run();
+        History::replay(&next.journal).expect("a journal that is true");
+        let goes_on = Record::PartlyMarked { layer: 1, next_vector: 40 };
+        assert_eq!(next.journal.contains(&goes_on), choice == ResumeChoice::Repeat);
         assert_eq!((next.ended(), next.marks()), ((JobState::Completed, ""), marks), "{choice:?}");
     }
 }

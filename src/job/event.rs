@@ -181,5 +181,5 @@ pub struct Progress {
     /// What the job waits for or why it ended, for people; empty if there is nothing to say.
     pub reason: String,
     /// The job may have had light, and the plate is not parked.
-    pub part_in_vat: bool,
+    pub part_unparked: bool,
 }

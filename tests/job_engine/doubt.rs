@@ -150,5 +150,5 @@ fn a_plate_that_cannot_be_lifted_is_told() {
     }
     let (state, reason) = world.end();
     assert!(state == JobState::Interrupted && reason.contains("the plate was not lifted"), "{state}: {reason}");
-    assert!(world.engine.progress().part_in_vat);
+    assert!(world.engine.progress().part_unparked);
 }

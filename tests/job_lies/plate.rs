@@ -68,7 +68,7 @@ fn a_move_that_ends_too_soon_by_the_hosts_clock_stops_the_print() {
     assert_eq!(world.end().0, JobState::Interrupted, "{:?}", world.end());
     assert!(world.end().1.contains("the plate was not lifted: the device says so too soon"), "{:?}", world.end());
     assert_eq!(world.end().1.matches("`time_scale`").count(), 1, "one cause is told once: {:?}", world.end());
-    assert!(world.engine.progress().part_in_vat);
+    assert!(world.engine.progress().part_unparked);
 }
 
 #[test]
@@ -95,7 +95,7 @@ fn a_move_that_ends_elsewhere_stops_the_print_with_the_plate_lifted() {
         "{:?}",
         world.end()
     );
-    assert!(world.engine.progress().part_in_vat);
+    assert!(world.engine.progress().part_unparked);
 }
 
 #[test]

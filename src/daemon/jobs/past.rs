@@ -31,7 +31,7 @@ impl Past {
     /// Copies what the engine knows when it is done.
     pub(crate) fn update(&mut self, engine: &Engine) {
         self.touched = engine.touched();
-        self.lifted = !engine.progress().part_in_vat;
+        self.lifted = !engine.progress().part_unparked;
         self.unconfirmed = engine.unconfirmed();
         // It began with what the journal says.
         self.unknown = false;

@@ -26,6 +26,7 @@
 //! serves for a state of the machine that the engine does not know: the cycle sees every reported state, and may answer
 //! [`Cycle::waited`] with another wait. See the interface used in `job/engine/steps.rs`.
 
+mod plate;
 mod powder;
 mod vat;
 
@@ -269,10 +270,10 @@ impl Cycle {
         }
     }
 
-    /// The layer was exposed up to this vector. Returns whether that can be.
-    pub(super) fn marked_to(&mut self, layer: u32, next_vector: u32) -> bool {
+    /// The layer was marked up to this vector. Returns how many vectors that is more than before; `None` if it cannot be.
+    pub(super) fn marked_to(&mut self, layer: u32, next_vector: u32) -> Option<u32> {
         match self {
-            Self::Vat(_) => false,
+            Self::Vat(_) => None,
             Self::Powder(powder) => powder.marked_to(layer, next_vector),
         }
     }
@@ -351,9 +352,11 @@ impl Cycle {
 
     /// Why a device refused an act or a layer, and what to do.
     pub(super) fn remedy(&self, request: Requested, refusal: Refusal) -> &'static str {
-        match self {
-            Self::Vat(_) => vat::remedy(request, refusal),
-            Self::Powder(_) => powder::remedy(request, refusal),
+        match (self, request) {
+            (Self::Vat(_), Requested::Upload) => vat::remedy_of_upload(refusal),
+            (Self::Vat(_), Requested::Act) => vat::remedy_of_act(refusal),
+            (Self::Powder(_), Requested::Upload) => powder::remedy_of_upload(refusal),
+            (Self::Powder(_), Requested::Act) => powder::remedy_of_act(refusal),
         }
     }
 

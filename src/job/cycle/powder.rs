@@ -19,18 +19,17 @@ mod plan;
 mod texts;
 
 pub use plan::PowderPlan;
-pub(super) use texts::{SLOW_DISK, UNPARKED, remedy};
+pub(super) use texts::{SLOW_DISK, UNPARKED, remedy_of_act, remedy_of_upload};
 
 use texts::POSITION_LOST;
 
+use super::plate::HOMING_US;
 use super::{Done, Exposure, Lit, Step, TooSoon};
-use crate::device::{Act, Dose, PowderAct, PowderOutcome, ScanTimes, least_exposure_us, least_move_us};
+use crate::device::{Act, Dose, PowderAct, PowderOutcome, ScanTimes, least_exposure_us};
 use crate::job::ACT_MARGIN_US;
 use crate::link::message::DeviceState;
 use crate::text::mm_text;
 
-/// Longest homing. From the largest build height (2 m) at 10 mm/s it takes 200 s.
-const HOMING_US: u64 = 300_000_000;
 /// Time that marking may take beyond what was computed, milliseconds: waits for layer data, and the first jump.
 const MARK_MARGIN_MS: u32 = 5_000;
 /// Longest time in which a laser ends the vector that it is on, once its session has ended, milliseconds. Devices refuse longer ones.
@@ -87,7 +86,7 @@ impl PowderCycle {
     }
 
     pub(super) fn check_fit(&self, layer_count: u32) -> Result<(), String> {
-        let height_um = self.plan.height_um(layer_count);
+        let height_um = self.plan.positions().part_height_um(layer_count);
         if height_um > f64::from(self.max_position_um) {
             return Err(format!(
                 "the part needs the plate {} below the working plane, the device goes down to {}: choose a lower part",
@@ -104,13 +103,9 @@ impl PowderCycle {
     }
 
     pub(super) fn moved(&mut self, state: &DeviceState) -> Option<String> {
-        let left_um = self.position_um?;
-        let found_um = state.position_um;
-        if found_um.is_some_and(|found_um| !self.is_off(found_um, left_um)) {
-            return None;
-        }
-        self.position_um = found_um;
-        let found = found_um
+        let left_um = self.plan.positions().moved(&mut self.position_um, state)?;
+        let found = self
+            .position_um
             .map_or("at a depth that it no longer knows".into(), |found_um| format!("{} deep", mm_text(found_um)));
         Some(format!(
             "the device says its plate is {found}; it was left {} deep. Look at the machine, then resume",
@@ -122,7 +117,7 @@ impl PowderCycle {
         self.break_off();
         match self.position_um {
             None if part_possible => Step::Halt(POSITION_LOST.into()),
-            Some(position_um) if part_possible || position_um <= self.plan.layer_position_um(0) => Step::Clear,
+            Some(position_um) if part_possible || position_um <= self.plan.positions().layer_um(0) => Step::Clear,
             // The plate is bare, and too deep or nobody knows where.
             _ => {
                 self.stage = Stage::Homing;
@@ -132,9 +127,9 @@ impl PowderCycle {
     }
 
     pub(super) fn begin(&mut self, layer: u32) -> Step {
-        let to_um = self.plan.layer_position_um(layer);
+        let to_um = self.plan.positions().layer_um(layer);
         match self.position_um {
-            Some(position_um) if !self.is_off(position_um, to_um) => self.recoat(),
+            Some(position_um) if !self.plan.positions().is_off(position_um, to_um) => self.recoat(),
             Some(position_um) if position_um > to_um => Step::Halt(format!(
                 "the plate is {} deep, deeper than the {} of layer {layer}: it must not be raised with a part on it. Look at the machine",
                 mm_text(position_um),
@@ -148,15 +143,8 @@ impl PowderCycle {
         self.stage = Stage::Lowering(position_um);
         self.recoated = false;
         let speed_um_s = self.plan.recipe.plate_speed_um_s;
-        let distance_um = position_um.abs_diff(self.position_um.unwrap_or(0));
-        let travel_us = u64::from(distance_um) * 1_000_000 / u64::from(speed_um_s.max(1));
-        // The move may end this much short of its target.
-        let least_um = distance_um.saturating_sub(self.plan.position_tolerance_um());
-        Step::Act {
-            act: Act::Powder(PowderAct::Move { position_um, speed_um_s }),
-            most_us: travel_us + ACT_MARGIN_US,
-            least_us: least_move_us(least_um, speed_um_s),
-        }
+        let act = Act::Powder(PowderAct::Move { position_um, speed_um_s });
+        self.plan.positions().travel(act, self.position_um, position_um, speed_um_s)
     }
 
     fn recoat(&mut self) -> Step {
@@ -227,14 +215,14 @@ impl PowderCycle {
         Some(Lit { light_ms: laser_ms, starved_ms, dose })
     }
 
-    /// The device has marked the next layer up to this vector. Returns whether that can be.
-    pub(super) fn marked_to(&mut self, layer: u32, next_vector: u32) -> bool {
-        let can_be =
-            next_vector >= self.from_vector && self.times(layer).is_none_or(|times| next_vector < times.vectors.max(1));
-        if can_be {
-            self.from_vector = next_vector;
+    /// The device has marked the next layer up to this vector. Returns how many vectors that is more than before; `None` if it cannot be.
+    pub(super) fn marked_to(&mut self, layer: u32, next_vector: u32) -> Option<u32> {
+        let newly_marked = next_vector.checked_sub(self.from_vector)?;
+        if self.times(layer).is_some_and(|times| next_vector >= times.vectors.max(1)) {
+            return None;
         }
-        can_be
+        self.from_vector = next_vector;
+        Some(newly_marked)
     }
 
     pub(super) fn note_exposed(&mut self) {
@@ -248,52 +236,33 @@ impl PowderCycle {
     }
 
     pub(super) fn done(&mut self, outcome: PowderOutcome, too_soon: Option<&TooSoon>) -> Option<Done> {
-        let (step, problem) = match (self.stage, outcome) {
+        let (done, problem) = match (self.stage, outcome) {
             (Stage::Homing, PowderOutcome::Arrived { position_um }) => {
-                self.position_um = Some(position_um);
-                (Step::Free, self.misplaced(position_um, 0))
+                ("its plate arrived", self.arrived(position_um, 0))
             }
             (Stage::Lowering(to_um), PowderOutcome::Arrived { position_um }) => {
-                self.position_um = Some(position_um);
-                (Step::Free, self.misplaced(position_um, to_um))
+                ("its plate arrived", self.arrived(position_um, to_um))
             }
             (Stage::Recoating, PowderOutcome::Recoated) => {
                 self.recoated = true;
-                (self.settle(), None)
+                ("it has recoated", None)
             }
             _ => return None,
         };
-        let soon = too_soon.map(|too_soon| self.too_soon_text(too_soon));
-        if problem.is_some() || soon.is_some() {
-            self.stage = Stage::Still;
-            return Some(Done { problem: problem.or(soon), step: Step::Free });
-        }
-        if step == Step::Free {
-            self.stage = Stage::Still;
-        }
-        Some(Done { problem: None, step })
+        let may_settle = self.stage == Stage::Recoating;
+        self.stage = Stage::Still;
+        let problem = problem.or_else(|| too_soon.map(|too_soon| too_soon_text(done, too_soon)));
+        let step = if may_settle && problem.is_none() { self.settle() } else { Step::Free };
+        Some(Done { problem, step })
     }
 
-    fn is_off(&self, position_um: i32, to_um: i32) -> bool {
-        position_um.abs_diff(to_um) > self.plan.position_tolerance_um()
-    }
-
-    /// What is wrong with the end of a move.
-    fn misplaced(&self, position_um: i32, to_um: i32) -> Option<String> {
-        self.is_off(position_um, to_um).then(|| {
+    /// A move has ended. Returns what is wrong with that.
+    fn arrived(&mut self, position_um: i32, to_um: i32) -> Option<String> {
+        self.position_um = Some(position_um);
+        self.plan.positions().is_off(position_um, to_um).then(|| {
             let [position, target] = [position_um, to_um].map(mm_text);
             format!("the plate is {position} deep instead of {target}: check the axis, then resume")
         })
-    }
-
-    /// The device says that an act ended sooner than it can by the host's clock.
-    fn too_soon_text(&self, TooSoon { took_us, hint }: &TooSoon) -> String {
-        let what =
-            if self.stage == Stage::Recoating || self.recoated { "it has recoated" } else { "its plate arrived" };
-        format!(
-            "the device says that {what} {} ms after the order, which is too soon: check the machine{hint}",
-            took_us / 1000
-        )
     }
 
     pub(super) fn waited(&mut self) -> Step {
@@ -328,4 +297,12 @@ impl PowderCycle {
             _ => "the device did not say in time that it has homed: check the axis and the device".into(),
         }
     }
+}
+
+/// The device says that an act ended sooner than it can by the host's clock.
+fn too_soon_text(done: &str, TooSoon { took_us, hint }: &TooSoon) -> String {
+    format!(
+        "the device says that {done} {} ms after the order, which is too soon: check the machine{hint}",
+        took_us / 1000
+    )
 }

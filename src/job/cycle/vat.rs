@@ -23,18 +23,15 @@ mod plan;
 mod texts;
 
 pub use plan::VatPlan;
-pub(super) use texts::{SLOW_DISK, UNPARKED, remedy};
+pub(super) use texts::{SLOW_DISK, UNPARKED, remedy_of_act, remedy_of_upload};
 
 use texts::POSITION_LOST;
 
+use super::plate::HOMING_US;
 use super::{Done, Exposure, Goal, Lit, Step, TooSoon};
-use crate::device::{Act, Dose, VatAct, VatOutcome, least_exposure_us, least_move_us};
-use crate::job::ACT_MARGIN_US;
+use crate::device::{Act, Dose, VatAct, VatOutcome, least_exposure_us};
 use crate::link::message::DeviceState;
 use crate::text::mm_text;
-
-/// Longest homing. From the largest build height (2 m) at 10 mm/s it takes 200 s.
-const HOMING_US: u64 = 300_000_000;
 
 /// Plate and vat.
 #[derive(Debug)]
@@ -80,7 +77,7 @@ impl VatCycle {
     }
 
     pub(super) fn check_fit(&self, layer_count: u32) -> Result<(), String> {
-        let height_um = self.plan.height_um(layer_count);
+        let height_um = self.plan.positions().part_height_um(layer_count);
         if height_um > f64::from(self.max_position_um) {
             return Err(format!(
                 "the part needs the plate {} above the vat, the device goes up to {}: choose a lower part",
@@ -113,13 +110,9 @@ impl VatCycle {
     }
 
     pub(super) fn moved(&mut self, state: &DeviceState) -> Option<String> {
-        let left_um = self.position_um?;
-        let found_um = state.position_um;
-        if found_um.is_some_and(|found_um| !self.is_off(found_um, left_um)) {
-            return None;
-        }
-        self.position_um = found_um;
-        let found = found_um
+        let left_um = self.plan.positions().moved(&mut self.position_um, state)?;
+        let found = self
+            .position_um
             .map_or("at a position that it no longer knows".into(), |found_um| format!("at {}", mm_text(found_um)));
         Some(format!(
             "the device says its plate is {found}; it was left at {}. Look at the machine, then resume",
@@ -151,7 +144,7 @@ impl VatCycle {
     }
 
     pub(super) fn begin(&mut self, layer: u32) -> Step {
-        let to_um = self.plan.layer_position_um(layer);
+        let to_um = self.plan.positions().layer_um(layer);
         if self.position_um == Some(to_um) {
             return self.settle();
         }
@@ -216,15 +209,8 @@ impl VatCycle {
 
     fn travel(&mut self, purpose: Move, position_um: i32, speed_um_s: u32) -> Step {
         self.stage = Stage::Moving(purpose, position_um);
-        let distance_um = position_um.abs_diff(self.position_um.unwrap_or(0));
-        let travel_us = u64::from(distance_um) * 1_000_000 / u64::from(speed_um_s.max(1));
-        // The move may end this much short of its target.
-        let least_um = distance_um.saturating_sub(self.plan.position_tolerance_um());
-        Step::Act {
-            act: Act::Vat(VatAct::Move { position_um, speed_um_s }),
-            most_us: travel_us + ACT_MARGIN_US,
-            least_us: least_move_us(least_um, speed_um_s),
-        }
+        let act = Act::Vat(VatAct::Move { position_um, speed_um_s });
+        self.plan.positions().travel(act, self.position_um, position_um, speed_um_s)
     }
 
     pub(super) fn done(
@@ -238,7 +224,7 @@ impl VatCycle {
         let Stage::Moving(purpose, to_um) = self.stage else { return None };
         self.stage = Stage::Still;
         self.position_um = Some(position_um);
-        if self.is_off(position_um, to_um) {
+        if self.plan.positions().is_off(position_um, to_um) {
             return Some(self.misplaced(purpose, position_um, to_um));
         }
         if let Some(too_soon) = too_soon {
@@ -255,10 +241,6 @@ impl VatCycle {
             (Move::Home, _) | (Move::Approach, Goal::Park) | (Move::Park, Goal::Print) => Step::Free,
         };
         Some(Done { problem: None, step })
-    }
-
-    fn is_off(&self, position_um: i32, to_um: i32) -> bool {
-        position_um.abs_diff(to_um) > self.plan.position_tolerance_um()
     }
 
     /// A move ended at the wrong position.

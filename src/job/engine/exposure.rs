@@ -147,18 +147,17 @@ impl Engine {
     /// The device has marked the commanded layer up to this vector, and goes on there.
     pub(super) fn on_partly_marked(&mut self, next_vector: u32, now_us: u64) {
         let layer = self.next.number;
-        let goes_on = self.next.from_vector < next_vector;
-        if !self.cycle.marked_to(layer, next_vector) {
-            let text =
-                format!("the device says that it marked layer {layer} up to vector {next_vector}, which cannot be");
-            return self.doubt(&text, now_us);
+        match self.cycle.marked_to(layer, next_vector) {
+            None => {
+                let text =
+                    format!("the device says that it marked layer {layer} up to vector {next_vector}, which cannot be");
+                return self.doubt(&text, now_us);
+            }
+            Some(0) => {}
+            Some(_) => self.next.commands = 0,
         }
-        if goes_on {
-            (self.next.from_vector, self.next.commands) = (next_vector, 0);
-        }
-        if self.next.deny() {
-            self.out.journal(Record::PartlyMarked { layer, next_vector });
-        }
+        self.next.known = Known::Dark;
+        self.out.journal(Record::PartlyMarked { layer, next_vector });
         self.uploads.release(layer);
         self.out.notice(format!("layer {layer} was marked up to vector {next_vector}; it goes on there"));
         self.advance(now_us);

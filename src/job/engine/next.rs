@@ -12,8 +12,6 @@ pub(super) struct NextLayer {
     pub(super) choice: ResumeChoice,
     /// How often it was commanded in this run.
     pub(super) commands: u32,
-    /// The first vector that is not marked.
-    pub(super) from_vector: u32,
 }
 
 /// What is known of the light of a layer.
@@ -50,7 +48,7 @@ impl NextLayer {
             Some(Unconfirmed { boot_id, .. }) => Known::Commanded { boot_id, sign: Sign::None },
             None => Known::Dark,
         };
-        Self { number: start.next_layer, known, choice: start.choice, commands: 0, from_vector: start.from_vector }
+        Self { number: start.next_layer, known, choice: start.choice, commands: 0 }
     }
 
     /// The command, if it is neither confirmed nor denied.
@@ -81,7 +79,7 @@ impl NextLayer {
     /// Goes on to the layer after it.
     pub(super) fn advance(&mut self) {
         self.number += 1;
-        (self.known, self.commands, self.from_vector) = (Known::Dark, 0, 0);
+        (self.known, self.commands) = (Known::Dark, 0);
     }
 
     /// Notes what the device said of the command. Does nothing if the layer is not commanded.

@@ -171,10 +171,11 @@ impl Engine {
                 self.deny();
                 self.advance(now_us);
             }
-            (Fate::Partly { next_vector, broken: None }, _) => self.on_partly_marked(next_vector, now_us),
-            (Fate::Partly { next_vector, broken: Some(why) }, _) => {
-                self.decide_broken(choice, next_vector, &why, now_us);
+            // Only the operator can tell whether a vector that is marked in part may be marked again.
+            (Fate::Partly { broken: Some(why), .. }, _) if choice != ResumeChoice::Repeat => {
+                self.decide(choice, &why, now_us);
             }
+            (Fate::Partly { next_vector, .. }, _) => self.on_partly_marked(next_vector, now_us),
             (Fate::Exposed, Some(refusal)) if refusal != Refusal::AlreadyExposed => {
                 let text =
                     format!("the device refused it ({refusal:?}), and says that it exposed it: check its firmware");
@@ -225,14 +226,6 @@ impl Engine {
                 self.advance(now_us);
             }
         }
-    }
-
-    /// Part of a vector is marked. Only the operator can tell whether it may be marked again.
-    fn decide_broken(&mut self, choice: ResumeChoice, next_vector: u32, why: &str, now_us: u64) {
-        if choice == ResumeChoice::Repeat && self.cycle.marked_to(self.next.number, next_vector) {
-            self.next.from_vector = next_vector;
-        }
-        self.decide(choice, why, now_us);
     }
 
     /// What the operator must know if the device's memory has gone back.

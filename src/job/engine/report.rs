@@ -24,7 +24,7 @@ impl Engine {
             light_ms: self.pace.light_ms,
             in_doubt: self.next.doubt().is_some().then_some(self.next.number),
             reason: self.reason(),
-            part_in_vat: self.is_part_unparked(),
+            part_unparked: self.is_part_unparked(),
         }
     }
 

@@ -173,7 +173,7 @@ pub(crate) const BUGS: &[Bug] = &[
     Bug {
         name: "the plate goes to the height of the layer before",
         file: "src/job/cycle/vat.rs",
-        was: "let to_um = self.plan.layer_position_um(layer);",
+        was: "let to_um = self.plan.positions().layer_um(layer);",
         becomes: "let to_um = self.plan.layer_position_um(layer.saturating_sub(1));",
     },
     Bug {

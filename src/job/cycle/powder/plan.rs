@@ -4,6 +4,7 @@
 use std::ops::Range;
 
 use crate::config::SlmRecipe;
+use crate::job::cycle::plate::LayerPositions;
 
 /// What a print in a bed of powder must know of recipe and machine.
 #[derive(Clone, Debug, PartialEq)]
@@ -15,20 +16,9 @@ pub struct PowderPlan {
 }
 
 impl PowderPlan {
-    /// Height of a part, micrometres.
-    pub(super) fn height_um(&self, layer_count: u32) -> f64 {
-        f64::from(layer_count) * self.recipe.layer_height_um
-    }
-
-    /// Depth of the plate while a layer is marked, micrometres below the working plane: one layer height for layer 0.
-    pub(super) fn layer_position_um(&self, layer: u32) -> i32 {
-        // `as` saturates: a depth that no plate can reach stays out of reach.
-        (f64::from(layer + 1) * self.recipe.layer_height_um).round() as i32
-    }
-
-    /// Tolerance of the plate position, micrometres: half a layer. Beyond that the part would be wrong beyond repair.
-    pub(super) fn position_tolerance_um(&self) -> u32 {
-        (self.recipe.layer_height_um / 2.0) as u32
+    /// Depths of the plate below the working plane.
+    pub(super) fn positions(&self) -> LayerPositions {
+        LayerPositions { layer_height_um: self.recipe.layer_height_um }
     }
 
     /// Wait between recoating and marking, microseconds.

@@ -1,6 +1,5 @@
 //! What the operator reads about a machine with a bed of powder. `tests/job_powder.rs` tests the remedies.
 
-use crate::job::cycle::Requested;
 use crate::link::message::Refusal;
 
 /// The machine was not brought to rest.
@@ -14,15 +13,8 @@ pub(super) const POSITION_LOST: &str = "the device no longer knows where its pla
      way. Nothing was moved. If the machine can restore its position without going up, do so and resume; otherwise \
      take the part out and start it again";
 
-/// Why a device refused, and what to do.
-pub(in crate::job::cycle) fn remedy(request: Requested, refusal: Refusal) -> &'static str {
-    match request {
-        Requested::Upload => remedy_of_upload(refusal),
-        Requested::Act => remedy_of_act(refusal),
-    }
-}
-
-fn remedy_of_upload(refusal: Refusal) -> &'static str {
+/// Why a device refused a layer, and what to do.
+pub(in crate::job::cycle) fn remedy_of_upload(refusal: Refusal) -> &'static str {
     match refusal {
         Refusal::NotReady => "it is not ready; look at the device, then resume",
         Refusal::NoSuchLayer => "it does not have the slots that it stated; check its firmware",
@@ -43,7 +35,8 @@ fn remedy_of_upload(refusal: Refusal) -> &'static str {
     }
 }
 
-fn remedy_of_act(refusal: Refusal) -> &'static str {
+/// Why a device refused an act, and what to do.
+pub(in crate::job::cycle) fn remedy_of_act(refusal: Refusal) -> &'static str {
     match refusal {
         Refusal::NotReady => "it is not ready; look at the device, then resume",
         Refusal::AlreadyExposed => "it marked that layer before",

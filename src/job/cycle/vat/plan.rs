@@ -4,6 +4,7 @@
 use std::ops::Range;
 
 use crate::config::DlpRecipe;
+use crate::job::cycle::plate::LayerPositions;
 
 /// What a print in a vat must know of recipe and machine.
 #[derive(Clone, Debug, PartialEq)]
@@ -16,26 +17,15 @@ pub struct VatPlan {
 }
 
 impl VatPlan {
-    /// Height of a part, micrometres.
-    pub(super) fn height_um(&self, layer_count: u32) -> f64 {
-        f64::from(layer_count) * self.recipe.layer_height_um
-    }
-
-    /// Height of the plate while a layer is exposed, micrometres above the bottom of the vat: one layer height for layer 0.
-    pub(super) fn layer_position_um(&self, layer: u32) -> i32 {
-        // `as` saturates: a height that no plate can reach stays out of reach.
-        (f64::from(layer + 1) * self.recipe.layer_height_um).round() as i32
-    }
-
-    /// Tolerance of the plate position, micrometres: half a layer. Beyond that the part would be wrong beyond repair.
-    pub(super) fn position_tolerance_um(&self) -> u32 {
-        (self.recipe.layer_height_um / 2.0) as u32
+    /// Heights of the plate above the bottom of the vat.
+    pub(super) fn positions(&self) -> LayerPositions {
+        LayerPositions { layer_height_um: self.recipe.layer_height_um }
     }
 
     /// Height after the lift that frees a layer, not limited to the device's travel, micrometres.
     pub(super) fn lifted_position_um(&self, layer: u32) -> i32 {
         let lift_um = i32::try_from(self.recipe.lift_height_um).unwrap_or(i32::MAX);
-        self.layer_position_um(layer).saturating_add(lift_um)
+        self.positions().layer_um(layer).saturating_add(lift_um)
     }
 
     /// Height at which the plate rests when the job pauses or ends before `next_layer`, micrometres: clear of the resin and no

@@ -1,6 +1,5 @@
 //! What the operator reads about a machine with a vat. `tests/device_driver.rs` tests the remedies.
 
-use crate::job::cycle::Requested;
 use crate::link::message::Refusal;
 
 /// The part may still be in the resin.
@@ -14,15 +13,8 @@ pub(super) const POSITION_LOST: &str = "the device no longer knows where its pla
      bottom. Nothing was moved. If the machine can restore its position without going down, do so and resume; otherwise \
      take the part off and start it again";
 
-/// Why a device refused, and what to do.
-pub(in crate::job::cycle) fn remedy(request: Requested, refusal: Refusal) -> &'static str {
-    match request {
-        Requested::Upload => remedy_of_upload(refusal),
-        Requested::Act => remedy_of_act(refusal),
-    }
-}
-
-fn remedy_of_upload(refusal: Refusal) -> &'static str {
+/// Why a device refused a layer, and what to do.
+pub(in crate::job::cycle) fn remedy_of_upload(refusal: Refusal) -> &'static str {
     match refusal {
         Refusal::NotReady => "it is not ready; look at the device, then resume",
         Refusal::NoSuchLayer => "it does not have the slots that it stated; check its firmware",
@@ -48,7 +40,8 @@ fn remedy_of_upload(refusal: Refusal) -> &'static str {
     }
 }
 
-fn remedy_of_act(refusal: Refusal) -> &'static str {
+/// Why a device refused an act, and what to do.
+pub(in crate::job::cycle) fn remedy_of_act(refusal: Refusal) -> &'static str {
     match refusal {
         Refusal::NotReady => "it is not ready; look at the device, then resume",
         Refusal::AlreadyExposed => "it exposed that layer before",
