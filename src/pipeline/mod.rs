@@ -36,15 +36,15 @@ mod layers;
 mod memory;
 mod part;
 mod placed;
-mod scan_settings;
+mod scan;
 mod scanned;
 
 pub use error::PartError;
 pub use layers::Layers;
 pub use memory::PrintMemory;
 pub use part::{EncodedLayer, EncodedLayers, Part, ScanReport};
-pub use placed::{Placed, Resolution, Scan};
-pub use scan_settings::{laser_parameters, scan_settings};
+pub use placed::{Placed, Resolution};
+pub use scan::Scan;
 pub use scanned::{ScannedLayer, ScannedLayers};
 
 use std::path::Path;

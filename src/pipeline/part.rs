@@ -3,8 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use super::placed::Scan;
-use super::{PartError, PrintMemory, ScannedLayers};
+use super::{PartError, PrintMemory, Scan, ScannedLayers};
 use crate::buildfile::BuildFile;
 use crate::config::Recipe;
 use crate::device::ScanTimes;

@@ -3,10 +3,10 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::{Part, PartError, PrintMemory, ScannedLayers, laser_parameters, scan_settings};
+use super::{Part, PartError, PrintMemory, Scan, ScannedLayers};
 use crate::buildfile::{BuildFile, Header};
 use crate::config::{Machine, Recipe};
-use crate::layer::{Depth, LaserParameters, MarkClass, Raster};
+use crate::layer::{Depth, Raster};
 use crate::slice::scan::{Contours, ScanSettings};
 use crate::slice::{BodySource, SlicePlan, Slicer};
 use crate::stream::MemoryBudget;
@@ -28,29 +28,6 @@ pub struct Resolution {
     pub scan: Option<Scan>,
 }
 
-/// How the layers of a part become scan vectors on a machine.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Scan {
-    /// Where the laser marks.
-    pub settings: ScanSettings,
-    /// The laser's parameters of each class, in the order of the classes' numbers.
-    pub lasers: [LaserParameters; MarkClass::ALL.len()],
-    /// Size of the field, micrometres.
-    pub field_um: [u32; 2],
-}
-
-impl Scan {
-    /// That of a recipe on a machine; `None` if they are not both for a laser.
-    pub fn of(machine: &Machine, recipe: &Recipe) -> Option<Self> {
-        let (Machine::Slm(machine), Recipe::Slm(recipe)) = (machine, recipe) else { return None };
-        Some(Self {
-            settings: scan_settings(machine, recipe),
-            lasers: laser_parameters(recipe),
-            field_um: machine.field_um.map(|um| um.round() as u32),
-        })
-    }
-}
-
 impl Resolution {
     /// That of a recipe on a machine.
     pub fn of(machine: &Machine, recipe: &Recipe) -> Self {
@@ -59,7 +36,11 @@ impl Resolution {
             Recipe::Slm(_) => Depth::Bit,
         };
         let (raster, layer_height_um) = (machine.raster(), recipe.layer_height_um());
-        Self { raster, depth, layer_height_um, scan: Scan::of(machine, recipe) }
+        let scan = match (machine, recipe) {
+            (Machine::Slm(machine), Recipe::Slm(recipe)) => Some(Scan::of(machine, recipe)),
+            _ => None,
+        };
+        Self { raster, depth, layer_height_um, scan }
     }
 }
 

@@ -1,11 +1,34 @@
-//! How a recipe's scan vectors are made and marked on a machine: its defaults follow from the beam. `layerctl slice` uses it.
+//! How the layers of a part become scan vectors on a machine: the defaults of a recipe follow from the beam. `placed.rs` and `layerctl
+//! slice` use it.
 
 use crate::config::{SlmMachine, SlmRecipe, Strategy};
 use crate::layer::{LaserParameters, MarkClass};
 use crate::slice::scan::{HatchSettings, HatchStrategy, ScanSettings};
 
+/// Where a laser marks, and how.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scan {
+    /// Where the laser marks.
+    pub settings: ScanSettings,
+    /// The laser's parameters of each class, in the order of the classes' numbers.
+    pub lasers: [LaserParameters; MarkClass::ALL.len()],
+    /// Size of the field, micrometres.
+    pub field_um: [u32; 2],
+}
+
+impl Scan {
+    /// That of a recipe on a machine.
+    pub fn of(machine: &SlmMachine, recipe: &SlmRecipe) -> Self {
+        Self {
+            settings: scan_settings(machine, recipe),
+            lasers: laser_parameters(recipe),
+            field_um: machine.field_um.map(|um| um.round() as u32),
+        }
+    }
+}
+
 /// The settings of a recipe on a machine.
-pub fn scan_settings(machine: &SlmMachine, recipe: &SlmRecipe) -> ScanSettings {
+fn scan_settings(machine: &SlmMachine, recipe: &SlmRecipe) -> ScanSettings {
     let beam_um = machine.beam_diameter_um;
     let strategy = match recipe.hatch_strategy {
         Strategy::Zigzag => HatchStrategy::Zigzag,
@@ -41,7 +64,7 @@ pub fn scan_settings(machine: &SlmMachine, recipe: &SlmRecipe) -> ScanSettings {
 }
 
 /// The laser's parameters of each class, in the order of the classes' numbers.
-pub fn laser_parameters(recipe: &SlmRecipe) -> [LaserParameters; MarkClass::ALL.len()] {
+fn laser_parameters(recipe: &SlmRecipe) -> [LaserParameters; MarkClass::ALL.len()] {
     // The recipe's limits keep all values far within 32 bits.
     let thousandths = |value: f64| (value * 1000.0).round() as u32;
     MarkClass::ALL.map(|class| {

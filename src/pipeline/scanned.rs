@@ -1,4 +1,4 @@
-//! The layers of a part as scan vectors, one after the other. `layerctl slice` takes them from here.
+//! The layers of a part as scan vectors, one after the other. `part.rs` encodes them, and `layerctl slice` writes them.
 
 use super::PartError;
 use crate::layer::Vectors;

@@ -10,7 +10,7 @@ use crate::cli;
 use crate::config::{SlmMachine, SlmRecipe};
 use crate::layer::Vectors;
 use crate::layer::export::{CliWriter, OvfWriter, write_svg};
-use crate::pipeline::{laser_parameters, scan_settings};
+use crate::pipeline::Scan;
 use crate::slice::SlicePlan;
 use crate::slice::scan::ScanCounts;
 use crate::text::count_text;
@@ -25,8 +25,9 @@ pub(super) fn write(
 ) -> anyhow::Result<()> {
     let Selection { part, range, threads } = selection;
     let plan = part.plan().clone();
-    let mut writer = Writer::create(format, output, &range, machine, recipe)?;
-    let mut scanned = part.scanned(&scan_settings(machine, recipe), threads, range.start)?;
+    let scan = Scan::of(machine, recipe);
+    let mut writer = Writer::create(format, output, &range, machine, &scan)?;
+    let mut scanned = part.scanned(&scan.settings, threads, range.start)?;
     let layer_count = u64::from(range.end - range.start);
     let bar = cli::progress_bar("{bar:40} {pos}/{len} layers, {eta} left");
     bar.set_length(layer_count);
@@ -56,7 +57,7 @@ impl Writer {
         output: &Path,
         range: &Range<u32>,
         machine: &SlmMachine,
-        recipe: &SlmRecipe,
+        scan: &Scan,
     ) -> anyhow::Result<Self> {
         let is_one_file = matches!(format, Format::Cli | Format::Ovf);
         ensure!(
@@ -78,7 +79,7 @@ impl Writer {
                 Self::Cli(writer.with_context(|| cannot_write(output))?)
             }
             Format::Ovf => {
-                let writer = OvfWriter::create(output, &name, &laser_parameters(recipe));
+                let writer = OvfWriter::create(output, &name, &scan.lasers);
                 Self::Ovf(Box::new(writer.with_context(|| cannot_write(output))?))
             }
             Format::Png | Format::Sl1 => bail!(
