@@ -24,12 +24,6 @@ const QUICK: Laser = Laser { mark_speed_mm_s: 200, buffer_bytes: 65_536 };
 /// Marks a layer in about a second of the host's clock.
 const SLOW: Laser = Laser { mark_speed_mm_s: 4, buffer_bytes: 65_536 };
 
-fn printed(bench: &Bench, id: u64) -> u64 {
-    let job = bench.wait_for(id, &["completed", "failed", "interrupted"]);
-    assert_eq!(job["state"], "completed", "{job}");
-    job["layers_total"].as_u64().expect("layers_total")
-}
-
 /// Checks in the device's own log that each layer was marked from its first vector to its last, each vector once, in the order of the
 /// layers, with powder spread and the plate at its depth. Returns how often a layer went on after it was cut short.
 fn assert_marked_once(bench: &Bench, layers: u64) -> u64 {
@@ -96,7 +90,7 @@ fn a_print_marks_every_layer_once_and_melts_what_was_sliced() {
     let bench = Bench::start(setup(QUICK));
     bench.ok(&SMALL);
     let id = bench.start_job("part.layerd");
-    let layers = printed(&bench, id);
+    let layers = bench.printed(id);
     assert!(layers >= 20, "{layers}");
     assert_eq!(assert_marked_once(&bench, layers), 0);
     let (covered, beside) = coverage(&bench, layers);
@@ -130,7 +124,7 @@ fn a_layer_larger_than_the_buffer_streams_while_it_is_marked() {
     let bench = Bench::start(setup(Laser { buffer_bytes: 1024, ..QUICK }));
     bench.ok(&SMALL);
     let id = bench.start_job("part.layerd");
-    let layers = printed(&bench, id);
+    let layers = bench.printed(id);
     assert_marked_once(&bench, layers);
 }
 
@@ -141,7 +135,7 @@ fn lost_lines_and_bad_frames_leave_no_vector_out_and_mark_none_twice() {
     let bench = Bench::start(Setup { simulate, ..setup(SLOW) });
     bench.ok(&SMALL);
     let id = bench.start_job("part.layerd");
-    let layers = printed(&bench, id);
+    let layers = bench.printed(id);
     let went_on = assert_marked_once(&bench, layers);
     assert!(went_on > 0, "no layer was cut short: the test shows nothing");
 }
@@ -151,24 +145,9 @@ fn kill_at_any_moment_then_resume_marks_each_vector_exactly_once() {
     let mut bench = Bench::start(setup(SLOW));
     bench.ok(&SMALL);
     let id = bench.start_job("part.layerd");
-    // Before its first light, a job goes on by itself.
-    wait_until("light", || bench.job(id)["layers_done"].as_u64() >= Some(1));
-    let mut completed = false;
-    for kill in 0..20u64 {
-        // Moments spread over the phases of a layer by a multiplicative sequence.
-        std::thread::sleep(Duration::from_millis(150 + kill * 7919 % 900));
-        bench.kill_daemon();
-        bench.start_daemon();
-        let job = bench.job(id);
-        if job["state"] == "completed" {
-            completed = true;
-            break;
-        }
-        assert_eq!(job["state"], "interrupted", "after kill {kill}: {job}");
-        bench.ok(&["resume", &id.to_string()]);
-    }
-    assert!(!completed, "the print ended before all kills were done");
-    let layers = printed(&bench, id);
+    // Moments spread over the phases of a layer by a multiplicative sequence.
+    bench.kill_and_resume(id, |kill| Duration::from_millis(150 + kill * 7919 % 900));
+    let layers = bench.printed(id);
     let went_on = assert_marked_once(&bench, layers);
     assert!(went_on > 0, "no layer was cut short: the test shows nothing");
 }

@@ -15,10 +15,8 @@ fn a_print_exposes_every_layer_once_in_order_as_sliced() {
     let bench = Bench::start(Setup::default());
     bench.ok(&SMALL);
     let id = bench.start_job("part.layerd");
-    let job = bench.wait_for(id, &["completed", "failed", "interrupted"]);
-    assert_eq!(job["state"], "completed", "{job}");
-    let layers = job["layers_total"].as_u64().expect("layers_total");
-    assert!(layers >= 25, "{job}");
+    let layers = bench.printed(id);
+    assert!(layers >= 25, "{layers}");
     assert_eq!(bench.exposed_layers(), (0..layers).collect::<Vec<_>>());
     bench.assert_pictures_match("part.layerd", layers);
     let acts = bench.acts();
@@ -42,26 +40,9 @@ fn kill_at_any_moment_then_resume_exposes_each_layer_exactly_once() {
     let mut bench = Bench::start(Setup { time_scale: 4, ..Setup::default() });
     bench.ok(&SMALL);
     let id = bench.start_job("part.layerd");
-    // Before its first light, a job goes on by itself.
-    wait_until("light", || bench.job(id)["layers_done"].as_u64() >= Some(1));
-    let mut completed = false;
-    for kill in 0..20u64 {
-        // Moments spread over the phases of a layer by a multiplicative sequence.
-        std::thread::sleep(Duration::from_millis(20 + kill * 7919 % 170));
-        bench.kill_daemon();
-        bench.start_daemon();
-        let job = bench.job(id);
-        if job["state"] == "completed" {
-            completed = true;
-            break;
-        }
-        assert_eq!(job["state"], "interrupted", "after kill {kill}: {job}");
-        bench.ok(&["resume", &id.to_string()]);
-    }
-    assert!(!completed, "the print ended before all kills were done");
-    let job = bench.wait_for(id, &["completed", "failed", "interrupted"]);
-    assert_eq!(job["state"], "completed", "{job}");
-    let layers = job["layers_total"].as_u64().expect("layers_total");
+    // Moments spread over the phases of a layer by a multiplicative sequence.
+    bench.kill_and_resume(id, |kill| Duration::from_millis(20 + kill * 7919 % 170));
+    let layers = bench.printed(id);
     assert_eq!(bench.exposed_layers(), (0..layers).collect::<Vec<_>>());
     bench.assert_pictures_match("part.layerd", layers);
 }
@@ -74,9 +55,7 @@ fn lost_corrupted_and_repeated_frames_and_pulled_cables_do_not_show() {
     let bench = Bench::start(Setup { simulate, ..Setup::default() });
     bench.ok(&SMALL);
     let id = bench.start_job("part.layerd");
-    let job = bench.wait_for(id, &["completed", "failed", "interrupted"]);
-    assert_eq!(job["state"], "completed", "{job}");
-    let layers = job["layers_total"].as_u64().expect("layers_total");
+    let layers = bench.printed(id);
     assert_eq!(bench.exposed_layers(), (0..layers).collect::<Vec<_>>());
     bench.assert_pictures_match("part.layerd", layers);
 }
@@ -95,9 +74,7 @@ fn sigterm_ends_dark_and_resumable() {
     bench.start_daemon();
     assert_eq!(bench.job(id)["state"], "interrupted");
     bench.ok(&["resume", &id.to_string()]);
-    let job = bench.wait_for(id, &["completed", "failed", "interrupted"]);
-    assert_eq!(job["state"], "completed", "{job}");
-    let layers = job["layers_total"].as_u64().expect("layers_total");
+    let layers = bench.printed(id);
     assert_eq!(bench.exposed_layers(), (0..layers).collect::<Vec<_>>());
 }
 
@@ -233,9 +210,7 @@ fn a_real_lattice_prints_within_its_memory_budget() {
     let bench = Bench::start(setup);
     bench.ok(&["pack", lattice.to_str().expect("UTF-8"), "--rotate", "0,0,90", "-o", "spot.layerd"]);
     let id = bench.start_job("spot.layerd");
-    let job = bench.wait_for(id, &["completed", "failed", "interrupted"]);
-    assert_eq!(job["state"], "completed", "{job}");
-    let layers = job["layers_total"].as_u64().expect("layers_total");
+    let layers = bench.printed(id);
     assert_eq!(bench.exposed_layers(), (0..layers).collect::<Vec<_>>());
     let status = std::fs::read_to_string(format!("/proc/{}/status", bench.daemon_pid())).expect("/proc");
     let peak_kib: u64 = status
@@ -256,9 +231,7 @@ fn the_pyramid_prints_as_sliced() {
     bench.ok(&["pack", pyramid.to_str().expect("UTF-8"), "-o", "pyramid.layerd"]);
     bench.ok(&["check", "pyramid.layerd", "--machine", "machine.toml", "--recipe", "recipe.toml"]);
     let id = bench.start_job("pyramid.layerd");
-    let job = bench.wait_for(id, &["completed", "failed", "interrupted"]);
-    assert_eq!(job["state"], "completed", "{job}");
-    let layers = job["layers_total"].as_u64().expect("layers_total");
+    let layers = bench.printed(id);
     assert_eq!(bench.exposed_layers(), (0..layers).collect::<Vec<_>>());
     bench.assert_pictures_match("pyramid.layerd", layers);
 }

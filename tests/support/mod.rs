@@ -349,6 +349,28 @@ impl Bench {
         }
     }
 
+    /// Waits until a print is completed; its number of layers.
+    pub(crate) fn printed(&self, id: u64) -> u64 {
+        let job = self.wait_for(id, &["completed", "failed", "interrupted"]);
+        assert_eq!(job["state"], "completed", "{job}");
+        job["layers_total"].as_u64().expect("layers_total")
+    }
+
+    /// Kills the daemon twenty times, each time after a pause, and resumes the job, which must not end before that.
+    pub(crate) fn kill_and_resume(&mut self, id: u64, pause: impl Fn(u64) -> Duration) {
+        // Before its first light, a job goes on by itself.
+        wait_until("light", || self.job(id)["layers_done"].as_u64() >= Some(1));
+        for kill in 0..20 {
+            std::thread::sleep(pause(kill));
+            self.kill_daemon();
+            self.start_daemon();
+            let job = self.job(id);
+            assert_ne!(job["state"], "completed", "the print ended before all kills were done");
+            assert_eq!(job["state"], "interrupted", "after kill {kill}: {job}");
+            self.ok(&["resume", &id.to_string()]);
+        }
+    }
+
     /// What the device did, in its order.
     pub(crate) fn acts(&self) -> Vec<Value> {
         let text = fs::read_to_string(self.path("device-out/acts.jsonl")).expect("acts.jsonl");
