@@ -300,7 +300,7 @@ pub struct LaserInfo {
 pub struct DeviceStateView {
     /// Whether its light is on.
     pub light_on: bool,
-    /// Plate height above the bottom of the vat, micrometres; absent before homing.
+    /// Where the plate is, micrometres above the bottom of a vat or below the working plane of a bed of powder; absent before homing.
     pub position_um: Option<i32>,
     /// Whether the plate moves.
     pub moving: bool,

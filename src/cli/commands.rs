@@ -25,7 +25,7 @@ const ABSENCE_INTERVAL: Duration = Duration::from_millis(100);
 pub(super) fn pause_help() -> String {
     format!(
         "Examples:\n  layerctl pause            the job that holds the machine\n  layerctl pause 7          job 7\n\nThe layer \
-         under way ends first; then the plate lifts clear of the resin, and the job waits for `layerctl \
+         under way ends first; then a plate in resin lifts clear of it, and the job waits for `layerctl \
          resume`. {ACCEPTED}"
     )
 }
@@ -34,7 +34,7 @@ pub(super) fn pause_help() -> String {
 pub(super) fn stop_help() -> String {
     format!(
         "Examples:\n  layerctl stop             the job that holds the machine\n  layerctl stop 7           job 7; one that is \
-         queued leaves the queue\n\nThe layer under way ends first; then the plate lifts clear of the resin. A job that was stopped \
+         queued leaves the queue\n\nThe layer under way ends first; then a plate in resin lifts clear of it. A job that was stopped \
          cannot go on. {ACCEPTED}"
     )
 }
@@ -45,7 +45,7 @@ Examples:
   layerctl abort            the job that holds the machine; without one the light goes off anyway
   layerctl abort 7          job 7, whichever holds the machine; one that is queued leaves the queue
 
-The light goes off first, in the middle of a layer; then the plate lifts clear of the resin. Other jobs stay in the queue. A job that \
+The light goes off first, in the middle of a layer; then a plate in resin lifts clear of it. Other jobs stay in the queue. A job that \
 was aborted cannot go on. The command returns when the order is accepted, and says which job it was: `layerctl status` shows the end. \
 It waits up to 60 s for a daemon that does not answer, and says so after 2 s. Do not wait for it then: switch the printer off at the \
 mains.";
@@ -215,7 +215,7 @@ pub(super) fn answer(order: &str, job: &JobView, absence: Option<&str>) -> Strin
     }
     match (order, state) {
         ("pause", JobState::Pausing) => {
-            format!("job {id} pauses after the layer under way; then the plate lifts clear of the resin")
+            format!("job {id} pauses after the layer under way; then a plate in resin lifts clear of it")
         }
         ("pause", JobState::Checking) => format!("job {id} is being checked; then it pauses before its first layer"),
         ("resume", JobState::Queued) if job.started_ms.is_none() => {
@@ -223,10 +223,10 @@ pub(super) fn answer(order: &str, job: &JobView, absence: Option<&str>) -> Strin
         }
         ("resume", JobState::Queued | JobState::Checking | JobState::Printing) => format!("job {id} goes on"),
         ("stop", JobState::Stopping) => {
-            format!("{named} stops after the layer under way; then the plate lifts clear of the resin")
+            format!("{named} stops after the layer under way; then a plate in resin lifts clear of it")
         }
         ("abort", JobState::Aborting) => {
-            format!("{named} is being aborted: the light goes off first, then the plate lifts clear of the resin")
+            format!("{named} is being aborted: the light goes off first, then a plate in resin lifts clear of it")
         }
         ("stop" | "abort", _) => format!("{named} is {state}"),
         _ => format!("job {id} is {state}"),

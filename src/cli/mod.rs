@@ -107,15 +107,15 @@ enum Command {
     Log(log::LogArgs),
     /// Show what the device is, and where light and plate are.
     Device(device::DeviceArgs),
-    /// Pause the job after the layer under way; the plate lifts clear of the resin.
+    /// Pause the job after the layer under way; a plate in resin lifts clear of it.
     #[command(after_help = commands::pause_help())]
     Pause(commands::JobArgs),
     /// Let a paused or interrupted job go on, or confirm that the plate is empty so that a job begins.
     Resume(commands::ResumeArgs),
-    /// End the job after the layer under way; the plate lifts clear of the resin.
+    /// End the job after the layer under way; a plate in resin lifts clear of it.
     #[command(after_help = commands::stop_help())]
     Stop(commands::JobArgs),
-    /// End the job at once: the light goes off, then the plate lifts clear of the resin.
+    /// End the job at once: the light goes off, then a plate in resin lifts clear of it.
     #[command(after_help = commands::ABORT_HELP)]
     Abort(commands::JobArgs),
     /// Lift the plate clear of the resin while no job runs.

@@ -7,6 +7,7 @@ use anyhow::{Context, bail};
 use image::GrayImage;
 
 use super::run_self;
+use crate::cli;
 use crate::config::{Machine, Recipe};
 use crate::layer::Bitmap;
 use crate::pipeline::{Placed, Resolution, default_threads};
@@ -36,7 +37,7 @@ pub(super) fn pictures(directory: &Path, part: &Path, layers: u32) -> anyhow::Re
             bail!("{name}: what was exposed is not what `layerctl slice` says; both are in {place}");
         }
     }
-    super::super::print(&format!("all {layers} exposed pictures match those of `layerctl slice`, pixel by pixel"))
+    cli::print(&format!("all {layers} exposed pictures match those of `layerctl slice`, pixel by pixel"))
 }
 
 /// Compares the area melted in every layer with the area of the layer.
@@ -56,7 +57,7 @@ pub(super) fn melted(directory: &Path, part: &Path, layers: u32) -> anyhow::Resu
     if unmelted > MOST_UNMELTED || beside > MOST_BESIDE {
         bail!("what was melted is not the part: {shares}; the pictures are in {}", directory.display());
     }
-    super::super::print(&format!("all {layers} layers were melted as sliced: {shares}"))
+    cli::print(&format!("all {layers} layers were melted as sliced: {shares}"))
 }
 
 /// Numbers of pixels.
