@@ -197,8 +197,8 @@ impl DeviceCore {
         }
     }
 
-    /// A host begins a session. A running act goes on, but its reply is not sent; a laser stops at the end of its vector. An abort is
-    /// cleared.
+    /// A host begins a session. A running act goes on, but its reply is not sent; a laser stops at the end of its vector. An abort or a
+    /// hold is cleared.
     pub fn hello(&mut self, now_us: u64) -> DeviceState {
         self.advance(now_us);
         self.end_session("hello");

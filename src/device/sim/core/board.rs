@@ -4,9 +4,9 @@
 use std::collections::VecDeque;
 
 use super::plate::Plate;
-use super::{CoreAction, Statistics};
+use super::{CoreAction, LayerBegin, Statistics};
 use crate::device::sim::log::ActRecord;
-use crate::link::message::{Capabilities, DeviceMessage, ExposureId, Fault, Refusal, Reply, Report};
+use crate::link::message::{Capabilities, DeviceMessage, Encoding, ExposureId, Fault, Refusal, Reply, Report};
 
 /// Whether the device begins acts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -58,6 +58,30 @@ impl Board {
     pub(super) fn check_ready(&self) -> Result<(), Refusal> {
         let ready = self.readiness != Readiness::WaitsForHello && self.fault.is_none();
         if ready { Ok(()) } else { Err(Refusal::NotReady) }
+    }
+
+    /// Whether an announced layer may be sent; returns its encoding. `busy_slot` is the slot that is being exposed, and `decodable`
+    /// gives an encoding as this kind of machine decodes it.
+    pub(super) fn check_layer<E>(
+        &self,
+        begin: &LayerBegin,
+        busy_slot: Option<usize>,
+        decodable: impl FnOnce(Encoding) -> Option<E>,
+    ) -> Result<E, Refusal> {
+        self.check_ready()?;
+        if begin.slot >= self.capabilities.layer_slots {
+            return Err(Refusal::NoSuchLayer);
+        }
+        if busy_slot == Some(begin.slot.into()) {
+            return Err(Refusal::SlotBusy);
+        }
+        // The capabilities may state encodings of another kind of machine. They are not decoded.
+        let offered = self.capabilities.encodings.contains(&begin.encoding);
+        let encoding = decodable(begin.encoding).filter(|_| offered).ok_or(Refusal::BadEncoding)?;
+        if begin.encoded_bytes == 0 {
+            return Err(Refusal::BadLayer);
+        }
+        Ok(encoding)
     }
 
     /// Whether this exposure, or a later one of its job, has run its whole time.

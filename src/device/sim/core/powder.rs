@@ -1,8 +1,9 @@
 //! What only a powder machine does: it spreads powder, and marks layers of scan vectors with its laser. Part of
 //! [`DeviceCore`](super::DeviceCore).
 //!
-//! All layers share one `buffer`, which `upload` fills. `marking` follows scanner and laser through a layer, with the times of `scan`; `melt` draws what
-//! was melted. The laser stops at once at an abort, a light-off, a fault and a reset; otherwise at the end of the vector it is on.
+//! All layers share one `buffer`, which `upload` fills. `marking` follows scanner and laser through a layer, with the times of `scan`;
+//! `melt` draws what was melted. At an abort, a light-off, a fault and a reset the laser stops at once, otherwise at the end of the
+//! vector it is on.
 
 mod buffer;
 mod marking;
@@ -25,10 +26,10 @@ use melt::Melt;
 /// How long the recoater takes, microseconds.
 const RECOAT_US: u64 = 4_000_000;
 
-/// The device's number for a layer that turns out to be bad while it is marked.
+/// Fault code of a layer that is found to be bad while it is marked.
 const FAULT_BAD_LAYER: u16 = 2;
 
-/// How long that fault lasts, microseconds. A host may ignore reports that come more often than once a second.
+/// How long that fault lasts, microseconds: more than a second, because a host may ignore reports that come more often.
 const FAULT_US: u64 = 2_000_000;
 
 /// Recoater, laser and layers.
@@ -39,7 +40,7 @@ pub(super) struct Powder {
     recoating: Option<Recoating>,
     marking: Option<Marking>,
     recoated: bool,
-    /// Of the layer that was cut short last. Kept across resets.
+    /// The first vector not marked whole, of the layer that was cut short last. Kept across resets, like `broken`.
     next_vector: u32,
     /// The laser went off within that vector.
     broken: bool,
@@ -178,8 +179,7 @@ impl Powder {
         if board.was_exposed(id) {
             return Err(Refusal::AlreadyExposed);
         }
-        let slot = self.buffer.slot_of(id).ok_or(Refusal::NoSuchLayer)?;
-        let layer = self.buffer.layer(slot).ok_or(Refusal::NoSuchLayer)?;
+        let (slot, layer) = self.buffer.ready_layer(id).ok_or(Refusal::NoSuchLayer)?;
         let is_continued = board.cut_short.is_some_and(|(cut, _)| cut == id);
         let first = if is_continued { self.next_vector } else { 0 };
         if from_vector != first || layer.vectors.is_some_and(|vectors| from_vector > vectors) {

@@ -9,7 +9,8 @@ use super::scan::usable;
 use crate::device::sim::core::LayerBegin;
 use crate::link::message::{ExposureId, PowderCapabilities};
 
-/// Least growth of the count that is reported while the buffer still holds the layer, bytes: reports are longer than a few bytes of room.
+/// Least growth of the count that is reported while the buffer still holds the layer, bytes: a report of less room would cost more of
+/// the line than the room is worth. It is at most a quarter of a buffer, which has at least 1024 bytes.
 const MIN_REPORT_BYTES: u32 = 256;
 
 /// The layers in the slots, complete or not.
@@ -50,17 +51,15 @@ pub(super) struct StoredLayer {
     check: Option<VectorDecoder>,
 }
 
-/// What came of bytes of layer data.
-#[derive(Debug, PartialEq, Eq)]
+/// What bytes of layer data made of their layer.
+#[derive(Debug)]
 pub(super) enum Arrival {
-    /// They belong to no layer.
-    Stray,
-    /// The layer in this slot has more bytes.
-    More(usize),
-    /// The layer in this slot may be marked now.
-    Ready(usize),
-    /// The layer in this slot is bad. It must be dropped.
-    Bad(usize, String),
+    /// It has more bytes.
+    More,
+    /// It may be marked now: its request, of this number, is to be answered.
+    Ready(u32),
+    /// It is bad, and why. It must be dropped.
+    Bad(String),
 }
 
 impl Buffer {
@@ -69,19 +68,15 @@ impl Buffer {
         Self { capabilities, slots, receiving: None, received: 0, taken: 0, reported: 0, owes_report: false }
     }
 
-    /// Number of slots.
-    pub(super) fn slot_count(&self) -> usize {
-        self.slots.len()
-    }
-
     /// The layers that may be marked.
     pub(super) fn slot_ids(&self) -> Vec<Option<ExposureId>> {
         self.slots.iter().map(|slot| slot.as_ref().filter(|layer| layer.is_ready).map(|layer| layer.id)).collect()
     }
 
-    /// The slot of a layer that may be marked.
-    pub(super) fn slot_of(&self, id: ExposureId) -> Option<usize> {
-        self.slot_ids().iter().position(|held| *held == Some(id))
+    /// A layer that may be marked, and its slot.
+    pub(super) fn ready_layer(&self, id: ExposureId) -> Option<(usize, &StoredLayer)> {
+        let is_meant = |layer: &&StoredLayer| layer.is_ready && layer.id == id;
+        self.slots.iter().enumerate().find_map(|(slot, layer)| Some((slot, layer.as_ref().filter(is_meant)?)))
     }
 
     /// The layer in a slot.
@@ -118,8 +113,8 @@ impl Buffer {
         self.owes_report = true;
     }
 
-    /// Takes bytes from the line.
-    pub(super) fn push(&mut self, bytes: &[u8]) -> Arrival {
+    /// Takes bytes from the line. Returns what they made of the layer in a slot; `None` if they belong to no layer.
+    pub(super) fn push(&mut self, bytes: &[u8]) -> Option<(usize, Arrival)> {
         // No frame has so many bytes.
         let count = u32::try_from(bytes.len()).unwrap_or(u32::MAX);
         self.received = self.received.wrapping_add(count);
@@ -128,24 +123,24 @@ impl Buffer {
         let layer = self.receiving.and_then(|slot| Some((slot, self.slots.get_mut(slot)?.as_mut()?)));
         let Some((slot, layer)) = layer else {
             self.taken = self.taken.wrapping_add(count);
-            return Arrival::Stray;
+            return None;
         };
-        let missing_bytes = layer.missing_bytes.checked_sub(count).filter(|_| has_room);
-        let Some(missing_bytes) = missing_bytes else {
+        let Some(missing_bytes) = layer.missing_bytes.checked_sub(count).filter(|_| has_room) else {
             self.taken = self.taken.wrapping_add(count);
             let why = if has_room { "more bytes than announced" } else { "more bytes than there was room for" };
-            return Arrival::Bad(slot, why.into());
+            return Some((slot, Arrival::Bad(why.into())));
         };
         layer.missing_bytes = missing_bytes;
         layer.bytes.extend(bytes);
         if missing_bytes == 0 {
             self.receiving = None;
         }
-        match layer.check(bytes, &self.capabilities) {
-            Err(why) => Arrival::Bad(slot, why),
-            Ok(true) => Arrival::Ready(slot),
-            Ok(false) => Arrival::More(slot),
-        }
+        let arrival = match layer.check(bytes, &self.capabilities) {
+            Err(why) => Arrival::Bad(why),
+            Ok(true) => Arrival::Ready(layer.number),
+            Ok(false) => Arrival::More,
+        };
+        Some((slot, arrival))
     }
 
     /// Gives bytes of a layer to the decoder that marks it. `None`: it needs bytes that have not come, or the layer is over.
@@ -158,7 +153,7 @@ impl Buffer {
             let used = given - rest.len();
             layer.bytes.drain(..used);
             self.taken = self.taken.wrapping_add(used as u32);
-            // It has taken this piece; the bytes may go on at the begin of the ring.
+            // The decoder has taken this piece. The bytes may go on at the begin of the ring.
             if !matches!(found, Ok(None)) || used == 0 {
                 return found;
             }
@@ -197,8 +192,7 @@ impl Buffer {
     /// The count of bytes that left the buffer, if it is to be reported now.
     pub(super) fn report(&mut self) -> Option<u32> {
         let owes_report = std::mem::take(&mut self.owes_report);
-        let size_bytes = self.capabilities.buffer_bytes;
-        let step_bytes = (size_bytes / 8).max(MIN_REPORT_BYTES).min(size_bytes / 4).max(1);
+        let step_bytes = (self.capabilities.buffer_bytes / 8).max(MIN_REPORT_BYTES);
         let grown = self.taken.wrapping_sub(self.reported);
         if grown < step_bytes && (grown == 0 || !owes_report) {
             return None;

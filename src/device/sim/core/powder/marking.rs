@@ -21,7 +21,7 @@ pub(super) struct Marking {
     /// The first vector that is not marked whole.
     pub(super) next_vector: u32,
     pub(super) most_ms: u32,
-    /// The laser went off within that vector.
+    /// The laser went off within `next_vector`.
     pub(super) broken: bool,
     /// Why the laser stops at the end of its vector.
     pub(super) stopping: Option<&'static str>,
@@ -73,7 +73,7 @@ pub(super) enum End {
     Whole(u32),
     /// It ended early, and why.
     Cut(&'static str),
-    /// The layer, found to be bad while it came, and why.
+    /// The layer was found to be bad while it came, and why.
     Bad(String),
     /// The layer has fewer vectors than the one to begin with.
     NoSuchVector,
@@ -145,7 +145,7 @@ impl Marking {
     }
 
     /// Decodes the vector behind the present one, if its bytes are there; vectors before the first are passed over.
-    pub(super) fn look_ahead(&mut self, buffer: &mut Buffer) {
+    fn look_ahead(&mut self, buffer: &mut Buffer) {
         while let (Ahead::Unknown, Some(decoder)) = (&self.ahead, &mut self.decoder) {
             self.ahead = match buffer.decode(self.slot, decoder) {
                 Err(error) => Ahead::Bad(error.to_string()),

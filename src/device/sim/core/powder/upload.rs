@@ -4,7 +4,7 @@ use super::Powder;
 use super::buffer::Arrival;
 use crate::device::sim::core::LayerBegin;
 use crate::device::sim::core::board::Board;
-use crate::link::message::{DeviceMessage, Refusal, Reply, Report};
+use crate::link::message::{DeviceMessage, Encoding, Refusal, Reply, Report};
 
 impl Powder {
     /// A layer is announced.
@@ -16,44 +16,28 @@ impl Powder {
     ) -> Result<(), Refusal> {
         // The host began another layer, so the unfinished one will never be complete.
         if let Some(slot) = self.buffer.receiving() {
-            self.refuse_layer(board, slot, "not finished", Refusal::BadLayer);
+            self.refuse_layer(board, slot, "not finished");
         }
-        board.check_ready()?;
-        let slot = usize::from(begin.slot);
-        if slot >= self.buffer.slot_count() {
-            return Err(Refusal::NoSuchLayer);
-        }
-        if self.marking.as_ref().is_some_and(|marking| marking.slot == slot) {
-            return Err(Refusal::SlotBusy);
-        }
-        let offered = board.capabilities.encodings.contains(&begin.encoding);
-        let encoding = begin.encoding.vectors().filter(|_| offered).ok_or(Refusal::BadEncoding)?;
-        if begin.encoded_bytes == 0 {
-            return Err(Refusal::BadLayer);
-        }
+        let busy_slot = self.marking.as_ref().map(|marking| marking.slot);
+        let encoding = board.check_layer(&begin, busy_slot, Encoding::vectors)?;
         self.buffer.begin(number, &begin, encoding);
         Ok(())
     }
 
     /// Bytes of the layer that was begun last.
     pub(in crate::device::sim::core) fn layer_data(&mut self, board: &mut Board, bytes: &[u8]) {
-        match self.buffer.push(bytes) {
-            Arrival::Stray => board.statistics.stray_bytes += bytes.len() as u64,
-            Arrival::Bad(slot, why) => {
-                board.statistics.layer_bytes += bytes.len() as u64;
-                self.refuse_layer(board, slot, &why, Refusal::BadLayer);
-            }
-            Arrival::Ready(slot) => {
-                board.statistics.layer_bytes += bytes.len() as u64;
+        let Some((slot, arrival)) = self.buffer.push(bytes) else {
+            board.statistics.stray_bytes += bytes.len() as u64;
+            return;
+        };
+        board.statistics.layer_bytes += bytes.len() as u64;
+        match arrival {
+            Arrival::More => self.go_on(board, slot),
+            Arrival::Ready(number) => {
                 board.statistics.uploads += 1;
-                if let Some(layer) = self.buffer.layer(slot) {
-                    board.reply(Some(layer.number), Reply::Done);
-                }
+                board.reply(Some(number), Reply::Done);
             }
-            Arrival::More(slot) => {
-                board.statistics.layer_bytes += bytes.len() as u64;
-                self.go_on(board, slot);
-            }
+            Arrival::Bad(why) => self.refuse_layer(board, slot, &why),
         }
     }
 
@@ -65,11 +49,11 @@ impl Powder {
         }
     }
 
-    /// Drops a layer that cannot become whole. Its marking, if it has begun, ends at the end of its vector.
-    fn refuse_layer(&mut self, board: &mut Board, slot: usize, why: &str, refusal: Refusal) {
+    /// Drops a layer that cannot become whole. If it is being marked, the laser stops at the end of its vector.
+    fn refuse_layer(&mut self, board: &mut Board, slot: usize, why: &str) {
         if let Some(layer) = self.buffer.layer(slot).filter(|layer| !layer.is_ready) {
             let (number, id) = (layer.number, layer.id);
-            board.refused(number, Some(id), &format!("bad layer ({why})"), refusal);
+            board.refused(number, Some(id), &format!("bad layer ({why})"), Refusal::BadLayer);
         }
         self.buffer.drop_layer(slot);
         if self.marking.as_ref().is_some_and(|marking| marking.slot == slot) {

@@ -7,7 +7,7 @@ use crate::device::encoding::depth_of;
 use crate::device::sim::core::LayerBegin;
 use crate::device::sim::core::board::Board;
 use crate::layer::Bitmap;
-use crate::link::message::{ExposureId, Refusal, Reply};
+use crate::link::message::{Encoding, ExposureId, Refusal, Reply};
 
 /// The layer being received.
 #[derive(Debug)]
@@ -33,21 +33,10 @@ impl Vat {
         if let Some(upload) = self.upload.take() {
             refuse_layer(board, &upload);
         }
-        board.check_ready()?;
-        let LayerBegin { slot, id, encoding, encoded_bytes, decoded_crc32: crc32 } = begin;
+        let busy_slot = self.exposure.as_ref().map(|exposure| exposure.slot);
+        let encoding = board.check_layer(&begin, busy_slot, Encoding::picture)?;
+        let LayerBegin { slot, id, encoded_bytes, decoded_crc32: crc32, .. } = begin;
         let slot = usize::from(slot);
-        if slot >= self.slots.len() {
-            return Err(Refusal::NoSuchLayer);
-        }
-        if self.exposure.as_ref().is_some_and(|exposure| exposure.slot == slot) {
-            return Err(Refusal::SlotBusy);
-        }
-        // A vat exposes pictures alone, whatever its configuration says that it decodes.
-        let offered = board.capabilities.encodings.contains(&encoding);
-        let encoding = encoding.picture().filter(|_| offered).ok_or(Refusal::BadEncoding)?;
-        if encoded_bytes == 0 {
-            return Err(Refusal::BadLayer);
-        }
         self.slots[slot] = None;
         let decoder = Decoder::new(encoding, self.capabilities.width_px, self.capabilities.height_px);
         let remaining_bytes = encoded_bytes as usize;
