@@ -13,11 +13,11 @@ corrupt=P      flip a bit of a frame with probability P
 duplicate=P    send a frame twice with probability P
 stall=NxMS     N times in the print, let the line stand still for MS milliseconds, such as stall=2x1500 (stall=N: 1000 ms)
 disconnect=N   N times in the print, take the pseudo-terminal away and bring a new one after a while
-reset=N        N times in the print, restart the device: it keeps the layers exposed and cut short last, and a resting plate
-oxygen=N       N times in the print of a laser machine, while it marks: too much oxygen in the chamber. The laser goes off at once, and
-               the fault lasts 2 to 6 seconds of the device's clock
-door=N         the same with a door that is opened
-power=N        the same with a laser that has no power";
+reset=N        N times in the print, restart the device: it keeps the layers exposed and cut short last, and the position of a resting plate
+oxygen=N       N times in the print, while a laser machine marks, report too much oxygen in the chamber: the laser goes off at once,
+               and the fault lasts 2 to 6 seconds of the device's clock
+door=N         the same with an open door
+power=N        the same with a laser without power";
 
 /// An invalid `--fault`.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -46,7 +46,7 @@ pub enum FaultSpec {
     Interlock(Interlock, u32),
 }
 
-/// What keeps a laser dark.
+/// What keeps the laser off.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Interlock {
     /// Too much oxygen in the chamber.
@@ -227,12 +227,20 @@ impl Incidents {
         let mut dice = Dice::new(seed ^ 0x1ac1_de27);
         let mut incidents = Vec::new();
         for spec in specs {
-            let count = match *spec {
-                FaultSpec::Stall(count, _) | FaultSpec::Interlock(_, count) => count,
-                FaultSpec::Disconnect(count) | FaultSpec::Reset(count) => count,
-                FaultSpec::Drop(_) | FaultSpec::Corrupt(_) | FaultSpec::Duplicate(_) => 0,
+            let mut add = |count: u32, make: &dyn Fn(&mut Dice) -> Incident| {
+                incidents.extend((0..count).map(|_| make(&mut dice)));
             };
-            incidents.extend((0..count).filter_map(|_| incident(*spec, &mut dice)));
+            match *spec {
+                FaultSpec::Stall(count, duration_ms) => add(count, &|_| Incident::Stall { duration_ms }),
+                FaultSpec::Disconnect(count) => {
+                    add(count, &|dice| Incident::Disconnect { duration_ms: 200 + dice.below(1300) as u32 });
+                }
+                FaultSpec::Reset(count) => add(count, &|_| Incident::Reset),
+                FaultSpec::Interlock(interlock, count) => {
+                    add(count, &|dice| Incident::Opens { interlock, open_ms: 2000 + dice.below(4000) as u32 });
+                }
+                FaultSpec::Drop(_) | FaultSpec::Corrupt(_) | FaultSpec::Duplicate(_) => {}
+            }
         }
         // Shuffled, so that incidents of one kind do not come in a row.
         for last in (1..incidents.len()).rev() {
@@ -255,19 +263,6 @@ impl Incidents {
         self.exposures += 1;
         let (_, incident) = self.planned.pop_if(|(after, _)| *after <= self.exposures)?;
         Some((incident, self.dice.below(300)))
-    }
-}
-
-/// What a fault of this kind is; `None` for one of the line.
-fn incident(spec: FaultSpec, dice: &mut Dice) -> Option<Incident> {
-    match spec {
-        FaultSpec::Stall(_, duration_ms) => Some(Incident::Stall { duration_ms }),
-        FaultSpec::Disconnect(_) => Some(Incident::Disconnect { duration_ms: 200 + dice.below(1300) as u32 }),
-        FaultSpec::Reset(_) => Some(Incident::Reset),
-        FaultSpec::Interlock(interlock, _) => {
-            Some(Incident::Opens { interlock, open_ms: 2000 + dice.below(4000) as u32 })
-        }
-        FaultSpec::Drop(_) | FaultSpec::Corrupt(_) | FaultSpec::Duplicate(_) => None,
     }
 }
 

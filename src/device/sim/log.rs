@@ -1,4 +1,4 @@
-//! The log of a simulated device: `acts.jsonl`, and a PNG of every exposed layer. [`run`](fn@super::run) writes it.
+//! The log of a simulated device: `acts.jsonl`, and a PNG of every exposed or melted layer. [`run`](fn@super::run) writes it.
 
 use std::fs::File;
 use std::io::{self, Write};
@@ -23,7 +23,7 @@ pub struct ActRecord {
     /// Layer.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub layer: Option<u32>,
-    /// How long the light was on, milliseconds. Of a laser, in this act.
+    /// How long the light was on, milliseconds: of a laser, in this act of marking.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub duration_ms: Option<u32>,
     /// Plate above the bottom of the vat, or below the working plane, micrometres.
@@ -76,7 +76,7 @@ impl ActLog {
         self.acts.write_all(&line).map_err(|error| at(&self.directory, &error))
     }
 
-    /// Writes an exposed layer as `layer_000000.png`.
+    /// Writes an exposed or melted layer as `layer_000000.png`.
     ///
     /// # Errors
     /// What the file system says, with the path.

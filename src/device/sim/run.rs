@@ -18,6 +18,7 @@ use super::fault::{Dice, FaultSpec, FrameFaults, Incident, Incidents};
 use super::pace::Pace;
 use super::pty::{Claim, Pty};
 use super::{ActLog, CoreAction, DeviceCore, MeltSettings, Statistics};
+use crate::device::host_us;
 use crate::link::message::{Capabilities, DeviceMessage, Fault};
 use crate::link::session::SendError;
 use crate::text::eprint;
@@ -43,7 +44,7 @@ pub struct SimulateOptions {
     pub time_scale: f64,
     /// The capabilities that the device reports.
     pub capabilities: Capabilities,
-    /// How the picture of what a laser melted is drawn; none is if `None`. A vat needs nothing to draw what it exposed.
+    /// How pictures of melted layers are drawn; with `None`, a powder machine draws none. A vat always writes what it exposed.
     pub melt: Option<MeltSettings>,
 }
 
@@ -108,7 +109,7 @@ struct Device {
     incidents: Incidents,
     /// Incidents with the line's time at which they happen, the earliest first; at most as many as were planned.
     coming: VecDeque<(u64, Incident)>,
-    /// Interlocks that were to open while the device exposed, and came too late: they open at the next exposure.
+    /// Interlocks whose exposure had ended when they were to open. They open at the next exposure.
     missed: Vec<Incident>,
     stalled_until_us: u64,
     reopen_us: Option<u64>,
@@ -158,9 +159,9 @@ impl Device {
         (now_us as f64 * self.options.time_scale) as u64
     }
 
-    /// How much of the line's time passes in a time of the device's clock.
+    /// A duration of the device's clock as one of the line's.
     fn line_us(&self, device_us: u64) -> u64 {
-        (device_us as f64 / self.options.time_scale) as u64
+        host_us(device_us, self.options.time_scale)
     }
 
     /// Handles everything that is due.
@@ -223,7 +224,7 @@ impl Device {
         let due = self.missed.pop().map(|incident| (incident, 0)).or_else(|| self.incidents.exposure_began());
         let Some((incident, after_ms)) = due else { return };
         let after_us = match incident {
-            // What happens to the exposure goes by the clock of the exposure.
+            // The device's clock times exposures, so it also times what is to happen during one.
             Incident::Opens { .. } => self.line_us(after_ms * 1000),
             _ => after_ms * 1000,
         };
