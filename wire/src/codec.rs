@@ -354,14 +354,15 @@ pub(super) fn read_state(reader: &mut Reader<'_>, of_powder: bool) -> Result<Dev
         moving: reader.bool("moving")?,
         slots: reader.list("slots", MAX_SLOTS.into(), |reader| reader.option("slot", read_id))?,
         fault: reader.option("fault", read_fault)?,
-        powder: match of_powder {
-            true => Some(PowderState {
-                next_vector: reader.u32("next_vector")?,
-                broken: reader.bool("broken")?,
-                recoated: reader.bool("recoated")?,
-            }),
-            false => None,
-        },
+        powder: of_powder.then(|| read_powder_state(reader)).transpose()?,
+    })
+}
+
+fn read_powder_state(reader: &mut Reader<'_>) -> Result<PowderState, WireError> {
+    Ok(PowderState {
+        next_vector: reader.u32("next_vector")?,
+        broken: reader.bool("broken")?,
+        recoated: reader.bool("recoated")?,
     })
 }
 

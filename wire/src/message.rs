@@ -153,8 +153,8 @@ pub struct PowderCapabilities {
     pub layer_height_um: [u32; 2],
     /// Deepest plate position below the working plane, micrometres.
     pub max_position_um: i32,
-    /// Size of the buffer that all layers share, bytes of layer data; at least 1024. A layer may be larger. The host has sent at most
-    /// so many bytes in a session that [`Report::Room`] has not counted.
+    /// Size of the buffer that all layers share, bytes of layer data; at least 1024. A layer may be larger. Of the bytes that the host
+    /// sent in a session, at most so many may not be counted by [`Report::Room`] yet.
     pub buffer_bytes: u32,
 }
 
@@ -180,7 +180,7 @@ pub struct DeviceState {
     pub slots: Vec<Option<ExposureId>>,
     /// The present fault.
     pub fault: Option<Fault>,
-    /// What only powder machines report; they always do.
+    /// What only powder machines report: present in each of their states, and in no other.
     pub powder: Option<PowderState>,
 }
 
@@ -216,8 +216,8 @@ pub enum Request {
     /// Report the state. Answered by [`Reply::State`].
     State,
     /// A layer follows in [`HostMessage::LayerData`]. Answered by [`Reply::Done`] once all bytes have arrived and were decoded, and
-    /// the CRC is right. The slot then holds the layer. A powder machine answers sooner if the layer is larger than its buffer: when
-    /// that is three quarters full. The rest of such a layer follows while it is marked.
+    /// the CRC is right. The slot then holds the layer. If the layer is larger than the buffer of a powder machine, the answer comes
+    /// when its bytes fill three quarters of that buffer. The rest of such a layer follows while it is marked.
     LayerBegin {
         /// Slot to fill; its former layer is dropped.
         slot: u8,
@@ -289,7 +289,7 @@ pub enum PowderRequest {
     Recoat,
     /// Mark a layer. Answered by [`PowderReply::Marked`] after its last vector.
     Mark {
-        /// The layer. It must be in a slot, which becomes free after its last vector.
+        /// The layer. It must be in a slot, which becomes free when the act ends.
         id: ExposureId,
         /// The first vector to mark; those before it are passed over.
         from_vector: u32,
