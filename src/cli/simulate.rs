@@ -48,8 +48,8 @@ pub struct SimulateArgs {
     /// Receive window it declares, 1024 to 1048576 bytes.
     #[arg(long, value_name = "BYTES", default_value_t = 4096, value_parser = clap::value_parser!(u32).range(1024..=1 << 20))]
     window: u32,
-    /// Longest exposure it allows, 1 to 600000 ms. Without it 120000; for a laser machine, where it is the longest time to mark a layer
-    /// in one act, 600000.
+    /// Longest exposure it allows, 1 to 14400000 ms. Of a laser machine, the longest time of marking in one act. Without it 120000 for a
+    /// resin printer, and 3600000 for a laser machine.
     #[arg(long, value_name = "MS", value_parser = clap::value_parser!(u32).range(1..=14_400_000))]
     max_exposure_ms: Option<u32>,
     /// Size of the buffer for the data of all layers, 1024 to 16777216 bytes; without it 65536. Only `slm` has one.
@@ -89,13 +89,14 @@ fn time_scale(text: &str) -> Result<f64, String> {
     scale.ok_or_else(|| "write a number from 0.001 to 100000".into())
 }
 
-/// What is to be known of laser machines, for help.
+/// What the user must know of laser machines, for help.
 const LASER_HELP: &str = "\
 Laser machines:
-A laser machine keeps the data of all layers in one buffer. A layer that is larger streams through it while the laser marks. When its
-data is late, the laser waits, off, between two vectors, and `starved_ms` in the log says for how long. In `acts.jsonl`, `marked` tells
-the vectors of a layer and how long the laser was on. If marking ends early, `laser_off` has a `reason`, and `next_vector` is the first
-one not marked. In the PNG of a layer, a pixel of the machine's grid is white if its centre was under the beam.";
+A laser machine keeps the data of all layers in one buffer. A layer that is larger than the buffer streams through it while the laser
+marks. If its data is late, the laser waits between two vectors and is off, and `starved_ms` in the log says for how long. In
+`acts.jsonl`, `marked` gives the number of a layer's vectors and how long the laser was on. If marking ends early, `laser_off` has a
+`reason`, and `next_vector` is the first vector that was not marked whole. In the PNG of a layer, a pixel of the machine's grid is white
+if its centre was under the beam.";
 
 /// Examples for help.
 const EXAMPLES: &str = "\
@@ -134,11 +135,10 @@ pub fn run(args: SimulateArgs) -> anyhow::Result<()> {
 /// What is to be simulated.
 fn options(args: SimulateArgs) -> anyhow::Result<SimulateOptions> {
     let kind = args.device;
-    let named = match (&args.machine, kind) {
-        (Some(name), _) => Some(name.as_str()),
-        (None, Kind::Slm) => Some("sim-slm"),
-        (None, Kind::Dlp) => None,
-    };
+    let named = args.machine.as_deref().or(match kind {
+        Kind::Dlp => None,
+        Kind::Slm => Some("sim-slm"),
+    });
     let machine = named.map(super::find_machine).transpose()?.map(|(machine, _)| machine);
     let flow_control = machine.as_ref().map(|machine| machine.link().flow_control);
     let (capabilities, melt) = match (kind, &machine) {
