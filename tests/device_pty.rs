@@ -1,20 +1,19 @@
 //! The simulated device as hosts see it: over a real pseudo-terminal, with faults, and with a log on disk.
 
 mod device_common;
-#[path = "powder_core/bench.rs"]
-mod powder_bench;
 
 use std::io::{ErrorKind, Read, Write};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use device_common::powder_print::{EncodedLayer, PowderPrinter};
-use device_common::{capabilities, picture, print::Printer};
+use device_common::powder::{self, Powder, Sent};
+use device_common::powder_print::PowderPrinter;
+use device_common::{Host, capabilities, picture, print::Printer};
 use layerd::device::sim::{FaultSpec, SimulateOptions, Statistics, run};
 use layerd::layer::LaserParameters;
 use layerd::layer::export::write_png;
-use layerd::link::message::{DeviceMessage, DeviceState, Encoding};
+use layerd::link::message::Encoding;
 use layerd::link::session::{HostEvent, HostSession, HostSettings};
 
 const BAUD: u32 = 3_000_000;
@@ -50,44 +49,6 @@ fn with_device<T: Send>(options: SimulateOptions, host: impl FnOnce() -> T + Sen
         (result, device.join().expect("no panic").expect("no error"))
     })
 }
-
-/// What a host does on a line.
-trait Host {
-    fn is_done(&self) -> bool;
-    fn opened(&mut self);
-    fn connected(&mut self, state: &DeviceState);
-    fn lost(&mut self);
-    fn message(&mut self, message: DeviceMessage);
-    fn work(&mut self, session: &mut HostSession);
-}
-
-macro_rules! host {
-    ($printer:ty) => {
-        impl Host for $printer {
-            fn is_done(&self) -> bool {
-                self.is_done()
-            }
-            fn opened(&mut self) {
-                self.openings += 1;
-            }
-            fn connected(&mut self, state: &DeviceState) {
-                self.connected(state);
-            }
-            fn lost(&mut self) {
-                self.lost();
-            }
-            fn message(&mut self, message: DeviceMessage) {
-                self.message(message);
-            }
-            fn work(&mut self, session: &mut HostSession) {
-                self.work(session);
-            }
-        }
-    };
-}
-
-host!(Printer);
-host!(PowderPrinter);
 
 /// Prints over the line at `path` until all layers are exposed.
 fn print<H: Host>(path: &Path, mut printer: H) -> H {
@@ -224,13 +185,10 @@ fn a_picture_that_cannot_be_kept_is_a_fault_the_host_hears_of() {
 }
 
 /// Layers of a laser machine, some of them larger than its buffer.
-fn powder_layers() -> Vec<EncodedLayer> {
+fn powder_layers() -> Vec<Sent> {
     // Slow enough that an act that passes over most of a layer has time left to mark.
-    let laser = LaserParameters { mark_speed_um_s: 125_000, ..powder_bench::LASER };
-    let layer = |rings, encoding| {
-        let sent = powder_bench::sent_with(&powder_bench::rings(rings), encoding, laser);
-        EncodedLayer { encoding, bytes: sent.bytes, crc32: sent.crc32 }
-    };
+    let laser = LaserParameters { mark_speed_um_s: 125_000, ..powder::LASER };
+    let layer = |rings, encoding| powder::sent_with(&powder::rings(rings), encoding, laser);
     vec![
         layer(40, Encoding::Vectors),
         layer(800, Encoding::VectorsCoded),
@@ -245,10 +203,10 @@ fn powder_layers() -> Vec<EncodedLayer> {
 fn print_powder(faults: &[&str], most_ms: u32) -> (PowderPrinter, Statistics, Vec<serde_json::Value>) {
     let directory = tempfile::tempdir().expect("a directory");
     let path = directory.path().join("printer");
-    let melt = Some(powder_bench::melt_settings());
-    let capabilities = powder_bench::capabilities();
+    let melt = Some(powder::melt_settings());
+    let capabilities = powder::capabilities();
     let options = SimulateOptions { capabilities, melt, time_scale: 5.0, ..options(directory.path(), faults) };
-    let printer = PowderPrinter::new(powder_layers(), powder_bench::BUFFER_BYTES, most_ms);
+    let printer = PowderPrinter::new(powder_layers(), powder::BUFFER_BYTES, most_ms);
     let (printer, statistics) = with_device(options, || print(&path, printer));
     let text = std::fs::read_to_string(directory.path().join("exposed/acts.jsonl")).expect("a log");
     let acts: Vec<serde_json::Value> = text.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
@@ -266,11 +224,10 @@ fn print_powder(faults: &[&str], most_ms: u32) -> (PowderPrinter, Statistics, Ve
             }
         }
         assert_eq!(next, 4 * rings, "layer {layer}");
-        let mut powder = powder_bench::Powder::ready();
-        let vectors = powder_bench::sent(&powder_bench::rings(rings as i32));
-        powder.mark_whole(&vectors);
+        let mut undisturbed = Powder::ready();
+        undisturbed.mark_whole(&powder::sent(&powder::rings(rings as i32)));
         let reference = directory.path().join("reference.png");
-        write_png(&reference, &powder.pictures[0].1).expect("written");
+        write_png(&reference, &undisturbed.pictures[0].1).expect("written");
         let found = std::fs::read(directory.path().join(format!("exposed/layer_{layer:06}.png"))).expect("a picture");
         assert_eq!(found, std::fs::read(reference).expect("written"), "layer {layer}");
     }

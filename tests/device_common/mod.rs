@@ -1,6 +1,7 @@
 //! A device's firmware on the bench: virtual time, and everything it says and does kept.
 #![allow(dead_code, unreachable_pub, reason = "each test file uses its part")]
 
+pub mod powder;
 pub mod powder_print;
 pub mod print;
 
@@ -11,6 +12,40 @@ use layerd::link::message::{
     Capabilities, DeviceMessage, DeviceState, Encoding, ExposureId, Fault, HostMessage, MachineCapabilities, Reply,
     Report, Request, Urgent, VatCapabilities, VatReply, VatRequest,
 };
+use layerd::link::session::{HostSession, SendError};
+
+/// A host that prints, without the line.
+pub trait Host {
+    fn is_done(&self) -> bool;
+    /// The line was opened.
+    fn opened(&mut self);
+    fn connected(&mut self, state: &DeviceState);
+    fn lost(&mut self);
+    fn message(&mut self, message: DeviceMessage);
+    /// Gives the session what it has room for.
+    fn work(&mut self, session: &mut HostSession);
+}
+
+/// Gives the session messages until it has no room, or there are none. `unsent` keeps the one without room; `next` makes one with at most
+/// so many bytes of layer data.
+fn send_all(
+    session: &mut HostSession,
+    unsent: &mut Option<HostMessage>,
+    mut next: impl FnMut(usize) -> Option<HostMessage>,
+) {
+    loop {
+        let piece_bytes = session.largest_layer_data_bytes();
+        let Some(message) = unsent.take().or_else(|| next(piece_bytes)) else { return };
+        match session.send(&message) {
+            Ok(()) => {}
+            Err(SendError::Full | SendError::NotConnected) => {
+                *unsent = Some(message);
+                return;
+            }
+            Err(error) => panic!("{error}"),
+        }
+    }
+}
 
 pub const WIDTH_PX: u32 = 70;
 pub const HEIGHT_PX: u32 = 20;

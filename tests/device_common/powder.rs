@@ -1,5 +1,4 @@
 //! A laser machine on the bench, and layers for it. The host here keeps the buffer's credit, as a real one does.
-#![allow(dead_code, unreachable_pub, reason = "the tests over a pseudo-terminal use a part of it")]
 
 use std::ops::{Deref, DerefMut};
 
@@ -11,8 +10,9 @@ use layerd::link::message::{
     PowderRequest, Refusal, Reply, Request,
 };
 
-use crate::device_common::Bench;
-pub use crate::device_common::id;
+pub use super::id;
+
+use super::Bench;
 
 pub const FIELD_UM: [u32; 2] = [20_000, 10_000];
 pub const BUFFER_BYTES: u32 = 2048;
@@ -204,21 +204,25 @@ impl Powder {
     /// Marks a layer of any size, as layer 0.
     pub fn mark_whole(&mut self, layer: &Sent) {
         self.announce(0, id(0), layer);
-        let mut rest = self.feed(&layer.bytes, 1000);
+        let rest = self.feed(&layer.bytes, 1000);
         self.request(mark(id(0), 0, MAX_MS));
-        while self.core.exposure().is_some() {
-            self.advance(500);
-            rest = self.feed(rest, 64);
-        }
+        self.stream(rest);
     }
 
     /// Advances in small steps until the laser has nothing to do.
     pub fn mark_to_its_end(&mut self) {
-        for _ in 0..100_000 {
+        self.stream(&[]);
+    }
+
+    /// The same, and after each step `bytes` are sent as there is credit. Returns those that were not sent.
+    pub fn stream<'a>(&mut self, bytes: &'a [u8]) -> &'a [u8] {
+        let mut rest = bytes;
+        for _ in 0..200_000 {
             if self.core.exposure().is_none() {
-                return;
+                return rest;
             }
-            self.advance(1000);
+            self.advance(500);
+            rest = self.feed(rest, 64);
         }
         panic!("marking does not end");
     }

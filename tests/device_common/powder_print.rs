@@ -1,23 +1,16 @@
 //! The smallest host that prints on a laser machine: it asks for the state, does what comes next, and goes on with the next vector after
-//! whatever happened. It keeps the buffer's credit.
+//! each disturbance. It keeps the buffer's credit.
 
 use layerd::link::message::{
-    DeviceMessage, DeviceState, Encoding, HostMessage, PowderReply, PowderRequest, Refusal, Reply, Report, Request,
+    DeviceMessage, DeviceState, HostMessage, PowderReply, PowderRequest, Refusal, Reply, Report, Request,
 };
-use layerd::link::session::{HostSession, SendError};
+use layerd::link::session::HostSession;
 
-use super::id;
-
-/// A layer as it is sent.
-#[derive(Clone)]
-pub struct EncodedLayer {
-    pub encoding: Encoding,
-    pub bytes: Vec<u8>,
-    pub crc32: u32,
-}
+use super::powder::{Sent, id};
+use super::{Host, send_all};
 
 pub struct PowderPrinter {
-    layers: Vec<EncodedLayer>,
+    layers: Vec<Sent>,
     layer_height_um: i32,
     buffer_bytes: u32,
     most_ms: u32,
@@ -39,7 +32,7 @@ pub struct PowderPrinter {
 }
 
 impl PowderPrinter {
-    pub fn new(layers: Vec<EncodedLayer>, buffer_bytes: u32, most_ms: u32) -> Self {
+    pub fn new(layers: Vec<Sent>, buffer_bytes: u32, most_ms: u32) -> Self {
         Self {
             layers,
             layer_height_um: 50,
@@ -56,60 +49,6 @@ impl PowderPrinter {
             faults: Vec::new(),
             openings: 0,
             is_done: false,
-        }
-    }
-
-    pub fn is_done(&self) -> bool {
-        self.is_done
-    }
-
-    pub fn connected(&mut self, state: &DeviceState) {
-        self.is_faulty = state.fault.is_some();
-        assert!(state.slots.iter().all(Option::is_none), "a session begins with an empty buffer");
-        self.state = Some(state.clone());
-        (self.open, self.sending, self.unsent, self.sent, self.taken) = (None, None, None, 0, 0);
-    }
-
-    pub fn lost(&mut self) {
-        self.state = None;
-        // Nothing is sent before the next welcome.
-        self.open = Some(0);
-    }
-
-    pub fn message(&mut self, message: DeviceMessage) {
-        match message {
-            DeviceMessage::Report(Report::Room { taken_bytes }) => self.taken = taken_bytes,
-            DeviceMessage::Report(Report::Fault(fault)) => {
-                self.is_faulty = fault.is_some();
-                self.faults.extend(fault.map(|fault| fault.text));
-            }
-            DeviceMessage::Reply { number, reply } => {
-                assert_eq!(self.open.take(), Some(number), "{reply:?}");
-                match reply {
-                    Reply::State(state) => self.state = Some(state),
-                    Reply::Refused(Refusal::CutShort | Refusal::NotReady | Refusal::BadLayer) => self.sending = None,
-                    Reply::Done
-                    | Reply::Powder(PowderReply::Moved { .. } | PowderReply::Recoated | PowderReply::Marked { .. }) => {
-                    }
-                    other => panic!("{other:?}"),
-                }
-            }
-        }
-    }
-
-    /// Gives the session what it has room for.
-    pub fn work(&mut self, session: &mut HostSession) {
-        loop {
-            let piece_bytes = session.largest_layer_data_bytes();
-            let Some(message) = self.unsent.take().or_else(|| self.next_message(piece_bytes)) else { return };
-            match session.send(&message) {
-                Ok(()) => {}
-                Err(SendError::Full | SendError::NotConnected) => {
-                    self.unsent = Some(message);
-                    return;
-                }
-                Err(error) => panic!("{error}"),
-            }
         }
     }
 
@@ -169,5 +108,55 @@ impl PowderPrinter {
                 Request::Powder(PowderRequest::Mark { id: id(layer), from_vector, most_ms: self.most_ms })
             }
         })
+    }
+}
+
+impl Host for PowderPrinter {
+    fn is_done(&self) -> bool {
+        self.is_done
+    }
+
+    fn opened(&mut self) {
+        self.openings += 1;
+    }
+
+    fn connected(&mut self, state: &DeviceState) {
+        self.is_faulty = state.fault.is_some();
+        assert!(state.slots.iter().all(Option::is_none), "a session begins with an empty buffer");
+        self.state = Some(state.clone());
+        (self.open, self.sending, self.unsent, self.sent, self.taken) = (None, None, None, 0, 0);
+    }
+
+    fn lost(&mut self) {
+        self.state = None;
+        // Nothing is sent before the next welcome.
+        self.open = Some(0);
+    }
+
+    fn message(&mut self, message: DeviceMessage) {
+        match message {
+            DeviceMessage::Report(Report::Room { taken_bytes }) => self.taken = taken_bytes,
+            DeviceMessage::Report(Report::Fault(fault)) => {
+                self.is_faulty = fault.is_some();
+                self.faults.extend(fault.map(|fault| fault.text));
+            }
+            DeviceMessage::Reply { number, reply } => {
+                assert_eq!(self.open.take(), Some(number), "{reply:?}");
+                match reply {
+                    Reply::State(state) => self.state = Some(state),
+                    Reply::Refused(Refusal::CutShort | Refusal::NotReady | Refusal::BadLayer) => self.sending = None,
+                    Reply::Done
+                    | Reply::Powder(PowderReply::Moved { .. } | PowderReply::Recoated | PowderReply::Marked { .. }) => {
+                    }
+                    other => panic!("{other:?}"),
+                }
+            }
+        }
+    }
+
+    fn work(&mut self, session: &mut HostSession) {
+        let mut unsent = self.unsent.take();
+        send_all(session, &mut unsent, |piece_bytes| self.next_message(piece_bytes));
+        self.unsent = unsent;
     }
 }

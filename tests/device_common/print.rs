@@ -3,9 +3,9 @@
 use layerd::device::encoding::{encode, picture_crc32};
 use layerd::device::{Act, DriverEvent, FramedDriver, Outcome, VatAct, VatOutcome};
 use layerd::link::message::{DeviceMessage, DeviceState, Encoding, ExposureId, Fault, HostMessage, Refusal};
-use layerd::link::session::{HostSession, SendError};
+use layerd::link::session::HostSession;
 
-use super::{capabilities, id, picture};
+use super::{Host, capabilities, id, picture, send_all};
 
 pub struct Printer {
     layers: u32,
@@ -41,19 +41,6 @@ impl Printer {
         }
     }
 
-    pub fn is_done(&self) -> bool {
-        self.next == self.layers || self.fault.is_some()
-    }
-
-    pub fn connected(&mut self, state: &DeviceState) {
-        self.driver = Some(FramedDriver::new(id(0).job, &capabilities().machine));
-        self.unsent = None;
-        self.uploading = None;
-        let own = |slot: &Option<ExposureId>| slot.filter(|held| held.job == id(0).job).map(|held| held.layer);
-        self.slots = state.slots.iter().map(own).collect();
-        self.learn(state);
-    }
-
     fn learn(&mut self, state: &DeviceState) {
         self.settled = state.exposing.is_none();
         if self.settled {
@@ -64,12 +51,31 @@ impl Printer {
             driver.query_state(0);
         }
     }
+}
 
-    pub fn lost(&mut self) {
+impl Host for Printer {
+    fn is_done(&self) -> bool {
+        self.next == self.layers || self.fault.is_some()
+    }
+
+    fn opened(&mut self) {
+        self.openings += 1;
+    }
+
+    fn connected(&mut self, state: &DeviceState) {
+        self.driver = Some(FramedDriver::new(id(0).job, &capabilities().machine));
+        self.unsent = None;
+        self.uploading = None;
+        let own = |slot: &Option<ExposureId>| slot.filter(|held| held.job == id(0).job).map(|held| held.layer);
+        self.slots = state.slots.iter().map(own).collect();
+        self.learn(state);
+    }
+
+    fn lost(&mut self) {
         self.driver = None;
     }
 
-    pub fn message(&mut self, message: DeviceMessage) {
+    fn message(&mut self, message: DeviceMessage) {
         let Some(driver) = &mut self.driver else { return };
         let Some(event) = driver.handle(message) else { return };
         match event {
@@ -97,8 +103,7 @@ impl Printer {
         }
     }
 
-    /// Gives the session what it has room for.
-    pub fn work(&mut self, session: &mut HostSession) {
+    fn work(&mut self, session: &mut HostSession) {
         let Some(driver) = &mut self.driver else { return };
         if self.settled {
             let needed = self.next..self.layers.min(self.next + 2);
@@ -117,17 +122,6 @@ impl Printer {
                 driver.act(act, 0).expect("no act under way");
             }
         }
-        loop {
-            let piece_bytes = session.largest_layer_data_bytes();
-            let Some(message) = self.unsent.take().or_else(|| driver.next_message(piece_bytes, 0)) else { return };
-            match session.send(&message) {
-                Ok(()) => {}
-                Err(SendError::Full | SendError::NotConnected) => {
-                    self.unsent = Some(message);
-                    return;
-                }
-                Err(error) => panic!("{error}"),
-            }
-        }
+        send_all(session, &mut self.unsent, |piece_bytes| driver.next_message(piece_bytes, 0));
     }
 }

@@ -4,7 +4,7 @@ use layerd::layer::Vectors;
 use layerd::link::message::{Encoding, HostMessage, PowderRequest, Refusal, Reply, Request, Urgent};
 use proptest::prelude::*;
 
-use crate::bench::{MAX_MS, Powder, Sent, door, id, mark, rings, sent};
+use crate::device_common::powder::{MAX_MS, Powder, Sent, door, id, mark, rings, sent};
 use crate::properties;
 
 #[derive(Clone, Debug)]

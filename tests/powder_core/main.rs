@@ -11,7 +11,6 @@ mod scan_samples;
 mod slice_part;
 
 mod any_host;
-mod bench;
 mod melted;
 mod refusals;
 mod sliced;

@@ -3,7 +3,7 @@
 use layerd::device::sim::MeltSettings;
 use layerd::layer::{Bitmap, HatchLine, Mark, MarkClass, Vectors, hatch_frame};
 
-use crate::bench::{Powder, id, mark, melt_settings, sent};
+use crate::device_common::powder::{Powder, id, mark, melt_settings, sent};
 
 /// A ring of many corners, hatches at an angle, horizontal and vertical vectors, a point, and vectors at the edges of the field.
 fn vectors() -> Vectors {

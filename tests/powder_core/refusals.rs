@@ -3,7 +3,9 @@
 use layerd::layer::{LaserParameters, MarkClass, Vectors};
 use layerd::link::message::{Encoding, PowderRequest, Refusal, Reply, Request, Urgent, VatRequest};
 
-use crate::bench::{BUFFER_BYTES, LASER, MAX_MS, MAX_POWER_MW, Powder, door, id, mark, rings, sent, sent_with};
+use crate::device_common::powder::{
+    BUFFER_BYTES, LASER, MAX_MS, MAX_POWER_MW, Powder, door, id, mark, rings, sent, sent_with,
+};
 
 const MOVE: fn(i32, u32) -> Request =
     |position_um, speed_um_s| Request::Powder(PowderRequest::Move { position_um, speed_um_s });

@@ -7,7 +7,7 @@ use layerd::link::message::Encoding;
 use layerd::slice::scan::{Contours, Fill, HatchStrategy};
 use layerd::stream::MemoryBudget;
 
-use crate::bench::{LASER, Powder, sent_with};
+use crate::device_common::powder::{LASER, Powder, sent_with};
 use crate::scan_samples::settings;
 use crate::slice_part::{HEIGHT, Part, WIDTH, lit, strut};
 

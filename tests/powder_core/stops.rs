@@ -1,8 +1,8 @@
 //! Why marking ends early: where the laser stops, what the machine remembers, and that every vector is marked exactly once.
 
-use layerd::link::message::{Encoding, Refusal, Reply, Urgent};
+use layerd::link::message::{Encoding, PowderRequest, Refusal, Reply, Request, Urgent};
 
-use crate::bench::{BUFFER_BYTES, LASER, Powder, door, id, mark, rings, sent, sent_with};
+use crate::device_common::powder::{BUFFER_BYTES, LASER, Powder, door, id, mark, rings, sent, sent_with};
 
 /// Into the second vector of the first ring: jump from the centre, first vector, polygon delay, then 100 µs.
 const IN_SECOND_US: u64 = JUMP_US + 100 + 200 + 20 + 100;
@@ -110,7 +110,6 @@ fn the_last_vector_makes_a_layer_whole_even_if_the_host_is_gone() {
 
 #[test]
 fn a_recoater_and_a_plate_stop_with_an_abort_and_powder_must_be_spread_again() {
-    use layerd::link::message::{PowderRequest, Request};
     let mut powder = Powder::ready();
     let recoat = powder.request(Request::Powder(PowderRequest::Recoat));
     powder.advance(1_000_000);

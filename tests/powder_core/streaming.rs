@@ -2,7 +2,7 @@
 
 use layerd::link::message::{Encoding, HostMessage, PowderReply, Refusal, Reply};
 
-use crate::bench::{BUFFER_BYTES, LASER, Powder, Sent, id, mark, rings, sent, sent_with};
+use crate::device_common::powder::{BUFFER_BYTES, LASER, Powder, Sent, id, mark, rings, sent, sent_with};
 
 /// Reports come when the count has grown by this much.
 const STEP_BYTES: u32 = 256;
@@ -36,17 +36,11 @@ fn a_large_layer_streams_under_credit_and_every_report_is_exact() {
         let layer = large(encoding);
         let mut powder = Powder::ready();
         let begun = powder.announce(0, id(0), &layer);
-        let mut rest = powder.feed(&layer.bytes, 1000);
+        let rest = powder.feed(&layer.bytes, 1000);
         assert_eq!(powder.credit_bytes(), 0, "the host fills the buffer");
         assert_eq!(powder.reply(begun), Some(Reply::Done));
         let number = powder.request(mark(id(0), 0, 10_000));
-        for _ in 0..100_000 {
-            powder.advance(500);
-            rest = powder.feed(rest, 64);
-            if powder.core.exposure().is_none() {
-                break;
-            }
-        }
+        let rest = powder.stream(rest);
         let Some(Reply::Powder(PowderReply::Marked { vectors, laser_ms, starved_ms, .. })) = powder.reply(number)
         else {
             panic!("{:?}", powder.reply(number))
@@ -67,7 +61,7 @@ fn late_bytes_interrupt_no_vector_and_the_pause_is_counted() {
     let layer = large(Encoding::Vectors);
     let mut powder = Powder::ready();
     powder.announce(0, id(0), &layer);
-    let mut rest = powder.feed(&layer.bytes, 1000);
+    let rest = powder.feed(&layer.bytes, 1000);
     let number = powder.request(mark(id(0), 0, 10_000));
     // The laser takes all that is there, and waits between two vectors.
     powder.advance(1_000_000);
@@ -80,13 +74,8 @@ fn late_bytes_interrupt_no_vector_and_the_pause_is_counted() {
     // The bytes come again, and it goes on with the next vector; from now on they are in time.
     let credit = powder.credit_bytes();
     assert!(credit > BUFFER_BYTES * 3 / 4, "a starving laser has emptied the buffer: {credit}");
-    for _ in 0..10_000 {
-        rest = powder.feed(rest, 64);
-        powder.advance(500);
-        if powder.core.exposure().is_none() {
-            break;
-        }
-    }
+    let rest = powder.feed(rest, 64);
+    powder.stream(rest);
     let Some(Reply::Powder(PowderReply::Marked { vectors, laser_ms, starved_ms, .. })) = powder.reply(number) else {
         panic!("{:?}", powder.reply(number))
     };
@@ -160,15 +149,9 @@ fn bad_bytes_in_the_stream_end_the_marking_with_a_fault_that_says_so() {
     {
         let mut powder = Powder::ready();
         powder.announce(0, id(0), &bad);
-        let mut rest = powder.feed(&bad.bytes, 1000);
+        let rest = powder.feed(&bad.bytes, 1000);
         let number = powder.request(mark(id(0), 0, 10_000));
-        for _ in 0..10_000 {
-            powder.advance(500);
-            rest = powder.feed(rest, 64);
-            if powder.core.exposure().is_none() {
-                break;
-            }
-        }
+        powder.stream(rest);
         assert_eq!(powder.reply(number), Some(Reply::Refused(Refusal::CutShort)), "{words}");
         let fault = powder.faults.last().cloned().flatten().expect("a fault");
         assert!(fault.text.contains(words) && fault.text.starts_with("layer 0: "), "{}", fault.text);
@@ -180,12 +163,9 @@ fn bad_bytes_in_the_stream_end_the_marking_with_a_fault_that_says_so() {
         // The right layer goes on where the bad one ended.
         let next = powder.next_vector();
         powder.announce(0, id(0), &good);
-        let mut rest = powder.feed(&good.bytes, 1000);
+        let rest = powder.feed(&good.bytes, 1000);
         powder.request(mark(id(0), next, 10_000));
-        for _ in 0..10_000 {
-            powder.advance(500);
-            rest = powder.feed(rest, 64);
-        }
+        powder.stream(rest);
         assert_eq!(powder.core.state().last_exposed, Some(id(0)), "{words}");
     }
 }

@@ -1,9 +1,9 @@
 //! The scan clock: jumps, marks, delays and points take exactly the times that the parameters say.
 
 use layerd::layer::{LaserParameters, MarkClass, Vectors};
-use layerd::link::message::{PowderReply, PowderRequest, Reply, Request};
+use layerd::link::message::{Encoding, PowderReply, PowderRequest, Reply, Request};
 
-use crate::bench::{LASER, Powder, id, mark, sent, sent_with};
+use crate::device_common::powder::{LASER, Powder, id, mark, sent, sent_with};
 
 /// Two connected vectors, one beside them, and a point.
 fn hand_made() -> Vectors {
@@ -106,7 +106,7 @@ fn each_class_has_its_own_speed() {
     let slow = LaserParameters { mark_speed_um_s: 1000, jump_delay_us: 0, ..LASER };
     let mut vectors = Vectors::default();
     vectors.push_path(MarkClass::Contour, &[[10_000, 5000], [10_100, 5000]]);
-    powder.load(0, id(0), &sent_with(&vectors, layerd::link::message::Encoding::VectorsCoded, slow));
+    powder.load(0, id(0), &sent_with(&vectors, Encoding::VectorsCoded, slow));
     let number = powder.request(mark(id(0), 0, 1000));
     powder.advance(99_999);
     assert_eq!(powder.reply(number), None);
