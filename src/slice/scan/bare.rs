@@ -3,6 +3,7 @@
 
 use super::border::{Border, Bounds, Spans, Vector, along, dot, line_in_capsule, minus, place};
 use super::offset::Area;
+use super::path::ring_edges;
 
 /// A stretch of a border, in one piece.
 #[derive(Debug, PartialEq)]
@@ -42,8 +43,7 @@ pub(super) fn bare_stretches(area: &Area, core: &Area, reach_um: f64) -> Vec<Str
         let mut spans = Spans::default();
         // Whether the stretch before goes on to the end of its edge.
         let mut goes_on = false;
-        let next = ring.iter().cycle().skip(1);
-        for [from, to] in ring.iter().zip(next).map(|pair| [pair.0, pair.1].map(|point| place(*origin, *point))) {
+        for [from, to] in ring_edges(ring).map(|ends| ends.map(|point| place(*origin, point))) {
             let away = minus(to, from);
             let length = dot(away, away).sqrt();
             if length == 0.0 {

@@ -2,7 +2,9 @@
 //!
 //! Only additions, products, quotients and roots are used, so the result is the same on every machine.
 
-use super::offset::{Contour, Point};
+use super::border::place;
+use super::offset::{Contour, Point, doubled_triangle_nm2};
+use super::path::ring_edges;
 
 /// Longer rings go the general way: the time for a convex ring grows with the square of its length.
 const MAX_POINTS: usize = 200;
@@ -13,21 +15,14 @@ pub(super) fn is_convex(ring: &[Point]) -> bool {
     (3..=MAX_POINTS).contains(&count)
         && (0..count).all(|number| {
             let [a, b, c] = [0, 1, 2].map(|step| ring[(number + step) % count]);
-            cross(a, b, c) >= 0
+            doubled_triangle_nm2(a, b, c) >= 0
         })
-}
-
-/// Twice the area of a triangle, positive if it runs counter-clockwise.
-fn cross(a: Point, b: Point, c: Point) -> i64 {
-    let [ax, ay] = [i64::from(b.x) - i64::from(a.x), i64::from(b.y) - i64::from(a.y)];
-    let [bx, by] = [i64::from(c.x) - i64::from(a.x), i64::from(c.y) - i64::from(a.y)];
-    ax * by - ay * bx
 }
 
 /// The part of a convex ring farther than a distance from its border; empty if there is none.
 pub(super) fn inset(ring: &[Point], distance_nm: f64) -> Contour {
     let origin = ring[0];
-    let mut left: Vec<[f64; 2]> = ring.iter().map(|point| from(origin, *point)).collect();
+    let mut left: Vec<[f64; 2]> = ring.iter().map(|point| place(origin, *point)).collect();
     let mut cut = Vec::with_capacity(left.len() + 1);
     for (normal, a) in edges(ring) {
         // Depth of a point behind the edge moved inwards.
@@ -90,16 +85,11 @@ pub(super) fn arc(from: [f64; 2], to: [f64; 2], least: f64, side: f64, push: &mu
 /// Each edge that is longer than nothing: its unit normal outwards, and the point it begins at, from the first point of the ring.
 fn edges(ring: &[Point]) -> impl Iterator<Item = ([f64; 2], [f64; 2])> + '_ {
     let origin = ring[0];
-    let next = ring.iter().cycle().skip(1);
-    ring.iter().zip(next).filter_map(move |(a, b)| {
-        let [x, y] = from(*a, *b);
+    ring_edges(ring).filter_map(move |[a, b]| {
+        let [x, y] = place(a, b);
         let length = (x * x + y * y).sqrt();
-        (length > 0.0).then(|| ([y / length, -x / length], from(origin, *a)))
+        (length > 0.0).then(|| ([y / length, -x / length], place(origin, a)))
     })
-}
-
-fn from(origin: Point, point: Point) -> [f64; 2] {
-    [f64::from(point.x) - f64::from(origin.x), f64::from(point.y) - f64::from(origin.y)]
 }
 
 /// In whole nanometres, without points that follow each other; empty if less than a triangle is left.
@@ -139,7 +129,8 @@ mod tests {
     fn what_grows_is_round_at_the_corners() {
         let grown = outset(&triangle(), 500_000.0, 500.0);
         assert!(is_convex(&grown));
-        let doubled_mm2: i64 = (1..grown.len() - 1).map(|at| cross(grown[0], grown[at], grown[at + 1])).sum();
+        let doubled_mm2: i64 =
+            (1..grown.len() - 1).map(|at| doubled_triangle_nm2(grown[0], grown[at], grown[at + 1])).sum();
         let exact_mm2 = 6.0 + 12.0 * 0.5 + std::f64::consts::PI * 0.25;
         assert!((doubled_mm2 as f64 / 2e12 - exact_mm2).abs() < 0.003, "{doubled_mm2}");
         let notched = [[0, 0], [10, 0], [5, 1], [0, 10]].map(|[x, y]| Point::new(x, y));

@@ -50,6 +50,7 @@ use crate::stream::{BudgetExceeded, Charge, MemoryBudget};
 use super::counts::ScanCounts;
 use super::layer_plan::{FillTimes, Filled, LayerPlan};
 use super::offset::MAX_FIELD_UM;
+use super::path::{distance_um, ring_edges};
 use super::pieces::Pieces;
 use super::region::Region;
 use super::settings::{ScanSettings, SettingsError};
@@ -237,8 +238,7 @@ fn point_count(region: &Region) -> u64 {
 }
 
 fn ring_length_um(ring: &[[f64; 2]]) -> f64 {
-    let next = ring.iter().cycle().skip(1);
-    ring.iter().zip(next).map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1])).sum()
+    ring_edges(ring).map(|[a, b]| distance_um(a, b)).sum()
 }
 
 fn check_place(region: &Region) -> Result<(), FillError> {

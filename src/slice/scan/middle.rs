@@ -12,7 +12,7 @@ use i_triangle::int::triangulator::IntTriangulator;
 use i_triangle::int::validation::Validation;
 
 use super::offset::{Area, Contour, Point, to_um};
-use super::path::length_um;
+use super::path::{distance_um, length_um, ring_edges};
 use super::thin::ThinRules;
 
 /// How often branches are cut off, each time all short ones. Two or three passes are usual.
@@ -74,8 +74,7 @@ fn triangles(area: &Area, edge_um: f64) -> IntDelaunay<i32> {
 
 /// A ring with points at most `edge_um` apart.
 fn divide(ring: &[Point], edge_um: f64) -> Contour {
-    let next = ring.iter().cycle().skip(1);
-    let pairs = ring.iter().zip(next).flat_map(|(a, b)| {
+    let pairs = ring_edges(ring).flat_map(|[a, b]| {
         let [x, y] = [f64::from(b.x) - f64::from(a.x), f64::from(b.y) - f64::from(a.y)];
         let steps = (x.hypot(y) / 1000.0 / edge_um).ceil().max(1.0);
         (0..steps as u32).map(move |step| {
@@ -300,24 +299,19 @@ fn end_before_border(points: &mut Vec<[f64; 2]>, area: &Area, rules: &ThinRules)
 
 /// Distance from a point to the border in a direction.
 fn border_ahead_um(area: &Area, from: [f64; 2], along: [f64; 2]) -> Option<f64> {
-    let turned = |point: &Point| {
-        let [x, y] = to_um(*point);
+    let turned = |point: Point| {
+        let [x, y] = to_um(point);
         let [x, y] = [x - from[0], y - from[1]];
         [x * along[0] + y * along[1], y * along[0] - x * along[1]]
     };
     let crossings = area.rings().flat_map(|ring| {
-        let next = ring.iter().cycle().skip(1);
-        ring.iter().zip(next).filter_map(move |(a, b)| {
+        ring_edges(ring).filter_map(move |[a, b]| {
             let [a, b] = [turned(a), turned(b)];
             let crosses = (a[1] < 0.0) != (b[1] < 0.0);
             crosses.then(|| a[0] - a[1] * (b[0] - a[0]) / (b[1] - a[1]))
         })
     });
     crossings.filter(|ahead_um| *ahead_um >= 0.0).min_by(f64::total_cmp)
-}
-
-fn distance_um(a: [f64; 2], b: [f64; 2]) -> f64 {
-    (a[0] - b[0]).hypot(a[1] - b[1])
 }
 
 /// The middle of some points.

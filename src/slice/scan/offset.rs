@@ -175,13 +175,14 @@ pub(super) fn to_um(point: Point) -> [f64; 2] {
 /// Twice the area inside a ring; positive if it runs counter-clockwise.
 pub(super) fn doubled_area_nm2(ring: &[Point]) -> i64 {
     let Some(first) = ring.first() else { return 0 };
-    let from_first = |point: &Point| [i64::from(point.x) - i64::from(first.x), i64::from(point.y) - i64::from(first.y)];
-    ring.windows(2)
-        .map(|pair| {
-            let [a, b] = [from_first(&pair[0]), from_first(&pair[1])];
-            a[0] * b[1] - a[1] * b[0]
-        })
-        .sum()
+    ring.windows(2).map(|pair| doubled_triangle_nm2(*first, pair[0], pair[1])).sum()
+}
+
+/// Twice the area of a triangle; positive if it runs counter-clockwise.
+pub(super) fn doubled_triangle_nm2(a: Point, b: Point, c: Point) -> i64 {
+    let [bx, by] = [i64::from(b.x) - i64::from(a.x), i64::from(b.y) - i64::from(a.y)];
+    let [cx, cy] = [i64::from(c.x) - i64::from(a.x), i64::from(c.y) - i64::from(a.y)];
+    bx * cy - by * cx
 }
 
 #[cfg(test)]

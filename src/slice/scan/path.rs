@@ -1,11 +1,22 @@
-//! Lines and rings in micrometres: length, and fewer points. `fill` and `thin` use them.
+//! Lines and rings: edges, length, and fewer points. `pieces`, `thin` and `middle` use them.
 
 /// How many points of a line one segment may replace, so that the work for a point is bounded.
 const MAX_REPLACED: usize = 64;
 
+/// The edges of a ring that does not repeat its first point: from each point to the next, and from the last to the first.
+pub(super) fn ring_edges<T: Copy>(ring: &[T]) -> impl Iterator<Item = [T; 2]> + '_ {
+    let next = ring.iter().cycle().skip(1);
+    ring.iter().zip(next).map(|(a, b)| [*a, *b])
+}
+
+/// Distance from one point to another, micrometres.
+pub(super) fn distance_um(a: [f64; 2], b: [f64; 2]) -> f64 {
+    (a[0] - b[0]).hypot(a[1] - b[1])
+}
+
 /// Length of a line, micrometres.
 pub(super) fn length_um(line: &[[f64; 2]]) -> f64 {
-    line.windows(2).map(|pair| (pair[0][0] - pair[1][0]).hypot(pair[0][1] - pair[1][1])).sum()
+    line.windows(2).map(|pair| distance_um(pair[0], pair[1])).sum()
 }
 
 /// Leaves out points of a line that are at most `tolerance_um` away from the segments that remain. The ends stay; of a ring, which repeats

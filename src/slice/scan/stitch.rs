@@ -5,7 +5,8 @@
 
 use super::border::{Vector, along, dot, minus};
 use super::convex::{arc, least_cosine, rounded};
-use super::offset::{Contour, LEAST_AREA_NM2, Point, doubled_area_nm2};
+use super::offset::{Contour, LEAST_AREA_NM2, Point, doubled_area_nm2, doubled_triangle_nm2};
+use super::path::ring_edges;
 
 /// How far the end of a piece may lie from the beginning of the next, nanometres. Rounding makes it some thousandths; where the border
 /// bends by a ten thousandth of a degree it does not tell a corner from a straight line.
@@ -61,13 +62,14 @@ impl Stitcher {
             let mut follows = false;
             while !std::mem::replace(&mut is_done[at], true) {
                 let piece = &pieces[at];
+                let is_followed = Self::is_followed(pieces, at);
                 // A piece ends where the next begins.
                 if !std::mem::take(&mut is_begun) {
                     points.push(piece.from);
                 }
                 if let Some((centre, [begin, end])) = piece.arc {
-                    let is_whole = follows && Self::is_followed(pieces, at);
-                    if let Some(corner) = self.corner(begin, end).filter(|_| is_whole) {
+                    let corner = if follows && is_followed { self.corner(begin, end) } else { None };
+                    if let Some(corner) = corner {
                         points.pop();
                         points.push(along(centre, corner, self.radius));
                         is_begun = true;
@@ -76,7 +78,7 @@ impl Stitcher {
                         arc(begin, end, least, -self.side, &mut push);
                     }
                 }
-                follows = Self::is_followed(pieces, at);
+                follows = is_followed;
                 at = piece.next as usize;
             }
             if is_begun {
@@ -119,7 +121,7 @@ fn link(pieces: &mut [Piece]) -> Option<()> {
     for number in 0..pieces.len() {
         let piece = &pieces[number];
         let next = first_at.get(piece.after as usize).copied().unwrap_or(NONE);
-        if piece.is_whole[1] && next != NONE && is_near(piece.to, pieces[next as usize].from) {
+        if piece.is_whole[1] && next != NONE && squared(piece.to, pieces[next as usize].from) <= TOUCH_NM * TOUCH_NM {
             is_taken[next as usize] = true;
             pieces[number].next = next;
         }
@@ -136,12 +138,10 @@ fn link(pieces: &mut [Piece]) -> Option<()> {
         let to = pieces[number].to;
         let begin = starts.partition_point(|start| pieces[*start as usize].from[0] < to[0] - TOUCH_NM);
         let near = starts[begin..].iter().take_while(|start| pieces[**start as usize].from[0] <= to[0] + TOUCH_NM);
-        let free = near.filter(|start| !is_taken[**start as usize]).map(|start| {
-            let away = minus(pieces[*start as usize].from, to);
-            (dot(away, away), *start)
-        });
-        let (squared, next) = free.min_by(|a, b| a.0.total_cmp(&b.0))?;
-        if squared > TOUCH_NM * TOUCH_NM {
+        let free = near.filter(|start| !is_taken[**start as usize]);
+        let distances = free.map(|start| (squared(pieces[*start as usize].from, to), *start));
+        let (nearest, next) = distances.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        if nearest > TOUCH_NM * TOUCH_NM {
             return None;
         }
         is_taken[next as usize] = true;
@@ -150,9 +150,10 @@ fn link(pieces: &mut [Piece]) -> Option<()> {
     Some(())
 }
 
-fn is_near(a: Vector, b: Vector) -> bool {
+/// Square of the distance, square nanometres.
+fn squared(a: Vector, b: Vector) -> f64 {
     let away = minus(a, b);
-    dot(away, away) <= TOUCH_NM * TOUCH_NM
+    dot(away, away)
 }
 
 /// Puts holes into the rings around them. `None` if a hole lies in no ring.
@@ -180,14 +181,8 @@ fn nest(rings: Vec<Contour>) -> Option<Vec<Vec<Contour>>> {
 
 /// Whether a ring goes around a point.
 fn is_inside(ring: &[Point], point: Point) -> bool {
-    let next = ring.iter().cycle().skip(1);
-    let crossings = ring.iter().zip(next).filter(|(a, b)| {
-        if (a.y <= point.y) == (b.y <= point.y) {
-            return false;
-        }
-        let [ax, ay] = [i64::from(a.x) - i64::from(point.x), i64::from(a.y) - i64::from(point.y)];
-        let [bx, by] = [i64::from(b.x) - i64::from(point.x), i64::from(b.y) - i64::from(point.y)];
-        (ax * by - ay * bx > 0) == (b.y > a.y)
+    let crossings = ring_edges(ring).filter(|[a, b]| {
+        (a.y <= point.y) != (b.y <= point.y) && (doubled_triangle_nm2(point, *a, *b) > 0) == (b.y > a.y)
     });
     crossings.count() % 2 == 1
 }

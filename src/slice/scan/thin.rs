@@ -17,7 +17,7 @@ use i_overlay::vector::edge::DataVectorEdge;
 use super::bare::bare_stretches;
 use super::middle::{Joint, middle_lines};
 use super::offset::{Area, Point, to_um};
-use super::path::{length_um, simplify};
+use super::path::{distance_um, length_um, ring_edges, simplify};
 
 /// By how much farther than its radius the disc reaches. It keeps rounding and the polygons of arcs from leaving slivers along borders.
 const REACH: f64 = 1.1;
@@ -135,8 +135,7 @@ fn left_out(area: &Area, reached: &Area) -> Vec<Vec<Edges>> {
     let mut overlay = EdgeOverlay::new(0);
     for (of, data, kind) in [(area, Side::Region, ShapeType::Subject), (reached, Side::Reached, ShapeType::Clip)] {
         for ring in of.rings() {
-            let next = ring.iter().cycle().skip(1);
-            overlay.add_edges(ring.iter().zip(next).map(|(&a, &b)| InputEdge { a, b, data }), kind);
+            overlay.add_edges(ring_edges(ring).map(|[a, b]| InputEdge { a, b, data }), kind);
         }
     }
     overlay.build_vector_shapes(OverlayRule::Difference, FillRule::NonZero)
@@ -185,10 +184,6 @@ fn joint(cut: &[Point; 2]) -> Option<Joint> {
     let width_um = distance_um(a, b);
     let outwards = [(b[1] - a[1]) / width_um, (a[0] - b[0]) / width_um];
     (width_um > 0.0).then(|| Joint { at_um: [(a[0] + b[0]) / 2.0, (a[1] + b[1]) / 2.0], outwards, width_um })
-}
-
-fn distance_um(a: [f64; 2], b: [f64; 2]) -> f64 {
-    (a[0] - b[0]).hypot(a[1] - b[1])
 }
 
 /// How far a line reaches: the diagonal of its bounds. In a compact area a line may be longer than that, as it winds.
