@@ -1,5 +1,5 @@
-//! Which stretches of an area's border lie farther than a distance from another area. `thin` and `fill` ask it before they combine areas,
-//! which takes longer.
+//! Which stretches of an area's border lie farther than a distance from another area. `thin` and `layer_plan` ask this first, as combining
+//! areas takes longer.
 
 use super::border::{Border, Bounds, Spans, Vector, along, dot, line_in_capsule, minus, place};
 use super::offset::Area;
@@ -8,7 +8,7 @@ use super::path::ring_edges;
 /// A stretch of a border, in one piece.
 #[derive(Debug, PartialEq)]
 pub(super) struct Stretch {
-    /// Its ends and the corners between them, nanometres from a point near it.
+    /// Its ends and the corners between them, nanometres from the first point of the area.
     points: Vec<Vector>,
     /// Whether it is a whole ring, without ends.
     pub(super) is_ring: bool,
@@ -20,7 +20,7 @@ impl Stretch {
         self.points.windows(2).map(|pair| distance_um(pair[0], pair[1])).sum()
     }
 
-    /// How far it reaches from its ends: the most that a corner is away from the nearer one, micrometres.
+    /// How far it reaches from its ends: the greatest distance of a corner from the nearer end, micrometres.
     pub(super) fn reach_um(&self) -> f64 {
         let [first, .., last] = self.points[..] else { return 0.0 };
         let reach_um = |point: &Vector| distance_um(*point, first).min(distance_um(*point, last));
@@ -41,7 +41,7 @@ pub(super) fn bare_stretches(area: &Area, core: &Area, reach_um: f64) -> Vec<Str
     for ring in area.rings() {
         let first = found.len();
         let mut spans = Spans::default();
-        // Whether the stretch before goes on to the end of its edge.
+        // Whether the last stretch reaches the end of its edge.
         let mut goes_on = false;
         for [from, to] in ring_edges(ring).map(|ends| ends.map(|point| place(*origin, point))) {
             let away = minus(to, from);
@@ -71,7 +71,7 @@ pub(super) fn bare_stretches(area: &Area, core: &Area, reach_um: f64) -> Vec<Str
     found
 }
 
-/// Joins the last stretch of a ring, whose stretches begin at a number, to the first, if both touch the ring's beginning.
+/// Joins the last stretch of a ring to its first, if both touch the ring's beginning. The ring's stretches are those from number `first` on.
 fn close(found: &mut Vec<Stretch>, first: usize, goes_on: bool) {
     let Some(last) = found[first..].last().map(|stretch| stretch.points[stretch.points.len() - 1]) else { return };
     if !goes_on || found[first].points[0] != last {

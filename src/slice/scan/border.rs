@@ -1,5 +1,5 @@
-//! The border of an area as edges that are found by place, and what of a line or an arc lies within a distance of them. `trim` and
-//! `cover` use it.
+//! The border of an area as edges that are found by place, and which part of a line or an arc lies within a distance of them. `trim`
+//! and `bare` use it.
 //!
 //! The points within a distance of an edge are a capsule. Capsules of one width are convex, and a circle of that radius crosses the border
 //! of each at most twice. So a capsule takes at most one stretch of a line or an arc.
@@ -8,7 +8,7 @@
 
 use super::offset::{Area, Point};
 
-/// Edges, or boxes, in one box.
+/// Most edges in a box, or boxes in a larger box.
 const BOX_EDGES: usize = 8;
 
 /// A place or a direction. Places are nanometres from the origin of a border.
@@ -29,7 +29,7 @@ pub(super) struct Edge {
 /// The edges of an area, ring by ring, in nested boxes.
 pub(super) struct Border {
     pub(super) edges: Vec<Edge>,
-    /// Boxes of [`BOX_EDGES`] edges, then of as many of those, up to the last few.
+    /// First the boxes of [`BOX_EDGES`] edges each, then those of as many smaller boxes each, and so on. The last level has at most as many.
     levels: Vec<Vec<Bounds>>,
 }
 
@@ -37,7 +37,7 @@ pub(super) struct Border {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Bounds([f64; 4]);
 
-/// What meets a box, for [`Bounds::meets`].
+/// A box as [`Bounds::meets`] compares it: for each side of the other box, the farthest place at which the two still meet.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Reach([f64; 4]);
 
@@ -48,18 +48,22 @@ impl Edge {
 }
 
 impl Bounds {
+    /// The box around two points.
     pub(super) fn of(a: Vector, b: Vector) -> Self {
         Self([a[0].min(b[0]), a[1].min(b[1]), -a[0].max(b[0]), -a[1].max(b[1])])
     }
 
+    /// The box with each side moved outwards.
     pub(super) fn grown(self, by: f64) -> Self {
         Self(self.0.map(|side| side - by))
     }
 
+    /// The box around both.
     pub(super) fn with(self, other: Self) -> Self {
         Self([0, 1, 2, 3].map(|side| self.0[side].min(other.0[side])))
     }
 
+    /// What [`Bounds::meets`] takes.
     pub(super) fn reach(self) -> Reach {
         let [left, low, right, high] = self.0;
         Reach([-right, -high, -left, -low])
@@ -209,7 +213,7 @@ impl Spans {
     }
 }
 
-/// Which stretch of a line lies within a radius of an edge. `None` if a part of the given length does not come so near.
+/// Which stretch of a line lies within a radius of an edge. `None` if none does of the part with the given length.
 pub(super) fn line_in_capsule(
     from: Vector,
     direction: Vector,
@@ -255,7 +259,7 @@ fn within(start: f64, rate: f64, low: f64, high: f64) -> [f64; 2] {
     [a.min(b), a.max(b)]
 }
 
-/// What of a circle lies within its radius of an edge.
+/// What part of a circle lies nearer to an edge than its radius.
 pub(super) enum CircleCut {
     None,
     /// The two unit vectors from the centre to where it ends, and one between them.
@@ -267,10 +271,10 @@ pub(super) enum CircleCut {
     Unknown,
 }
 
-/// What of the circle around a centre lies within its radius of an edge.
+/// What part of the circle around a centre lies nearer to an edge than its radius.
 pub(super) fn circle_in_capsule(centre: Vector, edge: &Edge, radius: f64) -> CircleCut {
     let away = minus(centre, edge.from);
-    // In the frame of the edge.
+    // Position along the edge, and distance from its line.
     let [s, h] = [dot(away, edge.along), cross(edge.along, away)];
     let nearest = [s.clamp(0.0, edge.length) - s, -h];
     let distance = dot(nearest, nearest).sqrt();
@@ -300,7 +304,8 @@ pub(super) fn circle_in_capsule(centre: Vector, edge: &Edge, radius: f64) -> Cir
             let share = (radius * radius / squared - 0.25).max(0.0).sqrt();
             for share in [share, -share] {
                 let [x, y] = [to_end[0] / 2.0 - to_end[1] * share, to_end[1] / 2.0 + to_end[0] * share];
-                if if is_low { s + x <= 0.0 } else { s + x >= edge.length } {
+                let is_beyond = if is_low { s + x <= 0.0 } else { s + x >= edge.length };
+                if is_beyond {
                     see(x, y);
                 }
             }

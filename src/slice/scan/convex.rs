@@ -1,4 +1,4 @@
-//! Offsets of convex rings, which most islands of a lattice are. `offset` uses them: they take a tenth of the time of the general way.
+//! Offsets of convex rings, which most islands of a lattice are. `offset` uses them: they take a tenth of the time of the library's way.
 //!
 //! Only additions, products, quotients and roots are used, so the result is the same on every machine.
 

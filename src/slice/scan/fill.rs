@@ -2,8 +2,8 @@
 //!
 //! ```
 //! use layerd::layer::{MarkClass, Vectors};
-//! use layerd::stream::MemoryBudget;
 //! use layerd::slice::scan::{Fill, HatchSettings, HatchStrategy, Region, ScanSettings};
+//! use layerd::stream::MemoryBudget;
 //! let hatch = HatchSettings {
 //!     strategy: HatchStrategy::Zigzag,
 //!     spacing_um: 60.0,
@@ -36,9 +36,9 @@
 //! # Ok::<(), layerd::slice::scan::FillError>(())
 //! ```
 //!
-//! Memory is charged to a budget before a batch of regions is filled, by their size. It is what the regions that are worked on take, what
-//! was found and is not in order yet, and the vectors in order. A layer with very many pieces is put in order in several parts, so that
-//! the tables of the order are bounded.
+//! The memory of a layer is charged to a budget before it is filled, by the size of its regions: work space for the regions that threads
+//! fill at the same time, what was found, and the vectors in order. A layer with very many pieces is put in order in several parts, so
+//! that the tables of the order are bounded.
 
 use std::time::{Duration, Instant};
 
@@ -48,6 +48,7 @@ use crate::slice::workers::Workers;
 use crate::stream::{BudgetExceeded, Charge, MemoryBudget};
 
 use super::counts::ScanCounts;
+use super::hatch::Cells;
 use super::layer_plan::{FillTimes, Filled, LayerPlan};
 use super::offset::MAX_FIELD_UM;
 use super::path::{distance_um, ring_edges};
@@ -59,18 +60,18 @@ use super::thin::ThinRules;
 /// How many regions are filled before their pieces are put together, so that memory does not hold two copies of all.
 const BATCH_REGIONS: usize = 256;
 
-/// How many points the borders of a batch have: a larger region is one of its own.
+/// How many points the borders of a batch have at most, unless it is a single region.
 const BATCH_POINTS: usize = 1 << 14;
 
-/// How many pieces are put in order together. Their tables take some 50 MB. Fewer than 20 jumps of a layer with more pieces are longer
-/// than they need to be.
+/// From how many pieces on they are put in order without waiting for more. Their tables take some 50 MB. A layer with more pieces is put in
+/// order in several parts, and only the jumps between two parts are longer than they need to be.
 const MAX_ORDERED_PIECES: usize = 1 << 16;
 
 /// Memory to fill a region, bytes for each point of its border: edges, pieces of offsets, and the library's segments and graph.
 const WORK_BYTES_PER_POINT: u64 = 1500;
 
-/// What a region is filled with takes at most this for each point of a contour, and for each end of a hatch, with its place in the tables
-/// of the order, bytes.
+/// Most memory of what a region is filled with, bytes for each point of a contour and for each end of a hatch. Its entries in the tables of
+/// the order are included.
 const FOUND_BYTES_PER_POINT: u64 = 100;
 const FOUND_BYTES_PER_END: u64 = 150;
 
@@ -99,7 +100,7 @@ pub struct Fill {
     rules: ThinRules,
     workers: Workers,
     budget: MemoryBudget,
-    /// What the vectors of the layer before take.
+    /// What the last layer was charged. It is kept because the vectors are still in use.
     charge: Option<Charge>,
     times: FillTimes,
 }
@@ -125,7 +126,7 @@ impl Fill {
     }
 
     /// Appends the vectors of a layer, counted from 0, in the order in which they are marked. `above` and `below` are the regions of the
-    /// layers next to it; if there is none, all of the layer is skin. They are not looked at unless the settings have skins. The memory of
+    /// layers next to it; if there is none, all of the layer is skin. They change the vectors only if the settings have skins. The memory of
     /// `out` stays charged until the next layer.
     ///
     /// # Errors
@@ -178,10 +179,10 @@ impl Fill {
         out: &Vectors,
     ) -> Result<(), BudgetExceeded> {
         let points = |regions: Option<&[Region]>| regions.into_iter().flatten().map(point_count).sum::<u64>();
-        // The areas of the layers next to it.
+        // Copies of the regions above and below.
         let mut bytes = if self.settings.has_skins() { 16 * (points(above) + points(below)) } else { 0 };
         let found = regions.iter().map(|region| self.found_bytes(region)).sum::<u64>();
-        // As found, and in order.
+        // Once as found, and once in order.
         bytes += 2 * found + out.memory_bytes() as u64;
         let mut largest: Vec<u64> = regions.iter().map(point_count).collect();
         largest.sort_unstable_by(|a, b| b.cmp(a));
@@ -195,7 +196,7 @@ impl Fill {
     fn found_bytes(&self, region: &Region) -> u64 {
         let settings = &self.settings;
         let area_um2 = region.area_um2().max(0.0);
-        // No wider than a disc of its area, so the contours end there.
+        // No region of this area has room for more contours than a disc.
         let most_contours = 1.0 + (area_um2 / std::f64::consts::PI).sqrt() / settings.contour_spacing_um;
         let inner_contours = 1.0 + settings.contour_only_below_um / 2.0 / settings.contour_spacing_um;
         let contours = most_contours.min(f64::from(settings.contour_count) + inner_contours);
@@ -204,7 +205,8 @@ impl Fill {
         for hatch in [&settings.hatch, &settings.up_skin, &settings.down_skin].into_iter().flatten() {
             // Each line begins and ends at the border, or at a cell.
             let crossings = length_um / hatch.spacing_um + 2.0;
-            let cells = hatch.cell_um().map_or(0.0, |cell_um| 2.0 * area_um2 / hatch.spacing_um / cell_um);
+            let cells =
+                Cells::of(hatch.strategy).map_or(0.0, |cells| 2.0 * area_um2 / hatch.spacing_um / cells.pitch_um);
             bytes += FOUND_BYTES_PER_END * (crossings + cells) as u64;
         }
         bytes

@@ -1,8 +1,8 @@
-//! Hatches: parallel lines cut off by areas. `fill` uses them.
+//! Hatches: parallel lines cut off by areas. `layer_plan` and `pieces` use them.
 //!
 //! The lines of a layer pass through a fixed point of the field, not of a region. So hatches of neighbouring regions lie on the same
 //! lines, and a layer does not depend on how its regions are found. Crossings with the border are computed in `f64`. Ends are rounded
-//! inwards to whole micrometres along the line, so a hatch ends in the area, but for the rounding of points to whole micrometres.
+//! inwards to whole micrometres along the line, so a hatch ends in the area, except that its points are rounded to whole micrometres.
 
 use crate::layer::{HatchFrame, HatchLine, hatch_frame};
 
@@ -93,25 +93,19 @@ impl Hatcher {
         counts: &mut ScanCounts,
     ) {
         let mut cuts = Vec::new();
-        let found = chords(ground, &self.frames[0]);
-        let (size_um, pitch_um) = match self.strategy {
-            HatchStrategy::Zigzag | HatchStrategy::Unidirectional => {
-                found.iter().for_each(|chord| self.cut(*chord, None, |_| true, &mut cuts, counts));
-                return join_parts(&mut cuts, false, lines, parts);
+        let cells = Cells::of(self.strategy);
+        if let (HatchStrategy::Chessboard { .. }, Some(cells)) = (self.strategy, cells) {
+            for (frame, turned) in self.frames.iter().zip([false, true]) {
+                cuts.clear();
+                self.cut_squares(&chords(ground, frame), cells, turned, &mut cuts, counts);
+                join_parts(&mut cuts, turned, lines, parts);
             }
-            HatchStrategy::Stripes { width_um, overlap_um } => (width_um, width_um - overlap_um),
-            HatchStrategy::Chessboard { island_um, overlap_um } => (island_um, island_um - overlap_um),
-        };
-        let cells = Cells { pitch_um, size_um };
-        if let HatchStrategy::Stripes { .. } = self.strategy {
-            found.iter().for_each(|chord| self.cut(*chord, Some(cells), |_| true, &mut cuts, counts));
-            return join_parts(&mut cuts, false, lines, parts);
+            return;
         }
-        self.cut_squares(&found, cells, false, &mut cuts, counts);
+        for chord in chords(ground, &self.frames[0]) {
+            self.cut(chord, cells, |_| true, &mut cuts, counts);
+        }
         join_parts(&mut cuts, false, lines, parts);
-        cuts.clear();
-        self.cut_squares(&chords(ground, &self.frames[1]), cells, true, &mut cuts, counts);
-        join_parts(&mut cuts, true, lines, parts);
     }
 
     /// Cuts chords at the borders of the squares of one colour: odd ones for turned lines.
@@ -177,12 +171,23 @@ impl Hatcher {
 
 /// Stripes, or the rows of squares: cell `n` begins at `n` times the pitch.
 #[derive(Clone, Copy)]
-struct Cells {
-    pitch_um: f64,
+pub(super) struct Cells {
+    /// Distance from one to the next.
+    pub(super) pitch_um: f64,
     size_um: f64,
 }
 
 impl Cells {
+    /// Those of a strategy, if it has any.
+    pub(super) fn of(strategy: HatchStrategy) -> Option<Self> {
+        let (size_um, overlap_um) = match strategy {
+            HatchStrategy::Zigzag | HatchStrategy::Unidirectional => return None,
+            HatchStrategy::Stripes { width_um, overlap_um } => (width_um, overlap_um),
+            HatchStrategy::Chessboard { island_um, overlap_um } => (island_um, overlap_um),
+        };
+        Some(Self { pitch_um: size_um - overlap_um, size_um })
+    }
+
     fn bounds(&self, cell: i32) -> (i32, i32) {
         let low_um = f64::from(cell) * self.pitch_um;
         (low_um.round() as i32, (low_um + self.size_um).round() as i32)

@@ -1,4 +1,4 @@
-//! How the regions of a layer are filled, one by one. `fill` uses it.
+//! How the regions of one layer are filled, one by one. `fill` uses it.
 
 use std::time::{Duration, Instant};
 
@@ -14,15 +14,15 @@ use super::settings::{HatchSettings, ScanSettings};
 use super::skin::{Cover, exposed};
 use super::thin::{Split, ThinMark, ThinPart, ThinRules, split, thin_mark};
 
-/// How many contours lead from the border to the middle of a part that is too narrow for hatches. Settings allow it to be some 100 µm
-/// wide; this ends the loop whatever they say.
+/// Most contours from the border to the middle of a part that is too narrow for hatches. Usual settings need a few; this bounds the loop
+/// for any settings.
 const MAX_INNER_CONTOURS: u32 = 1000;
 
-/// By how much farther than a rolling disc its area reaches, so that right-angled corners of wide areas are hatched.
+/// Factor on the radius of the rolling disc, so that what it reaches has the right-angled corners of a wide area.
 const CORNER_REACH: f64 = std::f64::consts::SQRT_2;
 
-/// By how much what is hatched reaches over its border, micrometres: as far as an arc may leave its circle. Fewer slivers then remain along
-/// the border, and little is left without a mark.
+/// By how much the hatched area is grown before it is taken out of the rest, micrometres: as far as an arc may leave its circle. Fewer
+/// slivers then remain along its border.
 const SEAM_UM: f64 = 0.5;
 
 /// Time that the steps of filling took, of all threads together.
@@ -112,7 +112,12 @@ impl<'a> LayerPlan<'a> {
         let began = Instant::now();
         let Split { wide, thin } = split(Area::of(region), &self.rules);
         for part in &thin {
-            self.mark_thin(part, MarkClass::Thin, &self.rules, &mut filled.pieces, &mut filled.counts);
+            let mark = thin_mark(part, &self.rules);
+            match mark {
+                ThinMark::Lines(_) => filled.counts.centre_lines += 1,
+                ThinMark::Point(_) => filled.counts.points += 1,
+            }
+            push_thin(&mark, MarkClass::Thin, &mut filled.pieces);
         }
         filled.times.thin += began.elapsed();
         if !wide.is_empty() {
@@ -120,26 +125,6 @@ impl<'a> LayerPlan<'a> {
         }
         filled.counts.regions += 1;
         filled.counts.unmarked += u64::from(filled.pieces.len() == 0);
-    }
-
-    fn mark_thin(
-        &self,
-        part: &ThinPart,
-        class: MarkClass,
-        rules: &ThinRules,
-        pieces: &mut Pieces,
-        counts: &mut ScanCounts,
-    ) {
-        match thin_mark(part, rules) {
-            ThinMark::Lines(lines) => {
-                lines.iter().for_each(|line| pieces.push_path(class, line));
-                counts.centre_lines += 1;
-            }
-            ThinMark::Point(point) => {
-                pieces.push_path(MarkClass::Point, &[point]);
-                counts.points += 1;
-            }
-        }
     }
 
     /// Contours and hatches. A region that thin parts divide has several wide ones, which are filled together.
@@ -171,30 +156,29 @@ impl<'a> LayerPlan<'a> {
         times.narrow += began.elapsed();
     }
 
-    /// Hatches what is wide enough.
+    /// Hatches what is wide enough. `depth_um`: from the border to the innermost contour, or 0 if there is none.
     fn hatch(&self, wide: &Area, depth_um: f64, pieces: &mut Pieces, counts: &mut ScanCounts) -> Hatched {
         let core = Core::of(wide, self.settings.contour_only_below_um);
-        let mut masks = [None, None];
-        for (mask, cover) in masks.iter_mut().zip([&self.below, &self.above]) {
-            if let (Some(cover), false) = (cover, core.area.is_empty()) {
-                *mask = Some(exposed(wide, cover, self.settings.beam_diameter_um));
-            }
+        if core.area.is_empty() {
+            return if self.settings.hatch.is_some() { Hatched::Only(Area::default()) } else { Hatched::All };
         }
+        let masks = [&self.below, &self.above]
+            .map(|cover| cover.as_ref().map(|cover| exposed(wide, cover, self.settings.beam_diameter_um)));
         let mut hatched = Hatched::All;
         for (number, filling) in self.fillings.iter().enumerate() {
             let Some(filling) = filling else { continue };
             let end_offset_um = filling.settings.end_offset_um;
-            let border = if core.area.is_empty() { Area::default() } else { wide.offset(-(depth_um + end_offset_um)) };
+            // Where the ends of hatches lie.
+            let border = wide.offset(-(depth_um + end_offset_um));
             let reach_um = core.reach_um(&border, depth_um + end_offset_um);
             let reached = reach_um.map(|reach_um| core.area.offset(reach_um));
             if let (MarkClass::Hatch, Some(reach_um)) = (filling.class, reach_um) {
                 hatched = Hatched::Only(core.area.offset(reach_um + end_offset_um + SEAM_UM));
             }
-            // Where both skins are, the down-skin's parameters count.
-            let (own, others) =
-                if number < masks.len() { (&masks[number..=number], &masks[..number]) } else { (&[][..], &masks[..]) };
-            let within = [Some(&border), reached.as_ref()].into_iter().chain(own.iter().map(Option::as_ref)).flatten();
-            let ground = Ground { within: within.collect(), without: others.iter().flatten().collect() };
+            // A skin lies within its own mask. Each filling leaves out the masks before it: where both skins are, the down-skin counts.
+            let own = masks.get(number).and_then(Option::as_ref);
+            let within = [Some(&border), reached.as_ref(), own].into_iter().flatten().collect();
+            let ground = Ground { within, without: masks.iter().take(number).flatten().collect() };
             if !border.is_empty() {
                 pieces.push_hatches(filling.class, (&filling.hatcher, filling.frame), &ground, counts);
             }
@@ -202,12 +186,12 @@ impl<'a> LayerPlan<'a> {
         hatched
     }
 
-    /// Fills what is too narrow for hatches with contours, up to the middle, and what remains between the innermost two with lines.
+    /// Fills what is too narrow for hatches with contours, up to the middle, and what their tracks leave between them with lines.
     /// `is_all`: no part of the region is wide enough. `next_um`: from the border of `inside` to the next contour.
     fn fill_narrow(&self, mut inside: Area, is_all: bool, next_um: f64, pieces: &mut Pieces, counts: &mut ScanCounts) {
         let beam_um = self.settings.beam_diameter_um;
         let mut step_um = next_um;
-        // What the track of the contour around it leaves; nothing yet if there is none.
+        // What lies inside the outer edge of the next contour's track.
         let gap = |inside: &Area, step_um: f64| inside.offset(-(step_um - beam_um / 2.0).max(0.0));
         let mut rest = gap(&inside, step_um);
         if is_all || !rest.is_empty() {
@@ -223,15 +207,10 @@ impl<'a> LayerPlan<'a> {
                 .into_pieces()
                 .filter(|area| area.area_um2() > beam_um * beam_um / 4.0)
             {
-                // Between two tracks: up to their borders, so no end stops before.
+                // It lies between two tracks: its lines end at its border, not half a beam before it.
                 let rules = ThinRules { beam_um: 0.0, ..self.rules };
-                self.mark_thin(
-                    &ThinPart { area, joints: Vec::new() },
-                    MarkClass::Contour,
-                    &rules,
-                    pieces,
-                    &mut ScanCounts::default(),
-                );
+                let mark = thin_mark(&ThinPart { area, joints: Vec::new() }, &rules);
+                push_thin(&mark, MarkClass::Contour, pieces);
             }
             (inside, step_um) = (next, self.settings.contour_spacing_um);
             rest = gap(&inside, step_um);
@@ -239,8 +218,8 @@ impl<'a> LayerPlan<'a> {
     }
 }
 
-/// What a contour does not melt of the area inside the track of the one around it. Nothing if only short stretches of the border are left:
-/// then all pieces are small.
+/// What the tracks of the contours `next` leave of `rest`, the area inside their outer edges. Nothing if they leave only short stretches of
+/// its border: then all pieces are small.
 fn left_between(rest: &Area, next: &Area, beam_um: f64) -> Area {
     let reach_um = beam_um / 2.0 * CORNER_REACH;
     let is_short = |bare: &Stretch| bare.length_um() < beam_um / 4.0;
@@ -248,6 +227,14 @@ fn left_between(rest: &Area, next: &Area, beam_um: f64) -> Area {
         return Area::default();
     }
     rest.subtract(&next.offset(reach_um))
+}
+
+/// Adds the mark of a thin part; `class` is the class of its lines.
+fn push_thin(mark: &ThinMark, class: MarkClass, pieces: &mut Pieces) {
+    match mark {
+        ThinMark::Lines(lines) => lines.iter().for_each(|line| pieces.push_path(class, line)),
+        ThinMark::Point(point) => pieces.push_path(MarkClass::Point, &[*point]),
+    }
 }
 
 fn push_rings(area: &Area, pieces: &mut Pieces) {
@@ -260,13 +247,13 @@ fn push_rings(area: &Area, pieces: &mut Pieces) {
 enum Hatched {
     /// All of it, or the settings have none.
     All,
-    /// What lies here. It reaches to the innermost contour, or to the border if there is none.
+    /// What lies in this area. It reaches to the innermost contour, or to the border if there is none.
     Only(Area),
 }
 
 /// Where an area is wide enough for hatches.
 struct Core {
-    /// Centres of a disc that rolls through it.
+    /// Where the centre of a disc goes that rolls through the wide area.
     area: Area,
     radius_um: f64,
 }
@@ -277,15 +264,10 @@ impl Core {
         Self { area: wide.offset(-radius_um), radius_um }
     }
 
-    /// How far around the core an area is wide enough for hatches that lies at some distance from the border of the wide one; `None` if it
-    /// is everywhere.
+    /// How far from the core an area is wide enough for hatches; `None` if it is everywhere. The area lies `depth_um` inside the wide one.
     fn reach_um(&self, area: &Area, depth_um: f64) -> Option<f64> {
         let reach_um = (self.radius_um - depth_um) * CORNER_REACH;
-        let is_whole = if self.area.is_empty() {
-            false
-        } else {
-            reach_um <= 0.0 || bare_stretches(area, &self.area, reach_um).is_empty()
-        };
+        let is_whole = reach_um <= 0.0 || bare_stretches(area, &self.area, reach_um).is_empty();
         (!is_whole).then_some(reach_um)
     }
 }

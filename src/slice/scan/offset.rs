@@ -1,7 +1,7 @@
-//! Areas in whole nanometres: inset, outset, union, intersection and difference. `fill` uses them.
+//! Areas in whole nanometres: inset, outset and difference. `thin`, `layer_plan` and `skin` use them.
 //!
-//! Areas are combined by `i_overlay` on whole numbers; offsets are made by `convex` and `trim`, and by the library where they do not know. The
-//! same input gives the same result on every machine. One nanometre is far below what a scanner resolves, and 32 bits hold a field of
+//! Areas are combined by `i_overlay` on whole numbers; offsets are made by `convex` and `trim`, and by the library where neither can.
+//! The same input gives the same result on every machine. One nanometre is far below what a scanner resolves, and 32 bits hold a field of
 //! [`MAX_FIELD_UM`].
 
 use i_overlay::core::fill_rule::FillRule;

@@ -1,16 +1,16 @@
-//! In which order a layer is marked, so that the laser jumps little. `fill` uses it.
+//! In which order a layer is marked, so that the laser jumps little. `pieces` uses it.
 //!
-//! A stop is what is marked without choice in between: a contour, a centre line, a point, or a part of the hatches. It can be entered at
+//! A stop is what is marked without a choice in between: a contour, a centre line, a point, or a part of the hatches. It can be entered at
 //! some of its points: a contour at any, a line at both ends. The order is found in three steps, each with bounded effort:
 //!
-//! 1. Greedy: go to the nearest stop that is left, by any of its ends. A tree of boxes finds it.
-//! 2. Improve: at most [`MAX_PASSES`] times over all stops, turn around a stretch of the tour, or move up to three stops to
+//! 1. Greedy: go to the nearest stop that is left, by any of its ways. `tree` finds it.
+//! 2. Improve (`tour`): at most [`MAX_PASSES`] times over all stops, turn around a stretch of the tour, or move up to three stops to
 //!    another place, if that shortens the tour. Only places near the stop are tried.
 //! 3. Choose anew where each stop is entered, the best for this order.
 //!
-//! `tour` improves, `tree` finds what is near.
-//!
 //! No step depends on chance or on time, so a layer is ordered alike in every run.
+
+use std::ops::Range;
 
 use super::tour::Tour;
 use super::tree::Tree;
@@ -52,16 +52,23 @@ impl Stops {
         self.ends.len()
     }
 
-    pub(super) fn ways(&self, stop: u32) -> &[Way] {
+    /// Where the ways of a stop are among those of all stops.
+    pub(super) fn range(&self, stop: u32) -> Range<usize> {
         let begin = if stop == 0 { 0 } else { self.ends[stop as usize - 1] };
-        &self.ways[begin as usize..self.ends[stop as usize] as usize]
+        begin as usize..self.ends[stop as usize] as usize
     }
 
-    /// A way.
+    /// The ways of a stop.
+    fn ways(&self, stop: u32) -> &[Way] {
+        &self.ways[self.range(stop)]
+    }
+
+    /// Where a visit enters and leaves its stop.
     pub(super) fn way(&self, visit: Visit) -> Way {
         self.ways(visit.stop)[visit.way as usize]
     }
 
+    /// The visit in the other direction; `None` if the stop cannot be marked backwards.
     pub(super) fn turned(&self, visit: Visit) -> Option<Visit> {
         let [from, to] = self.way(visit);
         let way = if from == to { visit.way } else { visit.way ^ 1 };
@@ -79,7 +86,7 @@ impl Stops {
     }
 
     /// Greedy: begins with the stop nearest to the field's low corner, and goes on to the nearest one by any of its ways.
-    fn greedy(&self, tree: &mut Tree) -> Vec<Visit> {
+    fn greedy(&self, tree: &mut Tree<'_>) -> Vec<Visit> {
         let mut tour = Vec::with_capacity(self.len());
         let mut at = [0, 0];
         while let Some(visit) = tree.take_nearest(at) {
@@ -137,10 +144,12 @@ impl Stops {
     }
 }
 
+/// Distance from one point to another, micrometres.
 pub(super) fn distance_um(a: [i32; 2], b: [i32; 2]) -> f64 {
     squared_um2(a, b).sqrt()
 }
 
+/// Square of the distance from one point to another.
 pub(super) fn squared_um2(a: [i32; 2], b: [i32; 2]) -> f64 {
     let [x, y] = [0, 1].map(|axis| f64::from(a[axis]) - f64::from(b[axis]));
     x * x + y * y

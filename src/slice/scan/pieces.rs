@@ -1,4 +1,4 @@
-//! What a region is marked with, before it is put in order. `fill` collects it from all regions of a layer.
+//! What a region is marked with, before it is put in order. `layer_plan` makes it for each region, `fill` collects it.
 
 use crate::layer::{HatchFrame, HatchLine, MarkClass, Vectors};
 
@@ -11,7 +11,7 @@ use super::path::simplify;
 /// each of its points is tried.
 const MAX_RING_STARTS: usize = 16;
 
-/// Points of rings that leave the others by less than this are left out, micrometres: what rounding to whole micrometres adds anyhow.
+/// Tolerance for leaving out points of rings, micrometres. Rounding to whole micrometres moves points as far.
 const RING_TOLERANCE_UM: f64 = 0.7;
 
 /// Pieces that are marked without a choice in between.
@@ -37,6 +37,16 @@ enum Kind {
     Path,
     /// Hatches of a frame, by its number in the layer.
     Part { frame: u8, goes_both_ways: bool },
+}
+
+impl Piece {
+    /// Whether it can be marked backwards.
+    fn turns(&self) -> bool {
+        match self.kind {
+            Kind::Path => true,
+            Kind::Part { goes_both_ways, .. } => goes_both_ways,
+        }
+    }
 }
 
 impl Pieces {
@@ -101,10 +111,10 @@ impl Pieces {
     }
 
     /// Writes all pieces in a short order, and counts jumps and marks.
-    pub(super) fn write(&mut self, frames: &[HatchFrame], out: &mut Vectors, counts: &mut ScanCounts) {
+    pub(super) fn write(&self, frames: &[HatchFrame], out: &mut Vectors, counts: &mut ScanCounts) {
         let mut stops = Stops::default();
         for piece in &self.pieces {
-            stops.push(self.ways(piece, frames), self.turns(piece));
+            stops.push(self.ways(piece, frames), piece.turns());
         }
         let before_um = stops.jump_um(&stops.as_added());
         let visits = stops.ordered();
@@ -145,13 +155,6 @@ impl Pieces {
             // Beginning at the low or the high end of the first line, each with its reverse.
             (true, 1) => vec![[a, d], [d, a], [b, c], [c, b]],
             (true, _) => vec![[a, c], [c, a], [b, d], [d, b]],
-        }
-    }
-
-    fn turns(&self, piece: &Piece) -> bool {
-        match piece.kind {
-            Kind::Path => true,
-            Kind::Part { goes_both_ways, .. } => goes_both_ways,
         }
     }
 
@@ -206,7 +209,7 @@ impl Pieces {
     fn lay_part(&self, piece: &Piece, way: u32, hatches: &mut Vec<HatchLine>) {
         hatches.extend_from_slice(&self.lines[piece.begin..piece.begin + piece.count]);
         let flip = |line: &mut HatchLine| std::mem::swap(&mut line.from_um, &mut line.to_um);
-        if self.turns(piece) {
+        if piece.turns() {
             // Ways 2 and 3 begin at the high end of the first line.
             hatches.iter_mut().skip(usize::from(way < 2)).step_by(2).for_each(flip);
             if way % 2 == 1 {

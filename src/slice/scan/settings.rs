@@ -108,15 +108,6 @@ impl ScanSettings {
 }
 
 impl HatchSettings {
-    /// Distance from one stripe or square to the next, micrometres.
-    pub(super) fn cell_um(&self) -> Option<f64> {
-        match self.strategy {
-            HatchStrategy::Zigzag | HatchStrategy::Unidirectional => None,
-            HatchStrategy::Stripes { width_um, overlap_um } => Some(width_um - overlap_um),
-            HatchStrategy::Chessboard { island_um, overlap_um } => Some(island_um - overlap_um),
-        }
-    }
-
     fn check(&self) -> Result<(), SettingsError> {
         within("spacing_um", self.spacing_um, MIN_SPACING_UM, MAX_LENGTH_UM)?;
         within("angle_deg", self.angle_deg, -360.0, 360.0)?;

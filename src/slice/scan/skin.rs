@@ -1,4 +1,4 @@
-//! Where nothing lies above or below a region. `fill` uses it.
+//! Where nothing lies above or below a region. `layer_plan` uses it.
 
 use super::offset::{Area, Point};
 use super::region::Region;
@@ -44,7 +44,7 @@ impl Cover {
         rows.flat_map(move |row| columns.clone().map(move |column| (row * CELLS + column) as usize))
     }
 
-    /// What of the layer lies near an area.
+    /// The areas whose bounds meet other bounds.
     fn near(&self, bounds: &[Point; 2]) -> Area {
         let mut found: Vec<u32> = self.cells_of(bounds).flat_map(|cell| self.cells[cell].iter().copied()).collect();
         found.sort_unstable();
@@ -58,7 +58,7 @@ impl Cover {
     }
 }
 
-/// What of an area the neighbouring layer does not cover. Strips narrower than a beam are left out: each layer of a slope has one.
+/// The part of an area that the neighbouring layer does not cover. Strips narrower than a beam are left out: each layer of a slope has one.
 pub(super) fn exposed(area: &Area, cover: &Cover, beam_um: f64) -> Area {
     let Some(bounds) = area.bounds_nm() else { return Area::default() };
     let open = area.subtract(&cover.near(&bounds));

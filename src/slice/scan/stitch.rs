@@ -8,8 +8,8 @@ use super::convex::{arc, least_cosine, rounded};
 use super::offset::{Contour, LEAST_AREA_NM2, Point, doubled_area_nm2, doubled_triangle_nm2};
 use super::path::ring_edges;
 
-/// How far the end of a piece may lie from the beginning of the next, nanometres. Rounding makes it some thousandths; where the border
-/// bends by a ten thousandth of a degree it does not tell a corner from a straight line.
+/// How far the end of a piece may lie from the beginning of the next, nanometres. Rounding makes it some thousandths. It is more where the
+/// border bends by less than a ten thousandth of a degree, because a corner then looks like a straight line.
 const TOUCH_NM: f64 = 4.0;
 
 /// What is left of an edge that was moved, or of an arc around its end.
@@ -20,7 +20,7 @@ pub(super) struct Piece {
     pub(super) arc: Option<(Vector, [Vector; 2])>,
     /// Whether it begins or ends where the line or arc does.
     pub(super) is_whole: [bool; 2],
-    /// Number of the line or arc, counted around the ring, and of the one behind it.
+    /// Number of the line or arc, and of the next one on the ring.
     pub(super) place: u32,
     pub(super) after: u32,
     pub(super) next: u32,

@@ -1,4 +1,4 @@
-//! Thin parts of a region: where they are, told by local width, and along which line they are marked. `fill` uses it.
+//! Thin parts of a region: where they are, told by local width, and along which line they are marked. `layer_plan` uses it.
 //!
 //! A disc as wide as the limit is rolled through the region. What it cannot reach is thin, whether it is an island of its own, a web
 //! between two wide parts or a spike. The wide rest gets contours.

@@ -67,7 +67,7 @@ impl<'a> Tour<'a> {
     }
 
     /// The stops near the two ends of each stop.
-    pub(super) fn near(&self, tree: &Tree) -> Near {
+    pub(super) fn near(&self, tree: &Tree<'_>) -> Near {
         let mut near = Near { stops: Vec::with_capacity(2 * MAX_NEAR * self.visits.len()), ends: Vec::new() };
         let mut found = Vec::with_capacity(2 * MAX_NEAR);
         for stop in 0..self.visits.len() as u32 {
@@ -147,10 +147,7 @@ impl<'a> Tour<'a> {
             return false;
         }
         let before = first.checked_sub(1);
-        let mut gap = 0.0;
-        if let Some(before) = before {
-            gap = self.jump(Some(before), end);
-        }
+        let gap = self.jump(before, end);
         let old = self.jump(before, first) + self.jump(Some(end - 1), end) + self.jump(Some(here), here + 1);
         let (enter, leave) =
             if turned { (self.leave(end - 1), self.enter(first)) } else { (self.enter(first), self.leave(end - 1)) };

@@ -6,16 +6,16 @@ use super::order::{Stops, Visit, squared_um2};
 const LEAF_POINTS: usize = 8;
 
 /// Where stops are entered, in nested boxes. Stops are taken out as they are visited.
-pub(super) struct Tree {
+pub(super) struct Tree<'a> {
+    stops: &'a Stops,
     /// Ordered by box.
     points: Vec<Entry>,
     boxes: Vec<Node>,
     taken: Vec<bool>,
     /// Box that each entry is in.
     leaves: Vec<u32>,
-    /// Places in `points` of the entries, stop by stop, and the end of each stop's.
-    of_stops: Vec<u32>,
-    ends: Vec<u32>,
+    /// Place in `points` of each way, in the order of the stops' ways.
+    places: Vec<u32>,
 }
 
 #[derive(Clone, Copy)]
@@ -37,31 +37,24 @@ struct Node {
     left: u32,
 }
 
-impl Tree {
-    pub(super) fn new(stops: &Stops) -> Self {
+impl<'a> Tree<'a> {
+    pub(super) fn new(stops: &'a Stops) -> Self {
         let visits = (0..stops.len() as u32)
-            .flat_map(|stop| (0..stops.ways(stop).len() as u32).map(move |way| Visit { stop, way }));
+            .flat_map(|stop| (0..stops.range(stop).len() as u32).map(move |way| Visit { stop, way }));
         let points: Vec<Entry> = visits.map(|visit| Entry { at: stops.way(visit)[0], visit }).collect();
-        let ends: Vec<u32> = (0..stops.len() as u32)
-            .scan(0, |end, stop| {
-                *end += stops.ways(stop).len() as u32;
-                Some(*end)
-            })
-            .collect();
         let mut tree = Self {
+            stops,
             leaves: vec![0; points.len()],
-            of_stops: vec![0; points.len()],
+            places: vec![0; points.len()],
             points,
             boxes: Vec::new(),
             taken: vec![false; stops.len()],
-            ends,
         };
         if !tree.points.is_empty() {
             tree.divide(0, tree.points.len(), 0);
         }
         for (place, Entry { visit, .. }) in tree.points.iter().enumerate() {
-            let begin = tree.ends[visit.stop as usize] - stops.ways(visit.stop).len() as u32;
-            tree.of_stops[(begin + visit.way) as usize] = place as u32;
+            tree.places[stops.range(visit.stop).start + visit.way as usize] = place as u32;
         }
         tree
     }
@@ -99,20 +92,17 @@ impl Tree {
 
     /// The nearest entry of a stop that is not taken. Takes the stop out.
     pub(super) fn take_nearest(&mut self, at: [i32; 2]) -> Option<Visit> {
-        let mut best = (f64::INFINITY, Visit { stop: u32::MAX, way: 0 });
+        let mut best: Option<(f64, Visit)> = None;
         self.search(at, &mut |found| {
             // By number if they are equally near, so that the order does not depend on the boxes.
             let key = |(distance, visit): &(f64, Visit)| (*distance, visit.stop, visit.way);
-            if key(&found) < key(&best) {
-                best = found;
-            }
-            best.0
+            let nearest = best.filter(|best| key(best) <= key(&found)).unwrap_or(found);
+            best = Some(nearest);
+            nearest.0
         });
-        let visit = best.1;
-        let end = *self.ends.get(visit.stop as usize)?;
-        let begin = if visit.stop == 0 { 0 } else { self.ends[visit.stop as usize - 1] };
+        let (_, visit) = best?;
         self.taken[visit.stop as usize] = true;
-        for &place in &self.of_stops[begin as usize..end as usize] {
+        for &place in &self.places[self.stops.range(visit.stop)] {
             let mut number = self.leaves[place as usize];
             loop {
                 let node = &mut self.boxes[number as usize];

@@ -40,15 +40,15 @@ impl HatchFrame {
         (across_nm.abs() <= i64::from(MAX_DISTANCE_UM) * 1000).then_some(across_nm)
     }
 
-    /// The point at a distance along a line, rounded to whole micrometres. A layer has no points farther than 4.2 m along or across the
-    /// lines; here they lie at that distance.
+    /// The point at a distance along a line, rounded to whole micrometres. Both distances are
+    /// limited to 4.2 m, which no line of a layer exceeds.
     pub fn point_um(&self, line: i32, along_um: i32) -> [i32; 2] {
         let most_nm = i64::from(MAX_DISTANCE_UM) * 1000;
         let across_nm = (i64::from(line) * i64::from(self.spacing_nm)).clamp(-most_nm, most_nm);
         self.point_across_um(across_nm, along_um.clamp(-MAX_DISTANCE_UM, MAX_DISTANCE_UM))
     }
 
-    /// The same of a line at a distance from line 0. Both distances are within [`MAX_DISTANCE_UM`].
+    /// The same for a line that is given by its distance from line 0. Both distances are within [`MAX_DISTANCE_UM`].
     pub(super) fn point_across_um(&self, across_nm: i64, along_um: i32) -> [i32; 2] {
         let along_nm = i64::from(along_um) * 1000;
         // A share has at most 2³⁰ + 4, a distance 2²² × 1000, so both products and a half are below 2⁶³.
