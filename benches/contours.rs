@@ -4,13 +4,13 @@
 //! the time of the threads among the steps. Looks for the file in `$LAYERD_DATA`, default `../shared/data`; without it there is nothing
 //! to measure.
 
-mod spot;
+mod spot_contours;
 
 use layerd::buildfile::Header;
-use layerd::layer::{Depth, Mirror, Raster};
+use layerd::slice::MemoryStruts;
 use layerd::slice::scan::{Contours, Region};
-use layerd::slice::{BodySource, MemoryStruts, SlicePlan};
 use layerd::stream::MemoryBudget;
+use spot_contours::LAYERS;
 
 fn main() {
     divan::main();
@@ -18,13 +18,9 @@ fn main() {
     print_steps(false);
 }
 
-const PITCH_UM: f64 = 30.0;
-const Z_UM: f64 = 30_000.0;
-const LAYERS: u32 = 20;
-
 #[divan::bench(args = [(true, 1), (true, 2), (false, 1)], sample_count = 5, sample_size = 1)]
 fn spot_20_layers(bencher: divan::Bencher<'_, '_>, (convolution, threads): (bool, usize)) {
-    let Some((header, source)) = spot::lattice(convolution, |point| point) else { return };
+    let Some((header, source)) = spot_contours::lattice(convolution) else { return };
     let points = point_count(&mut contours(&header, &source, 1));
     bencher
         .counter(divan::counter::ItemsCount::new(points))
@@ -34,38 +30,20 @@ fn spot_20_layers(bencher: divan::Bencher<'_, '_>, (convolution, threads): (bool
 
 /// Shares of the steps, on one thread.
 fn print_steps(convolution: bool) {
-    let Some((header, source)) = spot::lattice(convolution, |point| point) else { return };
+    let Some((header, source)) = spot_contours::lattice(convolution) else { return };
     let mut contours = contours(&header, &source, 1);
     let before = contours.times();
     let points = point_count(&mut contours);
     let times = contours.times();
     println!("convolution: {convolution}; {points} points of {LAYERS} layers\nstep | ms a layer | points a second");
-    for (step, time) in [
-        ("field", times.field - before.field),
-        ("march", times.march - before.march),
-        ("join", times.join - before.join),
-        ("simplify", times.simplify - before.simplify),
-    ] {
+    for (step, time) in spot_contours::steps(before, times) {
         let seconds = time.as_secs_f64();
         println!("{step} | {:.2} | {:.0}", seconds * 1e3 / f64::from(LAYERS), points as f64 / seconds);
     }
 }
 
-/// Contours ready for the layer at [`Z_UM`]: the first layer of a sweep reads all chunks within reach, and a print does so once.
 fn contours(header: &Header, source: &MemoryStruts, threads: usize) -> Contours {
-    let raster = Raster {
-        width_px: 2200,
-        height_px: 3600,
-        pixel_um: [PITCH_UM; 2],
-        build_height_um: 100_000.0,
-        mirror: Mirror::default(),
-    };
-    let plan = SlicePlan::new(header, raster, Depth::Bit, PITCH_UM).expect("it fits");
-    let first = (Z_UM / PITCH_UM) as u32 - 1;
-    let bodies = vec![BodySource::Lattice(Box::new(source.clone()))];
-    let mut contours = Contours::new(bodies, plan, 5.0, threads, first, &MemoryBudget::new(1 << 30)).expect("fits");
-    contours.next_layer().expect("a layer");
-    contours
+    spot_contours::contours(header, source, 5.0, threads, &MemoryBudget::new(1 << 30))
 }
 
 /// Points of the next [`LAYERS`] layers.

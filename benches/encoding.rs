@@ -6,12 +6,15 @@
 //! time, so that other work on the machine counts little.
 //! Looks for the file in `$LAYERD_DATA`, default `../shared/data`; without it there is nothing to measure.
 
+mod cpu_time;
+
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Arc;
 use std::time::Duration;
 
+use cpu_time::cpu_time;
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
 use layerd::buildfile::BuildFile;
@@ -21,7 +24,6 @@ use layerd::link::message::Encoding;
 use layerd::slice::{BodySource, SlicePlan, Slicer};
 use layerd::stream::MemoryBudget;
 use layerd_wire::encoding::Decoder;
-use rustix::time::{ClockId, clock_gettime};
 
 const RASTER: Raster = Raster {
     width_px: 3840,
@@ -114,12 +116,6 @@ fn measure(part: &Path, depth: Depth, encoding: Encoding) -> Sum {
         }
     }
     sum
-}
-
-/// Processor time of this thread.
-fn cpu_time() -> Duration {
-    let now = clock_gettime(ClockId::ThreadCPUTime);
-    Duration::new(now.tv_sec as u64, now.tv_nsec as u32)
 }
 
 /// Signature, header, the one data chunk's frame, end (PNG specification, third edition, 5).

@@ -7,29 +7,30 @@
 //! zigzag hatches of a beam of 60 µm. The whole is processor time, so that other work on the machine counts little; the steps have their
 //! shares of it. Looks for the file in `$LAYERD_DATA`, default `../shared/data`; without it this part is skipped.
 
+mod cpu_time;
 #[path = "../tests/scan_samples/mod.rs"]
 mod scan_samples;
-
-mod spot;
+mod spot_contours;
 
 use std::time::{Duration, Instant};
 
+use cpu_time::cpu_time;
 use layerd::buildfile::Header;
 use layerd::device::encoding::encode_vectors;
-use layerd::layer::{Depth, LaserParameters, MarkClass, Mirror, Raster, Vectors};
-use layerd::slice::scan::{ContourTimes, Contours, Fill, FillTimes, HatchStrategy, Region, ScanSettings};
-use layerd::slice::{BodySource, MemoryStruts, SlicePlan};
+use layerd::layer::{LaserParameters, MarkClass, Vectors};
+use layerd::slice::MemoryStruts;
+use layerd::slice::scan::{Fill, HatchStrategy, Region, ScanSettings};
 use layerd::stream::MemoryBudget;
 use layerd_wire::encoding::VectorEncoding;
-use rustix::time::{ClockId, clock_gettime};
 use scan_samples::{islands, settings};
+use spot_contours::{FIELD_UM, LAYERS};
 
 fn main() {
     divan::main();
     for convolution in [true, false] {
-        if let Some((header, source)) = spot::lattice(convolution, |point| point) {
+        if let Some((header, source)) = spot_contours::lattice(convolution) {
             println!("{LAYERS} layers of spot_lattice.txt, convolution: {convolution}");
-            print_steps(&header, source);
+            print_steps(&header, &source);
         }
     }
 }
@@ -78,30 +79,12 @@ fn moved(region: &Region, by_um: f64) -> Region {
     Region { outer: ring(&region.outer), holes: region.holes.iter().map(ring).collect() }
 }
 
-const PITCH_UM: f64 = 30.0;
-const Z_UM: f64 = 30_000.0;
-const LAYERS: u32 = 20;
-
 /// Prints what each step from the sweep to encoded bytes takes.
-fn print_steps(header: &Header, source: MemoryStruts) {
-    let raster = Raster {
-        width_px: 2200,
-        height_px: 3600,
-        pixel_um: [PITCH_UM; 2],
-        build_height_um: 100_000.0,
-        mirror: Mirror::default(),
-    };
-    let field_um = [2200 * 30, 3600 * 30];
-    let plan = SlicePlan::new(header, raster, Depth::Bit, PITCH_UM).expect("it fits");
+fn print_steps(header: &Header, source: &MemoryStruts) {
     let budget = MemoryBudget::new(1 << 30);
     let settings = settings(HatchStrategy::Zigzag);
-    let tolerance_um = settings.simplify_tolerance_um;
-    let bodies = vec![BodySource::Lattice(Box::new(source))];
-    let mut contours =
-        Contours::new(bodies, plan, tolerance_um, 1, (Z_UM / PITCH_UM) as u32 - 1, &budget).expect("it fits");
+    let mut contours = spot_contours::contours(header, source, settings.simplify_tolerance_um, 1, &budget);
     let mut fill = Fill::new(settings, 1, &budget).expect("good settings");
-    // The first layer of a sweep reads all chunks within reach, and a print does so once.
-    contours.next_layer().expect("a layer");
 
     let (mut vectors, mut bytes) = (Vectors::default(), Vec::new());
     let (mut count, mut byte_count, mut jump_um) = (0, 0, 0.0);
@@ -113,7 +96,7 @@ fn print_steps(header: &Header, source: MemoryStruts) {
         vectors.clear();
         let counts = fill.layer(regions.layer(), regions.regions(), None, None, &mut vectors).expect("it fits");
         let begin = Instant::now();
-        encode_vectors(&vectors, VectorEncoding::Coded, field_um, &lasers(), &mut bytes).expect("in the field");
+        encode_vectors(&vectors, VectorEncoding::Coded, FIELD_UM, &lasers(), &mut bytes).expect("in the field");
         encoding += begin.elapsed();
         count += vectors.mark_count();
         byte_count += bytes.len() as u64;
@@ -126,30 +109,19 @@ fn print_steps(header: &Header, source: MemoryStruts) {
         jump_um / 1e3 / f64::from(LAYERS)
     );
     println!("step | ms a layer | vectors a second");
-    for (step, time) in steps(before, contours.times(), fill.times(), encoding).into_iter().chain([("all", whole)]) {
+    let of_fill = fill.times();
+    let of_fill = [
+        ("thin parts", of_fill.thin),
+        ("contours", of_fill.contours),
+        ("hatches", of_fill.hatch),
+        ("narrow parts", of_fill.narrow),
+        ("order", of_fill.order),
+    ];
+    let of_contours = spot_contours::steps(before, contours.times());
+    for (step, time) in of_contours.into_iter().chain(of_fill).chain([("encoding", encoding), ("all", whole)]) {
         let seconds = time.as_secs_f64() * whole_cpu.as_secs_f64() / whole.as_secs_f64();
         println!("{step} | {:.2} | {:.0}", seconds * 1e3 / f64::from(LAYERS), count as f64 / seconds);
     }
-}
-
-fn steps(
-    before: ContourTimes,
-    contours: ContourTimes,
-    fill: FillTimes,
-    encoding: Duration,
-) -> [(&'static str, Duration); 10] {
-    [
-        ("field", contours.field - before.field),
-        ("march", contours.march - before.march),
-        ("join", contours.join - before.join),
-        ("simplify", contours.simplify - before.simplify),
-        ("thin parts", fill.thin),
-        ("contours", fill.contours),
-        ("hatches", fill.hatch),
-        ("narrow parts", fill.narrow),
-        ("order", fill.order),
-        ("encoding", encoding),
-    ]
 }
 
 fn lasers() -> [LaserParameters; MarkClass::ALL.len()] {
@@ -164,10 +136,4 @@ fn lasers() -> [LaserParameters; MarkClass::ALL.len()] {
         point_time_us: 500,
     };
     [laser; MarkClass::ALL.len()]
-}
-
-/// Processor time of this thread.
-fn cpu_time() -> Duration {
-    let now = clock_gettime(ClockId::ThreadCPUTime);
-    Duration::new(now.tv_sec as u64, now.tv_nsec as u32)
 }

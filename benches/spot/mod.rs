@@ -1,4 +1,4 @@
-//! `spot_lattice.txt` in memory, for benchmarks.
+//! `spot_lattice.txt` in memory. `benches/slice.rs` and `benches/spot_contours/` use it.
 
 use std::path::{Path, PathBuf};
 
@@ -23,7 +23,7 @@ pub(crate) fn lattice(convolution: bool, place: impl Fn([i32; 3]) -> [i32; 3]) -
             .map(|word| (word.parse::<f64>().expect("a number") * 1000.0).round() as i32)
             .collect::<Vec<_>>()
             .try_into()
-            .ok()?;
+            .expect("seven numbers");
         let (mut a, mut b) = (place([x1, y1, z1]), place([x2, y2, z2]));
         if a[2] > b[2] {
             std::mem::swap(&mut a, &mut b);

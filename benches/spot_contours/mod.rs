@@ -1,0 +1,62 @@
+//! Contours of `spot_lattice.txt` on pixels of 30 µm, from z = 30 mm on. `benches/contours.rs` and `benches/scan_fill.rs` measure them.
+
+#[path = "../spot/mod.rs"]
+mod spot;
+
+use std::time::Duration;
+
+use layerd::buildfile::Header;
+use layerd::layer::{Depth, Mirror, Raster};
+use layerd::slice::scan::{ContourTimes, Contours};
+use layerd::slice::{BodySource, MemoryStruts, SlicePlan};
+use layerd::stream::MemoryBudget;
+
+const PIXEL_UM: u32 = 30;
+const SIZE_PX: [u32; 2] = [2200, 3600];
+const Z_UM: u32 = 30_000;
+
+/// How many layers are measured.
+pub(crate) const LAYERS: u32 = 20;
+
+/// Sides of the field, micrometres.
+#[allow(dead_code, reason = "only one of the benches encodes")]
+pub(crate) const FIELD_UM: [u32; 2] = [SIZE_PX[0] * PIXEL_UM, SIZE_PX[1] * PIXEL_UM];
+
+/// Header and struts; `None`, and a message, where the file is not there.
+pub(crate) fn lattice(convolution: bool) -> Option<(Header, MemoryStruts)> {
+    spot::lattice(convolution, |point| point)
+}
+
+/// Contours with the layer at z = 30 mm behind them: the first layer of a sweep reads all chunks within reach, and a print does so once.
+pub(crate) fn contours(
+    header: &Header,
+    source: &MemoryStruts,
+    tolerance_um: f64,
+    threads: usize,
+    budget: &MemoryBudget,
+) -> Contours {
+    let pixel_um = f64::from(PIXEL_UM);
+    let raster = Raster {
+        width_px: SIZE_PX[0],
+        height_px: SIZE_PX[1],
+        pixel_um: [pixel_um; 2],
+        build_height_um: 100_000.0,
+        mirror: Mirror::default(),
+    };
+    let plan = SlicePlan::new(header, raster, Depth::Bit, pixel_um).expect("it fits");
+    let bodies = vec![BodySource::Lattice(Box::new(source.clone()))];
+    let mut contours =
+        Contours::new(bodies, plan, tolerance_um, threads, Z_UM / PIXEL_UM - 1, budget).expect("it fits");
+    contours.next_layer().expect("a layer");
+    contours
+}
+
+/// The steps of contours, and the time that each took between two readings.
+pub(crate) fn steps(before: ContourTimes, after: ContourTimes) -> [(&'static str, Duration); 4] {
+    [
+        ("field", after.field - before.field),
+        ("march", after.march - before.march),
+        ("join", after.join - before.join),
+        ("simplify", after.simplify - before.simplify),
+    ]
+}
