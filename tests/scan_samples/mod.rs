@@ -1,4 +1,4 @@
-//! Regions to test with, and usual settings. `tests/scan_fill.rs` and `benches/scan_fill.rs` use them.
+//! Regions to test with, and usual settings. `tests/scan_fill/` and `benches/scan_fill.rs` use them.
 
 #![allow(dead_code, reason = "the bench uses some of them only")]
 
