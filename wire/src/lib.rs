@@ -11,6 +11,7 @@ mod escape;
 mod frame;
 mod handshake;
 pub mod message;
+pub mod powder;
 pub mod session;
 mod version;
 

@@ -1,14 +1,12 @@
 //! What only a powder machine does: it spreads powder, and marks layers of scan vectors with its laser. Part of
 //! [`DeviceCore`](super::DeviceCore).
 //!
-//! All layers share one `buffer`, which `upload` fills. `marking` follows scanner and laser through a layer, with the times of `scan`;
-//! `melt` draws what was melted. At an abort, a light-off, a fault and a reset the laser stops at once, otherwise at the end of the
+//! All layers share one [`LayerBuffer`], which `upload` fills. `marking` follows scanner and laser through a layer; `melt` draws what was
+//! melted. At an abort, a light-off, a fault and a reset the laser stops at once, otherwise at the end of the
 //! vector it is on.
 
-mod buffer;
 mod marking;
 mod melt;
-mod scan;
 mod upload;
 
 pub use melt::MeltSettings;
@@ -19,7 +17,7 @@ use crate::device::sim::log::ActRecord;
 use crate::link::message::{
     ExposureId, Fault, PowderCapabilities, PowderReply, PowderRequest, PowderState, Refusal, Reply,
 };
-use buffer::Buffer;
+use layerd_wire::powder::LayerBuffer;
 use marking::{End, Marking};
 use melt::Melt;
 
@@ -36,7 +34,7 @@ const FAULT_US: u64 = 2_000_000;
 #[derive(Debug)]
 pub(super) struct Powder {
     capabilities: PowderCapabilities,
-    buffer: Buffer,
+    buffer: LayerBuffer,
     recoating: Option<Recoating>,
     marking: Option<Marking>,
     recoated: bool,
@@ -70,7 +68,7 @@ impl Powder {
     /// Dark, empty, and without powder.
     pub(super) fn new(capabilities: PowderCapabilities, slots: usize) -> Self {
         Self {
-            buffer: Buffer::new(capabilities.clone(), slots),
+            buffer: LayerBuffer::new(capabilities.clone(), slots),
             recoating: None,
             marking: None,
             recoated: false,

@@ -4,10 +4,9 @@
 //! after it was decoded, so bytes that are late never interrupt one.
 
 use layerd_wire::encoding::{LaserParameters, LayerSum, Vector, VectorDecoder};
+use layerd_wire::powder::{LayerBuffer, StoredLayer, jump_us, mark_us, usable};
 
-use super::buffer::{Buffer, StoredLayer};
 use super::melt::Melt;
-use super::scan::{jump_us, mark_us, usable};
 use crate::link::message::ExposureId;
 
 /// A layer that is being marked.
@@ -145,7 +144,7 @@ impl Marking {
     }
 
     /// Decodes the vector behind the present one, if its bytes are there; vectors before the first are passed over.
-    fn look_ahead(&mut self, buffer: &mut Buffer) {
+    fn look_ahead(&mut self, buffer: &mut LayerBuffer) {
         while let (Ahead::Unknown, Some(decoder)) = (&self.ahead, &mut self.decoder) {
             self.ahead = match buffer.decode(self.slot, decoder) {
                 Err(error) => Ahead::Bad(error.to_string()),
@@ -169,7 +168,7 @@ impl Marking {
     }
 
     /// Goes on if the laser waits for bytes, and they are there.
-    pub(super) fn resume(&mut self, buffer: &mut Buffer, now_us: u64) -> Option<End> {
+    pub(super) fn resume(&mut self, buffer: &mut LayerBuffer, now_us: u64) -> Option<End> {
         self.look_ahead(buffer);
         if matches!(self.phase, Phase::Starved) && !matches!(self.ahead, Ahead::Unknown) {
             self.end_phase(now_us);
@@ -179,7 +178,7 @@ impl Marking {
     }
 
     /// What is due happens, at its own time.
-    pub(super) fn step(&mut self, buffer: &mut Buffer, melt: Option<&mut Melt>) -> Option<End> {
+    pub(super) fn step(&mut self, buffer: &mut LayerBuffer, melt: Option<&mut Melt>) -> Option<End> {
         let now_us = self.due_us();
         self.end_phase(now_us);
         let is_late = now_us >= self.deadline_us;

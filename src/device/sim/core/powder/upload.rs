@@ -1,7 +1,8 @@
 //! Layers on their way into the buffer, and out of it. Part of [`Powder`].
 
+use layerd_wire::powder::{AnnouncedLayer, Arrival};
+
 use super::Powder;
-use super::buffer::Arrival;
 use crate::device::sim::core::LayerBegin;
 use crate::device::sim::core::board::Board;
 use crate::link::message::{DeviceMessage, Encoding, Refusal, Reply, Report};
@@ -20,7 +21,8 @@ impl Powder {
         }
         let busy_slot = self.marking.as_ref().map(|marking| marking.slot);
         let encoding = board.check_layer(&begin, busy_slot, Encoding::vectors)?;
-        self.buffer.begin(number, &begin, encoding);
+        let LayerBegin { slot, id, encoded_bytes, decoded_crc32: crc32, .. } = begin;
+        self.buffer.begin(slot, AnnouncedLayer { number, id, encoding, encoded_bytes, crc32 });
         Ok(())
     }
 

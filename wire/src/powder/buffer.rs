@@ -1,13 +1,14 @@
 //! The buffer that all layers of a powder machine share: their bytes as they came, and the count by which the host knows how much room
-//! there is. Part of [`Powder`](super::Powder).
+//! there is. `docs/protocol.md`, "The buffer", has the rules.
 
-use std::collections::VecDeque;
-
-use layerd_wire::encoding::{Vector, VectorDecoder, VectorEncoding, VectorError};
+use alloc::collections::VecDeque;
+use alloc::format;
+use alloc::string::{String, ToString};
+use alloc::vec::Vec;
 
 use super::scan::usable;
-use crate::device::sim::core::LayerBegin;
-use crate::link::message::{ExposureId, PowderCapabilities};
+use crate::encoding::{Vector, VectorDecoder, VectorEncoding, VectorError};
+use crate::message::{ExposureId, PowderCapabilities};
 
 /// Least growth of the count that is reported while the buffer still holds the layer, bytes: a report of less room would cost more of
 /// the line than the room is worth. It is at most a quarter of a buffer, which has at least 1024 bytes.
@@ -15,7 +16,7 @@ const MIN_REPORT_BYTES: u32 = 256;
 
 /// The layers in the slots, complete or not.
 #[derive(Debug)]
-pub(super) struct Buffer {
+pub struct LayerBuffer {
     capabilities: PowderCapabilities,
     slots: Vec<Option<StoredLayer>>,
     /// The slot of the layer whose bytes come.
@@ -31,19 +32,38 @@ pub(super) struct Buffer {
     owes_report: bool,
 }
 
+/// A layer that a [`LayerBegin`](crate::message::Request::LayerBegin) announces.
+#[derive(Clone, Copy, Debug)]
+pub struct AnnouncedLayer {
+    /// Number of the request.
+    pub number: u32,
+    /// The layer's name.
+    pub id: ExposureId,
+    /// How it is encoded.
+    pub encoding: VectorEncoding,
+    /// Number of its bytes.
+    pub encoded_bytes: u32,
+    /// CRC-32 of its vectors.
+    pub crc32: u32,
+}
+
 /// A layer in a slot.
 #[derive(Debug)]
-pub(super) struct StoredLayer {
+pub struct StoredLayer {
     /// Number of its request.
-    pub(super) number: u32,
-    pub(super) id: ExposureId,
-    pub(super) encoding: VectorEncoding,
-    pub(super) encoded_bytes: u32,
-    pub(super) crc32: u32,
+    pub number: u32,
+    /// Its name.
+    pub id: ExposureId,
+    /// How it is encoded.
+    pub encoding: VectorEncoding,
+    /// Number of its bytes.
+    pub encoded_bytes: u32,
+    /// CRC-32 of its vectors, as announced.
+    pub crc32: u32,
     /// Number of its vectors; `None` before all of them came.
-    pub(super) vectors: Option<u32>,
+    pub vectors: Option<u32>,
     /// Whether it may be marked: it was answered with Done.
-    pub(super) is_ready: bool,
+    pub is_ready: bool,
     /// Bytes that have not come yet.
     missing_bytes: u32,
     bytes: VecDeque<u8>,
@@ -53,7 +73,7 @@ pub(super) struct StoredLayer {
 
 /// What bytes of layer data made of their layer.
 #[derive(Debug)]
-pub(super) enum Arrival {
+pub enum Arrival {
     /// It has more bytes.
     More,
     /// It may be marked now: its request, of this number, is to be answered.
@@ -62,41 +82,43 @@ pub(super) enum Arrival {
     Bad(String),
 }
 
-impl Buffer {
-    pub(super) fn new(capabilities: PowderCapabilities, slots: usize) -> Self {
-        let slots = std::iter::repeat_with(|| None).take(slots).collect();
+impl LayerBuffer {
+    /// An empty buffer of a machine with so many slots.
+    pub fn new(capabilities: PowderCapabilities, slots: usize) -> Self {
+        let slots = core::iter::repeat_with(|| None).take(slots).collect();
         Self { capabilities, slots, receiving: None, received: 0, taken: 0, reported: 0, owes_report: false }
     }
 
     /// The layers that may be marked.
-    pub(super) fn slot_ids(&self) -> Vec<Option<ExposureId>> {
+    pub fn slot_ids(&self) -> Vec<Option<ExposureId>> {
         self.slots.iter().map(|slot| slot.as_ref().filter(|layer| layer.is_ready).map(|layer| layer.id)).collect()
     }
 
     /// A layer that may be marked, and its slot.
-    pub(super) fn ready_layer(&self, id: ExposureId) -> Option<(usize, &StoredLayer)> {
+    pub fn ready_layer(&self, id: ExposureId) -> Option<(usize, &StoredLayer)> {
         let is_meant = |layer: &&StoredLayer| layer.is_ready && layer.id == id;
         self.slots.iter().enumerate().find_map(|(slot, layer)| Some((slot, layer.as_ref().filter(is_meant)?)))
     }
 
     /// The layer in a slot.
-    pub(super) fn layer(&self, slot: usize) -> Option<&StoredLayer> {
+    pub fn layer(&self, slot: usize) -> Option<&StoredLayer> {
         self.slots.get(slot)?.as_ref()
     }
 
     /// The slot of the layer whose bytes come.
-    pub(super) fn receiving(&self) -> Option<usize> {
+    pub fn receiving(&self) -> Option<usize> {
         self.receiving
     }
 
     /// Puts a layer that is announced into its slot, which exists.
-    pub(super) fn begin(&mut self, number: u32, begin: &LayerBegin, encoding: VectorEncoding) {
-        let LayerBegin { slot, id, encoded_bytes, decoded_crc32: crc32, .. } = *begin;
+    pub fn begin(&mut self, slot: u8, layer: AnnouncedLayer) {
+        let AnnouncedLayer { number, id, encoding, encoded_bytes, crc32 } = layer;
         let slot = usize::from(slot);
         self.drop_layer(slot);
         let check = Some(VectorDecoder::new(encoding, self.capabilities.field_um, encoded_bytes));
         let (bytes, missing_bytes) = (VecDeque::new(), encoded_bytes);
-        self.slots[slot] = Some(StoredLayer {
+        let Some(place) = self.slots.get_mut(slot) else { return };
+        *place = Some(StoredLayer {
             number,
             id,
             encoding,
@@ -114,7 +136,7 @@ impl Buffer {
     }
 
     /// Takes bytes from the line. Returns what they made of the layer in a slot; `None` if they belong to no layer.
-    pub(super) fn push(&mut self, bytes: &[u8]) -> Option<(usize, Arrival)> {
+    pub fn push(&mut self, bytes: &[u8]) -> Option<(usize, Arrival)> {
         // No frame has so many bytes.
         let count = u32::try_from(bytes.len()).unwrap_or(u32::MAX);
         self.received = self.received.wrapping_add(count);
@@ -144,7 +166,10 @@ impl Buffer {
     }
 
     /// Gives bytes of a layer to the decoder that marks it. `None`: it needs bytes that have not come, or the layer is over.
-    pub(super) fn decode(&mut self, slot: usize, decoder: &mut VectorDecoder) -> Result<Option<Vector>, VectorError> {
+    ///
+    /// # Errors
+    /// [`VectorError`] if the bytes are no vectors.
+    pub fn decode(&mut self, slot: usize, decoder: &mut VectorDecoder) -> Result<Option<Vector>, VectorError> {
         let Some(layer) = self.slots.get_mut(slot).and_then(Option::as_mut) else { return Ok(None) };
         loop {
             let (piece, _) = layer.bytes.as_slices();
@@ -161,12 +186,12 @@ impl Buffer {
     }
 
     /// Whether all bytes of a layer were given to the decoder that marks it.
-    pub(super) fn is_consumed(&self, slot: usize) -> bool {
+    pub fn is_consumed(&self, slot: usize) -> bool {
         self.layer(slot).is_some_and(|layer| layer.missing_bytes == 0 && layer.bytes.is_empty())
     }
 
     /// Empties a slot. Bytes that still come for its layer belong to none.
-    pub(super) fn drop_layer(&mut self, slot: usize) {
+    pub fn drop_layer(&mut self, slot: usize) {
         if self.receiving == Some(slot) {
             self.receiving = None;
         }
@@ -177,21 +202,21 @@ impl Buffer {
     }
 
     /// Empties all slots.
-    pub(super) fn drop_layers(&mut self) {
+    pub fn drop_layers(&mut self) {
         for slot in 0..self.slots.len() {
             self.drop_layer(slot);
         }
     }
 
     /// A session begins: the buffer is empty, and the counts begin at 0.
-    pub(super) fn restart(&mut self) {
+    pub fn restart(&mut self) {
         self.drop_layers();
         (self.received, self.taken, self.reported, self.owes_report) = (0, 0, 0, false);
     }
 
     /// The count of bytes that left the buffer, if it is to be reported now.
-    pub(super) fn report(&mut self) -> Option<u32> {
-        let owes_report = std::mem::take(&mut self.owes_report);
+    pub fn report(&mut self) -> Option<u32> {
+        let owes_report = core::mem::take(&mut self.owes_report);
         let step_bytes = (self.capabilities.buffer_bytes / 8).max(MIN_REPORT_BYTES);
         let grown = self.taken.wrapping_sub(self.reported);
         if grown < step_bytes && (grown == 0 || !owes_report) {
