@@ -6,7 +6,7 @@ pub mod powder_print;
 pub mod print;
 
 use layerd::device::encoding::{encode, picture_crc32};
-use layerd::device::sim::{ActRecord, CoreAction, DeviceCore};
+use layerd::device::sim::{ActRecord, CoreAction, DeviceCore, MarkedVector};
 use layerd::layer::{Bitmap, Depth};
 use layerd::link::message::{
     Capabilities, DeviceMessage, DeviceState, Encoding, ExposureId, Fault, HostMessage, MachineCapabilities, Reply,
@@ -92,6 +92,8 @@ pub struct Bench {
     pub rooms: Vec<u32>,
     pub records: Vec<ActRecord>,
     pub pictures: Vec<(u32, Bitmap)>,
+    /// What the laser was on.
+    pub vectors: Vec<MarkedVector>,
 }
 
 impl Bench {
@@ -111,6 +113,7 @@ impl Bench {
             rooms: Vec::new(),
             records: Vec::new(),
             pictures: Vec::new(),
+            vectors: Vec::new(),
         };
         bench.hello();
         bench
@@ -218,6 +221,7 @@ impl Bench {
                 CoreAction::Send(DeviceMessage::Report(Report::Room { taken_bytes })) => self.rooms.push(taken_bytes),
                 CoreAction::Record(record) => self.records.push(record),
                 CoreAction::Picture(layer, picture) => self.pictures.push((layer, picture)),
+                CoreAction::Vector(vector) => self.vectors.push(vector),
             }
         }
     }

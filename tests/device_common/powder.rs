@@ -128,7 +128,7 @@ impl Powder {
     }
 
     fn greeted(settings: MeltSettings) -> Self {
-        Self { bench: Bench::of(DeviceCore::new(capabilities(), 5).drawing(settings)), sent_bytes: 0 }
+        Self { bench: Bench::of(DeviceCore::new(capabilities(), 5).drawing(settings).telling_vectors()), sent_bytes: 0 }
     }
 
     /// A machine that is homed, with powder on its plate.

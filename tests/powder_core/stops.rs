@@ -38,6 +38,8 @@ fn urgent_orders_faults_and_resets_are_dark_within_the_call() {
         assert_eq!((state.cut_short, powder.next_vector()), (Some((id(0), 0)), 1), "{name}");
         assert!(state.powder.is_some_and(|powder| powder.broken), "{name}: part of it is marked");
         assert_eq!(state.slots, [None, None], "{name}");
+        let told: Vec<_> = powder.vectors.iter().map(|told| (told.ended_us - told.began_us, told.is_whole)).collect();
+        assert_eq!(told, [(200, true), (100, false)], "{name}");
         let off = powder.records.iter().find(|record| record.event == "laser_off").expect("a record");
         assert_eq!((off.reason.as_deref(), off.next_vector), (Some(name), Some(1)));
         if name == "reset" {

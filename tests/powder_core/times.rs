@@ -48,6 +48,16 @@ fn a_layer_takes_the_time_of_its_jumps_marks_and_delays() {
         (Some(1), Some(4), Some(0), Some(0))
     );
     assert_eq!(powder.core.statistics().vectors, 4);
+    let told: Vec<_> = powder.vectors.iter().map(|told| (told.id, told.vector.number, told.is_whole)).collect();
+    assert_eq!(told, [0, 1, 2, 3].map(|number| (id(0), number, true)));
+    let spans: Vec<_> = powder.vectors.iter().map(|told| told.ended_us - told.began_us).collect();
+    assert_eq!(spans, [300, 400, 100, 400]);
+    let gaps: Vec<_> = powder.vectors.windows(2).map(|pair| pair[1].began_us - pair[0].ended_us).collect();
+    assert_eq!(gaps, [20, 50 + 100 + 100, 50 + 200 + 100]);
+    let marks = powder.vectors.iter().zip(hand_made().marks()).all(|(told, mark)| {
+        (told.vector.class, told.vector.from_um, told.vector.to_um) == (mark.class, mark.from_um, mark.to_um)
+    });
+    assert!(marks && powder.vectors.iter().all(|told| told.laser == LASER), "{:?}", powder.vectors);
 }
 
 #[test]

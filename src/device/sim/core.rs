@@ -8,13 +8,15 @@
 mod board;
 mod plate;
 mod powder;
+mod statistics;
 mod vat;
 
 use board::{Board, Readiness};
 use powder::Powder;
 use vat::Vat;
 
-pub use powder::MeltSettings;
+pub use powder::{MarkedVector, MeltSettings};
+pub use statistics::Statistics;
 
 use super::log::ActRecord;
 use crate::layer::Bitmap;
@@ -32,35 +34,8 @@ pub enum CoreAction {
     Record(ActRecord),
     /// Keep the picture of a layer whose exposure ended: what was lit, or what was melted.
     Picture(u32, Bitmap),
-}
-
-/// Counts since the device was made; resets do not clear them.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Statistics {
-    /// Exposures that ran their whole time.
-    pub exposed: u64,
-    /// Exposures ended early.
-    pub cut_short: u64,
-    /// Layers received without error.
-    pub uploads: u64,
-    /// Bytes of layer data taken.
-    pub layer_bytes: u64,
-    /// Bytes of layer data that belonged to no layer.
-    pub stray_bytes: u64,
-    /// Requests refused.
-    pub refused: u64,
-    /// Moves and homings that arrived.
-    pub moves: u64,
-    /// Times that powder was spread.
-    pub recoats: u64,
-    /// Scan vectors marked whole.
-    pub vectors: u64,
-    /// How long the laser waited, off, for layer data, milliseconds.
-    pub starved_ms: u64,
-    /// Times the host fell silent.
-    pub silences: u64,
-    /// Resets.
-    pub resets: u64,
+    /// The laser was on this vector. See [`DeviceCore::telling_vectors`].
+    Vector(MarkedVector),
 }
 
 /// A layer that is announced.
@@ -106,6 +81,15 @@ impl DeviceCore {
     pub fn drawing(mut self, settings: MeltSettings) -> Self {
         if let Machine::Powder(powder) = &mut self.machine {
             powder.draw(settings);
+        }
+        self
+    }
+
+    /// The same device, which tells its owner each vector that its laser was on, in their order. Only a powder machine has vectors.
+    #[must_use]
+    pub fn telling_vectors(mut self) -> Self {
+        if let Machine::Powder(powder) = &mut self.machine {
+            powder.tell_vectors();
         }
         self
     }

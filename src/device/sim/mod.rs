@@ -12,7 +12,7 @@ mod pace;
 mod pty;
 mod run;
 
-pub use self::core::{CoreAction, DeviceCore, MeltSettings, Statistics};
+pub use self::core::{CoreAction, DeviceCore, MarkedVector, MeltSettings, Statistics};
 pub use fault::{BadFault, FAULT_HELP, FaultSpec, Interlock};
 pub use log::{ActLog, ActRecord};
 pub use pty::Pty;

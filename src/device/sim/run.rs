@@ -299,6 +299,8 @@ impl Device {
                 CoreAction::Picture(layer, picture) => {
                     self.log.as_ref().map_or(Ok(()), |log| log.picture(layer, &picture))
                 }
+                // This process did not ask for them.
+                CoreAction::Vector(_) => continue,
             };
             if let Err(error) = written {
                 self.log_failed(&error, now_us);

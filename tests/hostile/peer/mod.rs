@@ -308,7 +308,7 @@ impl Device {
                     ("moved", _, Some(position_um)) => self.note(Seen::Arrived(position_um)),
                     _ => {}
                 },
-                CoreAction::Picture(..) => {}
+                CoreAction::Picture(..) | CoreAction::Vector(_) => {}
             }
         }
         let is_lit = self.core.state().light_on || lock(&self.shared.controls).stray.is_some();

@@ -324,6 +324,7 @@ impl Machine {
                 CoreAction::Send(message) => self.say_now(message),
                 CoreAction::Picture(_, picture) => self.picture = Some(picture),
                 CoreAction::Record(record) => self.note_act(&record, now_us),
+                CoreAction::Vector(_) => {}
             }
         }
         let plate_um = self.core.plate_um(self.clock.machine_us(now_us));

@@ -9,6 +9,7 @@ mod marking;
 mod melt;
 mod upload;
 
+pub use marking::MarkedVector;
 pub use melt::MeltSettings;
 
 use super::CoreAction;
@@ -45,6 +46,7 @@ pub(super) struct Powder {
     /// Where the scanner points, micrometres in the field.
     scanner_um: [i32; 2],
     melt: Option<Melt>,
+    tells_vectors: bool,
 }
 
 #[derive(Debug)]
@@ -76,6 +78,7 @@ impl Powder {
             broken: false,
             scanner_um: centre(&capabilities),
             melt: None,
+            tells_vectors: false,
             capabilities,
         }
     }
@@ -83,6 +86,11 @@ impl Powder {
     /// Draws what is melted from now on.
     pub(super) fn draw(&mut self, settings: MeltSettings) {
         self.melt = Some(Melt::new(settings));
+    }
+
+    /// Tells each vector that the laser was on from now on.
+    pub(super) fn tell_vectors(&mut self) {
+        self.tells_vectors = true;
     }
 
     /// When an act under way goes on.
@@ -129,11 +137,19 @@ impl Powder {
         // Every turn takes a vector from the buffer, or leaves a phase that lies before one.
         while let Some(marking) = self.marking.as_mut().filter(|marking| marking.due_us() <= now_us) {
             board.now_us = board.now_us.max(marking.due_us());
-            if let Some(end) = marking.step(&mut self.buffer, self.melt.as_mut()) {
+            let end = marking.step(&mut self.buffer, self.melt.as_mut());
+            self.tell_ended(board);
+            if let Some(end) = end {
                 self.end_marking(board, end);
             }
         }
         self.report_room(board);
+    }
+
+    /// Tells the vector that just ended, if there is one and it is to be told.
+    fn tell_ended(&mut self, board: &mut Board) {
+        let ended = self.marking.as_mut().and_then(Marking::take_ended);
+        board.actions.extend(ended.filter(|_| self.tells_vectors).map(CoreAction::Vector));
     }
 
     /// Begins an act. None is under way.
@@ -255,6 +271,7 @@ impl Powder {
     pub(super) fn cut(&mut self, board: &mut Board, reason: &'static str) {
         if let Some(marking) = &mut self.marking {
             marking.interrupt(self.melt.as_mut(), board.now_us);
+            self.tell_ended(board);
             self.end_marking(board, End::Cut(reason));
         }
     }

@@ -38,6 +38,25 @@ pub(super) struct Marking {
     crc32: u32,
     max_power_mw: u32,
     ahead: Ahead,
+    /// The vector that just ended, until it is [taken](Self::take_ended).
+    ended: Option<MarkedVector>,
+}
+
+/// A vector that the laser was on, to its end or not. Only a device that [tells them](super::DeviceCore::telling_vectors) gives them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MarkedVector {
+    /// The layer.
+    pub id: ExposureId,
+    /// The vector.
+    pub vector: Vector,
+    /// What laser and scanner did.
+    pub laser: LaserParameters,
+    /// When the laser went on for it, microseconds of the device's clock.
+    pub began_us: u64,
+    /// When it ended, or the laser went off within it, microseconds of the device's clock.
+    pub ended_us: u64,
+    /// Whether it was marked to its end.
+    pub is_whole: bool,
 }
 
 /// What the laser does.
@@ -107,7 +126,17 @@ impl Marking {
             crc32: layer.crc32,
             max_power_mw,
             ahead: Ahead::Unknown,
+            ended: None,
         }
+    }
+
+    /// The vector that ended in the last step, or was interrupted.
+    pub(super) fn take_ended(&mut self) -> Option<MarkedVector> {
+        self.ended.take()
+    }
+
+    fn note_ended(&mut self, vector: Vector, laser: LaserParameters, ended_us: u64, is_whole: bool) {
+        self.ended = Some(MarkedVector { id: self.id, vector, laser, began_us: self.since_us, ended_us, is_whole });
     }
 
     /// When [`step`](Self::step) is due.
@@ -180,6 +209,9 @@ impl Marking {
     /// What is due happens, at its own time.
     pub(super) fn step(&mut self, buffer: &mut LayerBuffer, melt: Option<&mut Melt>) -> Option<End> {
         let now_us = self.due_us();
+        if let Phase::Lit(_, vector, laser) = self.phase {
+            self.note_ended(vector, laser, now_us, true);
+        }
         self.end_phase(now_us);
         let is_late = now_us >= self.deadline_us;
         match self.phase {
@@ -234,8 +266,9 @@ impl Marking {
 
     /// Stops everything now, also inside of a vector.
     pub(super) fn interrupt(&mut self, melt: Option<&mut Melt>, now_us: u64) {
-        if let Phase::Lit(until_us, vector, _) = self.phase {
+        if let Phase::Lit(until_us, vector, laser) = self.phase {
             self.broken = true;
+            self.note_ended(vector, laser, now_us, false);
             let whole_us = until_us.saturating_sub(self.since_us).max(1) as f64;
             let share = (now_us.saturating_sub(self.since_us) as f64 / whole_us).min(1.0);
             let [from_um, to_um] = [vector.from_um, vector.to_um].map(|point| point.map(f64::from));
