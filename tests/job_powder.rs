@@ -350,6 +350,32 @@ fn a_daemon_that_ends_lets_the_laser_stop_at_the_end_of_its_vector() {
 }
 
 #[test]
+fn no_layer_is_marked_after_an_end_that_came_while_powder_was_spread() {
+    let recoating = || {
+        let mut world = World { mute: Some(2), ..World::new() };
+        world.run();
+        assert_eq!(world.acts.last(), Some(&PowderAct::Recoat));
+        world
+    };
+    let recoated = |mut world: World| {
+        world.mute = None;
+        world.now_us += 4 * SECOND_US;
+        world.tell(Event::ActDone { number: 3, outcome: Outcome::Powder(PowderOutcome::Recoated) });
+        assert!(world.marks().is_empty(), "{:?}", world.acts);
+        world.end.expect("an end")
+    };
+    let mut pushed = recoating();
+    pushed.device.position_um = Some(160);
+    pushed.tell(Event::State(pushed.device.clone()));
+    let (state, reason) = recoated(pushed);
+    assert!(state != JobState::Completed && reason.contains("0.160 mm deep; it was left 0.100 mm"), "{state} {reason}");
+
+    let mut stopped = recoating();
+    stopped.tell(Event::Command(layerd::job::Command::Stop));
+    assert_eq!(recoated(stopped).0, JobState::Stopped);
+}
+
+#[test]
 fn a_pause_leaves_the_part_where_it_is() {
     let mut world = World { mute: Some(3), ..World::new() };
     world.run();

@@ -156,7 +156,13 @@ impl DeviceCore {
     /// homed. A motion under way holds the plate: then this does nothing and returns `false`.
     pub fn push_plate(&mut self, to_um: i32, now_us: u64) -> bool {
         self.advance(now_us);
-        self.board.plate.push(to_um)
+        let is_pushed = self.board.plate.push(to_um);
+        if let Machine::Powder(powder) = &mut self.machine
+            && is_pushed
+        {
+            powder.plate_pushed();
+        }
+        is_pushed
     }
 
     /// The state, as sent in the welcome and in reply to [`Request::State`].

@@ -197,6 +197,14 @@ impl Cycle {
         }
     }
 
+    /// Whether the act under way is to leave the plate where it is.
+    pub(super) fn plate_rests(&self) -> bool {
+        match self {
+            Self::Vat(_) => false,
+            Self::Powder(powder) => powder.plate_rests(),
+        }
+    }
+
     /// The next step to make the machine ready for the layer `next_layer`, until [`Step::Clear`].
     pub(super) fn prepare(&mut self, next_layer: u32, part_possible: bool) -> Step {
         match self {
@@ -313,7 +321,7 @@ impl Cycle {
     ) -> Option<Done> {
         match (self, outcome) {
             (Self::Vat(vat), Outcome::Vat(outcome)) => vat.done(outcome, next_layer, too_soon, goal),
-            (Self::Powder(powder), Outcome::Powder(outcome)) => powder.done(outcome, too_soon),
+            (Self::Powder(powder), Outcome::Powder(outcome)) => powder.done(outcome, too_soon, goal),
             (_, Outcome::Vat(_) | Outcome::Powder(_) | Outcome::Refused(_) | Outcome::TakenBack) => None,
         }
     }

@@ -24,7 +24,7 @@ pub(super) use texts::{SLOW_DISK, UNPARKED, remedy_of_act, remedy_of_upload};
 use texts::POSITION_LOST;
 
 use super::plate::HOMING_US;
-use super::{Done, Exposure, Lit, Step, TooSoon};
+use super::{Done, Exposure, Goal, Lit, Step, TooSoon};
 use crate::device::{Act, Dose, PowderAct, PowderOutcome, ScanTimes, least_exposure_us};
 use crate::job::ACT_MARGIN_US;
 use crate::link::message::DeviceState;
@@ -131,7 +131,8 @@ impl PowderCycle {
         match self.position_um {
             Some(position_um) if !self.plan.positions().is_off(position_um, to_um) => self.recoat(),
             Some(position_um) if position_um > to_um => Step::Halt(format!(
-                "the plate is {} deep, deeper than the {} of layer {layer}: it must not be raised with a part on it. Look at the machine",
+                "the plate is {} deep, deeper than the {} of layer {layer}: it must not be raised with a part on it. If \
+                 somebody moved it, bring it back to that depth at the machine and resume; otherwise abort the job",
                 mm_text(position_um),
                 mm_text(to_um)
             )),
@@ -235,7 +236,12 @@ impl PowderCycle {
         Step::Parked
     }
 
-    pub(super) fn done(&mut self, outcome: PowderOutcome, too_soon: Option<&TooSoon>) -> Option<Done> {
+    /// Whether the act under way leaves the plate where it is.
+    pub(super) fn plate_rests(&self) -> bool {
+        self.stage == Stage::Recoating
+    }
+
+    pub(super) fn done(&mut self, outcome: PowderOutcome, too_soon: Option<&TooSoon>, goal: Goal) -> Option<Done> {
         let (done, problem) = match (self.stage, outcome) {
             (Stage::Homing, PowderOutcome::Arrived { position_um }) => {
                 ("its plate arrived", self.arrived(position_um, 0))
@@ -249,7 +255,8 @@ impl PowderCycle {
             }
             _ => return None,
         };
-        let may_settle = self.stage == Stage::Recoating;
+        // A layer that is not to be marked any more is left as it is.
+        let may_settle = self.stage == Stage::Recoating && goal == Goal::Print;
         self.stage = Stage::Still;
         let problem = problem.or_else(|| too_soon.map(|too_soon| too_soon_text(done, too_soon)));
         let step = if may_settle && problem.is_none() { self.settle() } else { Step::Free };

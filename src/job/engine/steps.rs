@@ -139,7 +139,7 @@ impl Engine {
 
     /// Compares where the machine is with where it was left. Nothing moves it by order in these phases.
     pub(super) fn watch_machine(&mut self, state: &DeviceState, now_us: u64) {
-        use Phase::{Commanding, Confirming, Exposing, Resting, Standing, Waiting, WarmingUp};
+        use Phase::{Acting, Commanding, Confirming, Exposing, Resting, Standing, Waiting, WarmingUp};
         let moved = match self.phase {
             Resting => {
                 self.cycle.rest(state);
@@ -148,6 +148,7 @@ impl Engine {
             Standing { .. } | WarmingUp | Waiting { .. } | Commanding | Exposing { .. } | Confirming => {
                 self.cycle.moved(state)
             }
+            Acting if self.cycle.plate_rests() => self.cycle.moved(state),
             _ => None,
         };
         if let Some(text) = moved {

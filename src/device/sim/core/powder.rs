@@ -54,6 +54,8 @@ struct Recoating {
     /// Number of the request, while its session lasts.
     number: Option<u32>,
     ends_us: u64,
+    /// The plate was pushed meanwhile: nobody knows how the powder lies.
+    is_disturbed: bool,
 }
 
 /// The name of a request in the log, and its exposure.
@@ -129,7 +131,7 @@ impl Powder {
     pub(super) fn advance(&mut self, board: &mut Board, now_us: u64) {
         if let Some(recoating) = self.recoating.take_if(|recoating| recoating.ends_us <= now_us) {
             board.now_us = recoating.ends_us;
-            self.recoated = true;
+            self.recoated = !recoating.is_disturbed;
             board.statistics.recoats += 1;
             board.record(ActRecord { event: "recoated", ..ActRecord::default() });
             board.reply(recoating.number, Reply::Powder(PowderReply::Recoated));
@@ -166,7 +168,8 @@ impl Powder {
             }
             PowderRequest::Recoat => {
                 self.recoated = false;
-                self.recoating = Some(Recoating { number: Some(number), ends_us: board.now_us + RECOAT_US });
+                self.recoating =
+                    Some(Recoating { number: Some(number), ends_us: board.now_us + RECOAT_US, is_disturbed: false });
             }
             PowderRequest::Mark { id, from_vector, most_ms } => self.mark(board, number, id, from_vector, most_ms)?,
         }
@@ -281,6 +284,14 @@ impl Powder {
         match &mut self.marking {
             Some(marking) if marking.is_in_vector() => marking.stopping = marking.stopping.or(Some(reason)),
             _ => self.cut(board, reason),
+        }
+    }
+
+    /// Somebody moved the plate by hand: powder that was spread before does not count.
+    pub(super) fn plate_pushed(&mut self) {
+        self.recoated = false;
+        if let Some(recoating) = &mut self.recoating {
+            recoating.is_disturbed = true;
         }
     }
 
