@@ -75,8 +75,13 @@ pub(crate) struct Bench {
 
 impl Bench {
     pub(crate) fn new(character: Character, seed: u64) -> Self {
+        Self::with(Machine::new(capabilities(), BAUD, character, seed), seed)
+    }
+
+    /// With any machine. The seed determines the line.
+    pub(crate) fn with(machine: Machine, seed: u64) -> Self {
         Self {
-            machine: Machine::new(capabilities(), BAUD, character, seed),
+            machine,
             line: Line::new(BAUD, seed),
             now_us: 0,
             heard: Vec::new(),
@@ -218,12 +223,17 @@ impl Bench {
     pub(crate) fn upload(&mut self, slot: u8, layer: u32) -> u32 {
         let mut bytes = Vec::new();
         encode(&picture(layer), Encoding::RawBit, &mut bytes).expect("bits");
+        self.send_layer(slot, layer, (Encoding::RawBit, &bytes, picture_crc32(&picture(layer))))
+    }
+
+    /// Sends a layer: its encoding, bytes and checksum. Whether there is room for it is the caller's matter.
+    pub(crate) fn send_layer(&mut self, slot: u8, layer: u32, (encoding, bytes, crc32): (Encoding, &[u8], u32)) -> u32 {
         let number = self.request(Request::LayerBegin {
             slot,
             id: id(layer),
-            encoding: Encoding::RawBit,
+            encoding,
             encoded_bytes: bytes.len() as u32,
-            decoded_crc32: picture_crc32(&picture(layer)),
+            decoded_crc32: crc32,
         });
         self.queue.extend(bytes.chunks(900).map(|piece| HostMessage::LayerData(piece.to_vec())));
         number

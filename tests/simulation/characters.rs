@@ -7,7 +7,7 @@ use layerd::link::message::{
 use crate::bench::{Bench, CLEAR_UM, EXPOSURE_MS, capabilities, id};
 use crate::line::LineFault;
 use crate::machine::character::Asked;
-use crate::machine::{Character, FactKind, Incident, Lie, all};
+use crate::machine::{Character, FactKind, Incident, Interlock, Lie, all};
 use crate::rng::Rng;
 
 const SECOND_US: u64 = 1_000_000;
@@ -89,8 +89,8 @@ fn harm(bench: &mut Bench, rng: &mut Rng) {
     match rng.below(10) {
         0 => bench.machine.strike(Incident::Reset, now_us),
         1 => bench.machine.strike(Incident::PowerCut { off_us: for_us }, now_us),
-        2 => bench.machine.strike(Incident::InterlockOpens, now_us),
-        3 => bench.machine.strike(Incident::InterlockCloses, now_us),
+        2 => bench.machine.strike(Incident::InterlockOpens(Interlock::Cover), now_us),
+        3 => bench.machine.strike(Incident::InterlockCloses(Interlock::Cover), now_us),
         4 => bench.machine.strike(Incident::PlateMovedByHand { to_um: rng.below(70_000) as i32 }, now_us),
         5 => bench.line.fault(LineFault::Unplugged { for_us }, now_us),
         6 => bench.line.fault(LineFault::Stall { for_us }, now_us),

@@ -8,6 +8,7 @@ mod characters;
 mod disk;
 mod document;
 mod host;
+mod lasers;
 mod line;
 mod machine;
 mod operators;

@@ -15,7 +15,7 @@ use layerd::job::{JobState, Spool};
 use tokio::sync::Semaphore;
 
 use crate::host::Shared;
-use crate::parts::{parts, spool};
+use crate::parts::{Kind, spool};
 
 /// What an operator asks for.
 #[derive(Clone, Debug, PartialEq)]
@@ -48,6 +48,8 @@ pub(crate) type Answers = Arc<Mutex<Vec<Given>>>;
 /// What an operator decided, and what they saw when they did.
 #[derive(Clone, Debug)]
 pub(crate) struct Decided {
+    /// Of the machine.
+    pub(crate) kind: Kind,
     pub(crate) ask: Ask,
     pub(crate) given_us: u64,
     pub(crate) jobs_ended: u64,
@@ -55,13 +57,13 @@ pub(crate) struct Decided {
 
 /// Gives an order; its answer comes to `answers`.
 pub(crate) async fn give(decided: Decided, handle: Handle, answers: Answers, shared: Arc<Shared>) {
-    let Decided { ask, given_us, jobs_ended } = decided;
-    let answer = ordered(&ask, jobs_ended, &handle).await;
+    let Decided { kind, ask, given_us, jobs_ended } = decided;
+    let answer = ordered(kind, &ask, jobs_ended, &handle).await;
     answers.lock().unwrap_or_else(PoisonError::into_inner).push(Given { ask, given_us, answer });
     shared.attention.notify_one();
 }
 
-async fn ordered(ask: &Ask, jobs_ended: u64, handle: &Handle) -> Result<Answer, OrderError> {
+async fn ordered(kind: Kind, ask: &Ask, jobs_ended: u64, handle: &Handle) -> Result<Answer, OrderError> {
     let order = match ask {
         Ask::Submit { part } => {
             let fit = {
@@ -72,7 +74,7 @@ async fn ordered(ask: &Ask, jobs_ended: u64, handle: &Handle) -> Result<Answer, 
             let place = Arc::new(Semaphore::new(1)).try_acquire_owned().expect("a place");
             let mut headers = HeaderMap::new();
             headers.insert(NAME_HEADER, HeaderValue::from_str(&part_name(*part)).expect("ASCII"));
-            let mut body = Body::from(parts()[*part].file.clone());
+            let mut body = Body::from(kind.parts()[*part].file.clone());
             let incoming = Spool::incoming_of(&spool());
             let received = upload::receive(&incoming, &headers, &mut body, jobs_ended, fit, place).await?;
             Order::Submit(received.0)

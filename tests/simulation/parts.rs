@@ -1,38 +1,73 @@
-//! What is printed: a small machine, quick recipes, some parts, and the pictures that the slicer makes of them.
+//! What is printed: small machines of each kind, quick recipes, some parts, and the layers that the slicer makes of them.
+
+mod laser;
+mod vat;
 
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 use layerd::buildfile::{PackOptions, pack};
 use layerd::config::{Machine, Recipe};
-use layerd::device::encoding;
-use layerd::link::message::{Capabilities, Encoding, MachineCapabilities, VatCapabilities};
-use layerd::pipeline::{Placed, Resolution};
+use layerd::device::ScanTimes;
+use layerd::device::encoding::{best, choose_vectors};
+use layerd::link::message::Capabilities;
+use layerd::pipeline::{EncodedLayer, Placed, Resolution};
 use layerd::stream::MemoryBudget;
-use layerd_wire::encoding::Decoder;
+use layerd_wire::encoding::{LaserParameters, Vector};
 
-/// Pixels of a row, and rows.
-pub(crate) const SIZE_PX: [u32; 2] = [64, 48];
-/// The height at which a part is clear of the resin.
-pub(crate) const CLEAR_UM: i32 = 20_000;
-/// Height of a layer.
+pub(crate) use laser::Filling;
+pub(crate) use vat::CLEAR_UM;
+
+/// Height of a layer, micrometres.
 pub(crate) const LAYER_UM: i32 = 50;
 pub(crate) const BAUD: u32 = 3_000_000;
-/// The daemon's memory budget.
-const BUDGET: &str = "8MiB";
+/// Memory in which the parts are sliced here.
+const SLICING_BYTES: u64 = 64 << 20;
 
-/// The files of the daemon's configuration.
-pub(crate) fn files(confirms_plate: bool) -> [(PathBuf, String); 3] {
-    let config = format!(
-        "socket = \"/run/layerd/control.sock\"\nspool = \"/var/lib/layerd\"\nmemory_budget = \"{BUDGET}\"\nthreads = 1\n\
-         machine = \"machine.toml\"\nrecipe = \"recipe.toml\"\n"
-    );
-    let at = |name: &str| Path::new("/etc/layerd").join(name);
-    [
-        (at("layerd.toml"), config),
-        (at("machine.toml"), machine_text(confirms_plate)),
-        (at("recipe.toml"), recipe_text()),
-    ]
+/// The kind of the machine.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Kind {
+    /// Resin in a vat.
+    Vat,
+    /// A laser and a bed of powder, with a recipe that fills areas in this way.
+    Laser(Filling),
+}
+
+/// A part: its build file, and its layers as the slicer makes them.
+#[derive(Debug)]
+pub(crate) struct Part {
+    pub(crate) file: Vec<u8>,
+    pub(crate) layers: Vec<Layer>,
+}
+
+/// A layer as the slicer makes it.
+#[derive(Debug, PartialEq)]
+pub(crate) enum Layer {
+    /// Its rows.
+    Picture(Vec<u8>),
+    Vectors(Scanned),
+}
+
+/// A layer of scan vectors.
+#[derive(Debug, PartialEq)]
+pub(crate) struct Scanned {
+    /// In the order in which they are marked, with what the laser does for them.
+    pub(crate) vectors: Vec<(Vector, LaserParameters)>,
+    pub(crate) times: ScanTimes,
+    /// Length as it is sent.
+    pub(crate) encoded_bytes: u32,
+    /// What the device compares it with.
+    pub(crate) crc32: u32,
+}
+
+impl Layer {
+    /// The layer as scan vectors, if it is one.
+    pub(crate) fn scanned(&self) -> Option<&Scanned> {
+        match self {
+            Self::Picture(_) => None,
+            Self::Vectors(scanned) => Some(scanned),
+        }
+    }
 }
 
 /// Where the daemon keeps its jobs.
@@ -40,75 +75,98 @@ pub(crate) fn spool() -> PathBuf {
     "/var/lib/layerd".into()
 }
 
-fn machine_text(confirms_plate: bool) -> String {
-    let [width_px, height_px] = SIZE_PX;
-    format!(
-        "name = \"simulated\"\nkind = \"dlp\"\nwidth_px = {width_px}\nheight_px = {height_px}\npixel_um = [20.0, 20.0]\n\
-         build_height_um = 60000.0\nclear_height_um = {CLEAR_UM}.0\nconfirm_plate = {confirms_plate}\n\n[link]\npath = \"/dev/ttyACM0\"\n\
-         baud = {BAUD}\nflow_control = \"none\"\n"
-    )
-}
-
-fn recipe_text() -> String {
-    format!(
-        "name = \"quick\"\nlayer_height_um = {LAYER_UM}.0\nexposure_ms = 300\nbottom_exposure_ms = 6000\nbottom_layers = 1\n\
-         transition_layers = 1\nlift_height_um = 2000\nlift_speed_um_s = 20000\nretract_speed_um_s = 20000\n\
-         light_off_delay_ms = 10\nwait_before_exposure_ms = 20\n"
-    )
-}
-
-/// What the machine says of itself.
-pub(crate) fn capabilities() -> Capabilities {
-    let [width_px, height_px] = SIZE_PX;
-    Capabilities {
-        name: "Simulated".into(),
-        machine: MachineCapabilities::Vat(VatCapabilities {
-            width_px,
-            height_px,
-            pixel_nm: [20_000, 20_000],
-            max_position_um: 60_000,
-        }),
-        layer_slots: 2,
-        window_bytes: 4096,
-        largest_frame_bytes: 1024,
-        encodings: vec![Encoding::RawBit, Encoding::Group4],
-        max_exposure_ms: 60_000,
+impl Kind {
+    pub(crate) fn is_laser(self) -> bool {
+        matches!(self, Self::Laser(_))
     }
-}
 
-/// A part: its build file, and its layers as the slicer makes them.
-#[derive(Debug)]
-pub(crate) struct Part {
-    pub(crate) file: Vec<u8>,
-    /// Rows of each layer.
-    pub(crate) layers: Vec<Vec<u8>>,
-}
+    /// The files of the daemon's configuration.
+    pub(crate) fn files(self, confirms_plate: bool) -> [(PathBuf, String); 3] {
+        let budget = match self {
+            Self::Vat => vat::BUDGET,
+            Self::Laser(_) => laser::BUDGET,
+        };
+        let config = format!(
+            "socket = \"/run/layerd/control.sock\"\nspool = \"/var/lib/layerd\"\nmemory_budget = \"{budget}\"\nthreads = 1\n\
+             machine = \"machine.toml\"\nrecipe = \"recipe.toml\"\n"
+        );
+        let at = |name: &str| Path::new("/etc/layerd").join(name);
+        let machine = format!(
+            "{}\n[link]\npath = \"/dev/ttyACM0\"\nbaud = {BAUD}\nflow_control = \"none\"\n",
+            self.machine_text(confirms_plate)
+        );
+        [(at("layerd.toml"), config), (at("machine.toml"), machine), (at("recipe.toml"), self.recipe_text())]
+    }
 
-/// The parts: one of 30 layers, and shorter ones. A strut is 6 layers thick.
-pub(crate) fn parts() -> &'static [Part] {
-    static PARTS: OnceLock<Vec<Part>> = OnceLock::new();
-    PARTS.get_or_init(|| [25, 7, 3].map(part).into())
-}
+    /// What the machine says of itself.
+    pub(crate) fn capabilities(self) -> Capabilities {
+        let (machine, encodings) = match self {
+            Self::Vat => vat::capabilities(),
+            Self::Laser(filling) => laser::capabilities(filling),
+        };
+        Capabilities {
+            name: "Simulated".into(),
+            machine,
+            layer_slots: 2,
+            window_bytes: 4096,
+            largest_frame_bytes: 1024,
+            encodings,
+            max_exposure_ms: 60_000,
+        }
+    }
 
-/// A leaning strut; its nodes are so many layers apart.
-fn part(layers: u32) -> Part {
-    let directory = tempfile::tempdir().expect("a directory");
-    let [source, file] = ["edges.txt", "part.layerd"].map(|name| directory.path().join(name));
-    let top_mm = f64::from(layers) * f64::from(LAYER_UM) / 1000.0;
-    let text = format!("1 0.15\n0 0 0 0.1 0.07 {top_mm}\n");
-    std::fs::write(&source, text).expect("written");
-    pack(&[source], &file, &PackOptions::default(), &mut |_| {}).expect("packed");
-    let machine = Machine::parse(Path::new("machine.toml"), &machine_text(true)).expect("a machine");
-    let recipe = Recipe::parse(Path::new("recipe.toml"), &recipe_text()).expect("a recipe");
-    let resolution = Resolution::of(&machine, &recipe);
-    let budget = MemoryBudget::new(64 << 20);
-    let placed = Placed::open(&file, &resolution).expect("fits").fit(1, 64 << 20).expect("fits");
-    let layers = placed.encoded_layers(0, encoding::best(resolution.depth), &budget).expect("in the budget");
-    let layers = layers.map(|layer| {
-        let layer = layer.expect("computed");
-        let mut decoder = Decoder::new(layer.encoding.picture().expect("a picture"), SIZE_PX[0], SIZE_PX[1]);
-        decoder.push(&layer.bytes).expect("decodes");
-        decoder.finish().expect("is whole").0
-    });
-    Part { layers: layers.collect(), file: std::fs::read(&file).expect("read") }
+    /// The parts, the one with most layers first.
+    pub(crate) fn parts(self) -> &'static [Part] {
+        static VAT: OnceLock<Vec<Part>> = OnceLock::new();
+        static ZIGZAG: OnceLock<Vec<Part>> = OnceLock::new();
+        static CHESSBOARD: OnceLock<Vec<Part>> = OnceLock::new();
+        let (parts, sources) = match self {
+            Self::Vat => (&VAT, vat::sources()),
+            Self::Laser(Filling::Zigzag) => (&ZIGZAG, laser::sources()),
+            Self::Laser(Filling::Chessboard) => (&CHESSBOARD, laser::sources()),
+        };
+        parts.get_or_init(|| sources.iter().map(|source| self.part(source)).collect())
+    }
+
+    fn machine_text(self, confirms_plate: bool) -> String {
+        match self {
+            Self::Vat => vat::machine_text(confirms_plate),
+            Self::Laser(_) => laser::machine_text(confirms_plate),
+        }
+    }
+
+    fn recipe_text(self) -> String {
+        match self {
+            Self::Vat => vat::recipe_text(),
+            Self::Laser(filling) => laser::recipe_text(filling),
+        }
+    }
+
+    /// The part of an edge text.
+    fn part(self, text: &str) -> Part {
+        let directory = tempfile::tempdir().expect("a directory");
+        let [source, file] = ["edges.txt", "part.layerd"].map(|name| directory.path().join(name));
+        std::fs::write(&source, text).expect("written");
+        pack(&[source], &file, &PackOptions::default(), &mut |_| {}).expect("packed");
+        let [_, (_, machine), (_, recipe)] = self.files(true);
+        let machine = Machine::parse(Path::new("machine.toml"), &machine).expect("a machine");
+        let recipe = Recipe::parse(Path::new("recipe.toml"), &recipe).expect("a recipe");
+        let resolution = Resolution::of(&machine, &recipe);
+        let budget = MemoryBudget::new(SLICING_BYTES);
+        let placed = Placed::open(&file, &resolution).expect("fits").fit(1, SLICING_BYTES).expect("fits");
+        let choice = match self {
+            Self::Vat => best(resolution.depth),
+            Self::Laser(_) => choose_vectors(&self.capabilities().encodings).expect("of vectors"),
+        };
+        let layers = placed.encoded_layers(0, choice, &budget).expect("in the budget");
+        let layers = layers.map(|layer| self.decoded(&layer.expect("computed"))).collect();
+        Part { layers, file: std::fs::read(&file).expect("read") }
+    }
+
+    fn decoded(self, layer: &EncodedLayer) -> Layer {
+        match self {
+            Self::Vat => Layer::Picture(vat::decoded(layer)),
+            Self::Laser(_) => Layer::Vectors(laser::decoded(layer)),
+        }
+    }
 }

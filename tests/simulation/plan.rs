@@ -1,17 +1,23 @@
 //! What happens in a run, drawn from its seed before it begins: a list, so that a failing run can be made smaller by leaving parts out.
 
 use crate::line::LineFault;
-use crate::machine::{Character, Incident, all};
+use crate::machine::{Character, Draw, Incident, Interlock, all, of_lasers};
+use crate::parts::{Filling, Kind};
 use crate::rng::Rng;
 
 const SECOND_US: u64 = 1_000_000;
 /// Faults and orders at random moments happen within this time, for each of the parts: its print takes about as long.
 const BUSY_US: [u64; 3] = [32 * SECOND_US, 18 * SECOND_US, 15 * SECOND_US];
+/// The same for a laser machine.
+const LASER_BUSY_US: [u64; 3] = [60 * SECOND_US, 36 * SECOND_US, 28 * SECOND_US];
+/// Seeds from here on have a laser machine, those below a vat. So a seed means the same run as before there were laser machines.
+pub(crate) const LASER_SEEDS: u64 = 1_000_000_000;
 
 /// A run.
 #[derive(Clone, Debug)]
 pub(crate) struct Plan {
     pub(crate) seed: u64,
+    pub(crate) kind: Kind,
     pub(crate) character: Character,
     /// Whether the machine asks for a confirmation of the empty plate. If not, it changes plates by itself.
     pub(crate) confirms_plate: bool,
@@ -81,8 +87,10 @@ impl What {
             Self::Order(wish) => wish.name(),
             Self::Machine(Incident::Reset) => "machine resets",
             Self::Machine(Incident::PowerCut { .. }) => "machine loses power",
-            Self::Machine(Incident::InterlockOpens) => "cover opens",
-            Self::Machine(Incident::InterlockCloses) => "cover closes",
+            Self::Machine(Incident::InterlockOpens(Interlock::Cover)) => "cover opens",
+            Self::Machine(Incident::InterlockOpens(Interlock::Oxygen)) => "too much oxygen",
+            Self::Machine(Incident::InterlockOpens(Interlock::LaserPower)) => "laser without power",
+            Self::Machine(Incident::InterlockCloses(_)) => "interlock closes",
             Self::Machine(Incident::PlateMovedByHand { .. }) => "plate moved by hand",
             Self::OtherMachine { .. } => "another machine",
             Self::Line(LineFault::Noise { .. }) => "line: noise",
@@ -160,7 +168,7 @@ impl Wish {
 const FAULTS: &[fn(&mut Rng) -> What] = &[
     |_| What::Machine(Incident::Reset),
     |rng| What::Machine(Incident::PowerCut { off_us: rng.range(100_000..=20 * SECOND_US) }),
-    |_| What::Machine(Incident::InterlockOpens),
+    |_| What::Machine(Incident::InterlockOpens(Interlock::Cover)),
     |rng| What::Machine(Incident::PlateMovedByHand { to_um: rng.range(0..=30_000) as i32 }),
     |rng| What::OtherMachine { for_us: rng.range(SECOND_US..=15 * SECOND_US) },
     |rng| {
@@ -209,9 +217,28 @@ const FAULTS: &[fn(&mut Rng) -> What] = &[
     |rng| What::SpoolReplaced { while_down: rng.chance(0.5) },
 ];
 
-/// The name of every kind of fault.
-pub(crate) fn fault_names() -> Vec<&'static str> {
-    FAULTS.iter().map(|draw| draw(&mut Rng::new(0)).name()).collect()
+/// What happens to laser machines alone. A plate that is moved by a few layers is within the reach of a part.
+const LASER_FAULTS: &[fn(&mut Rng) -> What] = &[
+    |_| What::Machine(Incident::InterlockOpens(Interlock::Oxygen)),
+    |_| What::Machine(Incident::InterlockOpens(Interlock::LaserPower)),
+    |rng| What::Machine(Incident::PlateMovedByHand { to_um: rng.range(0..=500) as i32 }),
+];
+
+/// Every kind of fault of a machine.
+fn faults(kind: Kind) -> Vec<fn(&mut Rng) -> What> {
+    let own: &[_] = if kind.is_laser() { LASER_FAULTS } else { &[] };
+    FAULTS.iter().chain(own).copied().collect()
+}
+
+/// The name of every kind of fault of a machine.
+pub(crate) fn fault_names(kind: Kind) -> Vec<&'static str> {
+    faults(kind).iter().map(|draw| draw(&mut Rng::new(0)).name()).collect()
+}
+
+/// The characters that a machine can have, the honest one first.
+pub(crate) fn characters(kind: Kind) -> Vec<(&'static str, Draw)> {
+    let own: &[_] = if kind.is_laser() { of_lasers() } else { &[] };
+    all().iter().chain(own).copied().collect()
 }
 
 fn down_us(rng: &mut Rng) -> u64 {
@@ -233,32 +260,52 @@ fn wish(rng: &mut Rng) -> Wish {
 }
 
 impl Plan {
-    /// A print of 30 layers in which nothing goes wrong and nobody interferes.
+    /// The kind of machine of a seed.
+    pub(crate) fn kind(seed: u64) -> Kind {
+        match seed.checked_sub(LASER_SEEDS) {
+            None => Kind::Vat,
+            Some(number) if number % 2 == 0 => Kind::Laser(Filling::Zigzag),
+            Some(_) => Kind::Laser(Filling::Chessboard),
+        }
+    }
+
+    /// A print of the first part in which nothing goes wrong and nobody interferes.
     pub(crate) fn calm(seed: u64) -> Self {
         let what = What::Order(Wish::Submit { part: 0 });
-        Self { seed, character: Character::Honest, confirms_plate: true, events: vec![Planned { at_us: 10_000, what }] }
+        let kind = Self::kind(seed);
+        Self {
+            seed,
+            kind,
+            character: Character::Honest,
+            confirms_plate: true,
+            events: vec![Planned { at_us: 10_000, what }],
+        }
     }
 
     /// Draws a run.
     pub(crate) fn draw(seed: u64) -> Self {
+        let kind = Self::kind(seed);
         let mut rng = Rng::new(seed);
         let part = rng.pick(&[0, 1, 2, 2, 2, 2]);
-        let (first, busy_us) = (What::Order(Wish::Submit { part }), BUSY_US[part]);
+        let first = What::Order(Wish::Submit { part });
+        let busy_us = if kind.is_laser() { LASER_BUSY_US[part] } else { BUSY_US[part] };
         let mut events = vec![Planned { at_us: rng.range(10_000..=2 * SECOND_US), what: first }];
         let mut character = Character::Honest;
         if rng.chance(0.4) {
-            let (_, draw) = all()[1 + rng.below(all().len() as u64 - 1) as usize];
+            let characters = characters(kind);
+            let (_, draw) = characters[1 + rng.below(characters.len() as u64 - 1) as usize];
             character = draw(&mut rng);
         }
         let count = 1 + rng.below(5);
         // Some runs have one fault again and again.
-        let again = rng.chance(0.2).then(|| rng.pick(FAULTS));
+        let faults = faults(kind);
+        let again = rng.chance(0.2).then(|| rng.pick(&faults));
         for _ in 0..count {
-            let draw = again.unwrap_or_else(|| rng.pick(FAULTS));
+            let draw = again.unwrap_or_else(|| rng.pick(&faults));
             let what = draw(&mut rng);
             let at_us = rng.below(busy_us);
-            if let What::Machine(Incident::InterlockOpens) = what {
-                let closes = What::Machine(Incident::InterlockCloses);
+            if let What::Machine(Incident::InterlockOpens(interlock)) = what {
+                let closes = What::Machine(Incident::InterlockCloses(interlock));
                 events.push(Planned { at_us: at_us + rng.range(10_000..=5 * SECOND_US), what: closes });
             }
             if let What::DiskUnreadable { for_us, .. } = what {
@@ -286,6 +333,6 @@ impl Plan {
         events.sort_by_key(|event| event.at_us);
         // Nobody looks at the plate of a machine that changes plates by itself: such a machine must be honest.
         let confirms_plate = character != Character::Honest || rng.chance(0.7);
-        Self { seed, character, confirms_plate, events }
+        Self { seed, kind, character, confirms_plate, events }
     }
 }

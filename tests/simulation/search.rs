@@ -6,18 +6,24 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use crate::machine::all;
-use crate::plan::{Plan, fault_names};
-use crate::truth::{INVARIANTS, Violation};
+use crate::parts::{Filling, Kind};
+use crate::plan::{LASER_SEEDS, Plan, characters, fault_names};
+use crate::truth::{INVARIANTS, Violation, invariants};
 use crate::world::{EFFECTS, Report, run};
 
-/// A search of so many seeds must have met every kind of fault.
+/// A search of so many seeds with a vat machine must have met every kind of fault.
 const COMPLETE_SEEDS: u64 = 2_000;
+/// The same with a laser machine.
+const COMPLETE_LASER_SEEDS: u64 = 500;
+/// In a search that begins below [`LASER_SEEDS`], one of so many runs has a laser machine.
+const LASER_SHARE: u64 = 5;
 
 /// What a search found.
 #[derive(Debug, Default)]
 pub(crate) struct Summary {
     pub(crate) seeds: u64,
+    /// Of these, runs with a laser machine.
+    laser_seeds: u64,
     happened: BTreeMap<&'static str, u64>,
     checks: BTreeMap<&'static str, u64>,
     ended: BTreeMap<&'static str, u64>,
@@ -38,6 +44,7 @@ impl Summary {
             counts.into_iter().for_each(|(name, count)| *sum.entry(name).or_default() += count);
         }
         self.seeds += 1;
+        self.laser_seeds += u64::from(seed >= LASER_SEEDS);
         self.prints += report.prints;
         self.layers += report.layers;
         self.turns += report.turns;
@@ -52,18 +59,33 @@ impl Summary {
     /// Kinds of faults, lies and their effects that never happened. A search that injects no fault proves nothing, and a long one
     /// that misses a kind proves nothing of it.
     pub(crate) fn unmet(&self) -> Vec<&'static str> {
-        let lies = all().iter().map(|(name, _)| *name).filter(|name| *name != "honest");
-        let kinds: Vec<_> = fault_names().into_iter().chain(lies).chain(EFFECTS.iter().copied()).collect();
-        let met = kinds.iter().filter(|name| self.count(name) > 0).count();
-        match (met, self.seeds) {
-            (0, _) => kinds,
-            (_, COMPLETE_SEEDS..) => {
+        let mut unmet = Vec::new();
+        let kinds = [
+            (Kind::Vat, self.seeds - self.laser_seeds, COMPLETE_SEEDS),
+            (Kind::Laser(Filling::Zigzag), self.laser_seeds, COMPLETE_LASER_SEEDS),
+        ];
+        for (kind, seeds, complete_seeds) in kinds {
+            let lies = characters(kind).into_iter().map(|(name, _)| name).filter(|name| *name != "honest");
+            let mut kinds: Vec<_> = fault_names(kind).into_iter().chain(lies).chain(EFFECTS).collect();
+            kinds.retain(|name| self.count(name) == 0);
+            let is_complete = seeds >= complete_seeds;
+            if is_complete {
                 let checked = |name: &&str| self.checks.get(*name).is_some_and(|count| *count > 0);
-                let unchecked = INVARIANTS.iter().copied().filter(|name| !checked(name));
-                kinds.into_iter().filter(|name| self.count(name) == 0).chain(unchecked).collect()
+                kinds.extend(invariants(kind.is_laser()).filter(|name| !checked(name)));
             }
-            _ => Vec::new(),
+            // With none at all, a search of any length proves nothing.
+            if is_complete || self.has_met_nothing() {
+                unmet.extend(kinds);
+            }
         }
+        unmet.sort_unstable();
+        unmet.dedup();
+        unmet
+    }
+
+    /// Whether no fault happened, whatever orders were given.
+    fn has_met_nothing(&self) -> bool {
+        self.happened.iter().all(|(name, count)| *count == 0 || name.starts_with("order"))
     }
 
     /// Whether every invariant held, and enough was tried.
@@ -129,7 +151,7 @@ impl Search {
                         if number >= self.seeds {
                             return;
                         }
-                        let seed = self.first + number;
+                        let seed = self.seed(number);
                         let report = run(&plan(seed, self.calm), false);
                         let mut summary = summary.lock().expect("no panic");
                         summary.add(seed, report);
@@ -139,6 +161,18 @@ impl Search {
             }
         });
         Summary { took: began.elapsed(), ..summary.into_inner().expect("no panic") }
+    }
+}
+
+impl Search {
+    /// The seed of a run. Below the seeds of laser machines, each fifth run takes one of those.
+    fn seed(self, number: u64) -> u64 {
+        let lasers = number / LASER_SHARE;
+        match number % LASER_SHARE {
+            _ if self.first >= LASER_SEEDS => self.first + number,
+            rest if rest == LASER_SHARE - 1 => LASER_SEEDS + self.first + lasers,
+            _ => self.first + number - lasers,
+        }
     }
 }
 

@@ -30,10 +30,10 @@ use world::run;
 /// Runs whole printers in virtual time and searches for what must not happen.
 #[derive(Debug, Parser)]
 struct Arguments {
-    /// How many seeds to run.
+    /// How many seeds to run. Each fifth has a laser machine, unless all have one.
     #[arg(long, default_value_t = 1000)]
     seeds: u64,
-    /// The first seed.
+    /// The first seed. From 1000000000 on, all have a laser machine.
     #[arg(long, default_value_t = 1)]
     first: u64,
     /// Run this seed alone, and show what happens.
@@ -48,7 +48,7 @@ struct Arguments {
     /// End after so many failing seeds.
     #[arg(long, default_value_t = 20)]
     failures: usize,
-    /// Let nothing go wrong, to see the speed of undisturbed prints of 30 layers. Such a search fails: it proves nothing.
+    /// Let nothing go wrong, to see the speed of undisturbed prints of the largest part. Such a search fails: it proves nothing.
     #[arg(long)]
     calm: bool,
 }
@@ -72,7 +72,7 @@ fn one(seed: u64, shrinks: bool, calm: bool) -> bool {
     if shrinks {
         plan = shrink(plan);
     }
-    println!("seed {seed}: a machine that is {:?}", plan.character);
+    println!("seed {seed}: {:?}, {:?}", plan.kind, plan.character);
     for event in &plan.events {
         println!("  planned at {:>10} µs: {:?}", event.at_us, event.what);
     }

@@ -1,11 +1,15 @@
 //! What really happened to the parts, from the facts of the machines alone, and the invariants that follow from it.
 
+mod powder;
+
 use std::collections::{BTreeMap, BTreeSet};
 
 use layerd::link::message::{ExposureId, Request, Urgent, VatRequest};
 
 use crate::machine::{Fact, FactKind};
-use crate::parts::{LAYER_UM, parts};
+use crate::parts::{Kind, LAYER_UM, Layer, Part, Scanned};
+
+pub(crate) use powder::{Bed, Marks, VECTOR_MS};
 
 /// Everything that must hold, by name. The summary counts how often each was checked.
 pub(crate) const INVARIANTS: &[&str] = &[
@@ -13,6 +17,9 @@ pub(crate) const INVARIANTS: &[&str] = &[
     "none left out",
     "order kept",
     "pictures as sliced",
+    "vectors as sliced",
+    "vectors once",
+    "fresh powder",
     "light bounded",
     "dark after abort",
     "dark after silence",
@@ -30,6 +37,16 @@ pub(crate) const INVARIANTS: &[&str] = &[
     "no panic",
 ];
 
+/// Those that only a vat machine, and only a laser machine is checked for.
+const OF_VATS: [&str; 1] = ["pictures as sliced"];
+const OF_LASERS: [&str; 3] = ["vectors as sliced", "vectors once", "fresh powder"];
+
+/// Everything that must hold for machines of a kind.
+pub(crate) fn invariants(is_laser: bool) -> impl Iterator<Item = &'static str> {
+    let others: &[&str] = if is_laser { &OF_VATS } else { &OF_LASERS };
+    INVARIANTS.iter().copied().filter(move |name| !others.contains(name))
+}
+
 /// Something that must not happen.
 #[derive(Clone, Debug)]
 pub(crate) struct Violation {
@@ -44,12 +61,14 @@ pub(crate) struct Violation {
 pub(crate) struct Printed {
     /// The job's number in its spool.
     pub(crate) job: u32,
-    /// Its part: an index into [`parts`].
+    /// Its part: an index into [`Kind::parts`].
     pub(crate) part: usize,
     /// Whole exposures of each layer.
     pub(crate) whole: BTreeMap<u32, u32>,
     /// Layers that had any light.
     pub(crate) lit: BTreeSet<u32>,
+    /// How far each layer is marked by a laser.
+    pub(crate) marks: BTreeMap<u32, Marks>,
     /// Layers that operators decided to expose again, and how often each may then be exposed whole in all.
     pub(crate) repeats: BTreeMap<u32, u32>,
     /// Layers that operators decided to take as exposed.
@@ -71,14 +90,16 @@ impl Printed {
     }
 
     /// The first layer that is not exposed; `None` if all are.
-    pub(crate) fn missing(&self) -> Option<u32> {
-        (0..parts()[self.part].layers.len() as u32).find(|layer| !self.has(*layer))
+    pub(crate) fn missing(&self, parts: &[Part]) -> Option<u32> {
+        (0..parts[self.part].layers.len() as u32).find(|layer| !self.has(*layer))
     }
 }
 
 /// All parts.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct Truth {
+    /// What the parts are.
+    parts: &'static [Part],
     pub(crate) printed: BTreeMap<u64, Printed>,
     pub(crate) checks: BTreeMap<&'static str, u64>,
     /// The first thing that must not have happened.
@@ -87,6 +108,12 @@ pub(crate) struct Truth {
 }
 
 impl Truth {
+    /// Of machines of a kind that have printed nothing.
+    pub(crate) fn of(kind: Kind) -> Self {
+        let parts = kind.parts();
+        Self { parts, printed: BTreeMap::new(), checks: BTreeMap::new(), violation: None, layers: 0 }
+    }
+
     /// Counts a check, and notes the first violation.
     pub(crate) fn check(&mut self, invariant: &'static str, at_us: u64, holds: bool, text: impl FnOnce() -> String) {
         debug_assert!(INVARIANTS.contains(&invariant), "{invariant}");
@@ -101,9 +128,13 @@ impl Truth {
         self.printed.contains_key(&key)
     }
 
-    /// Takes in a fact of a machine. `part_um` is the height of the plate that the part on it needs, micrometres.
-    pub(crate) fn fact(&mut self, fact: &Fact, part_um: &mut Option<i32>) {
+    /// Takes in a fact of a machine. `part_um` is the position of the plate for the part's last layer, micrometres; `bed` is its bed, if
+    /// it has a laser. What a machine's lies can cause in a bed is judged only `if_honest`.
+    pub(crate) fn fact(&mut self, fact: &Fact, part_um: &mut Option<i32>, bed: Option<&mut Bed>, if_honest: bool) {
         let at_us = fact.at_us;
+        if let Some(bed) = bed {
+            self.powder_fact(fact, bed, part_um.is_some(), if_honest);
+        }
         match &fact.what {
             // Light that nobody commanded cures a film in the vat; nothing hangs on the plate by it.
             FactKind::LightOn { id: Some(id), .. } => {
@@ -117,6 +148,7 @@ impl Truth {
                 }
             }
             FactKind::ExposedWhole { id, picture, .. } => self.exposed(*id, picture.data(), at_us),
+            FactKind::MarkedWhole { id, vectors } => self.marked_whole(*id, *vectors, if_honest, at_us),
             FactKind::Asked(Request::Vat(VatRequest::Home)) => {
                 self.check("no homing with a part", at_us, part_um.is_none(), || {
                     format!("the plate is to be homed with a part on it, {part_um:?} µm high")
@@ -159,19 +191,32 @@ impl Truth {
         }
     }
 
-    fn exposed(&mut self, id: ExposureId, rows: &[u8], at_us: u64) {
+    /// A layer had its whole light.
+    fn count_whole(&mut self, id: ExposureId, at_us: u64) {
         self.layers += 1;
         let Some(printed) = self.printed.get_mut(&id.job) else { return };
         let times = printed.whole.entry(id.layer).or_default();
         *times += 1;
-        let (times, job, part) = (*times, printed.job, printed.part);
+        let (times, job) = (*times, printed.job);
         let allowed = printed.repeats.get(&id.layer).copied().unwrap_or(1);
         self.check("exposed once", at_us, times <= allowed && id.pass == 0, || {
             format!("job {job}: layer {} was exposed whole {times} times", id.layer)
         });
-        let expected = parts()[part].layers.get(id.layer as usize);
-        self.check("pictures as sliced", at_us, expected.is_some_and(|expected| expected == rows), || {
+    }
+
+    fn exposed(&mut self, id: ExposureId, rows: &[u8], at_us: u64) {
+        self.count_whole(id, at_us);
+        let Some(printed) = self.printed.get(&id.job) else { return };
+        let (job, expected) = (printed.job, self.parts[printed.part].layers.get(id.layer as usize));
+        let holds = matches!(expected, Some(Layer::Picture(expected)) if expected == rows);
+        self.check("pictures as sliced", at_us, holds, || {
             format!("job {job}: layer {} was exposed with another picture than the slicer's", id.layer)
         });
+    }
+
+    /// A layer of scan vectors as the slicer makes it.
+    fn scanned(&self, id: ExposureId) -> Option<&'static Scanned> {
+        let part = self.printed.get(&id.job)?.part;
+        self.parts[part].layers.get(id.layer as usize)?.scanned()
     }
 }

@@ -4,7 +4,7 @@ use layerd_wire::session::line_time_us;
 
 use crate::bench::{Bench, CLEAR_UM, EXPOSURE_MS, id};
 use crate::line::{KERNEL_BYTES, Line, LineFault};
-use crate::machine::{Character, Fact, FactKind, Incident};
+use crate::machine::{Character, Fact, FactKind, Incident, Interlock};
 use crate::parts::BAUD;
 
 const SECOND_US: u64 = 1_000_000;
@@ -182,7 +182,7 @@ fn a_power_cut_leaves_the_machine_dark_deaf_and_where_it_was() {
 fn an_open_cover_puts_the_light_off_and_is_reported_as_a_fault() {
     let mut bench = Bench::new(Character::Honest, 4);
     bench.light_layer_1();
-    bench.machine.strike(Incident::InterlockOpens, bench.now_us);
+    bench.machine.strike(Incident::InterlockOpens(Interlock::Cover), bench.now_us);
     assert!(!bench.machine.is_lit());
     assert_eq!(bench.state().fault.map(|fault| fault.text), Some("the cover is open".into()));
     // A restart does not close it.
@@ -190,7 +190,7 @@ fn an_open_cover_puts_the_light_off_and_is_reported_as_a_fault() {
     let welcomes = bench.welcomes.len();
     bench.run_until(|bench| bench.welcomes.len() > welcomes);
     assert!(bench.state().fault.is_some());
-    bench.machine.strike(Incident::InterlockCloses, bench.now_us);
+    bench.machine.strike(Incident::InterlockCloses(Interlock::Cover), bench.now_us);
     assert_eq!(bench.state().fault, None);
 }
 

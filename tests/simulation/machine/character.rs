@@ -1,6 +1,6 @@
 //! What a machine does otherwise than a right one. A lie is told on some occasions only, so that a run has honest parts, too.
 
-use layerd::link::message::{Refusal, Request, VatRequest};
+use layerd::link::message::{PowderRequest, Refusal, Request, VatRequest};
 
 use super::super::rng::Rng;
 
@@ -29,7 +29,7 @@ pub enum Asked {
     Layer,
     /// Light.
     Exposure,
-    /// A move or a homing.
+    /// A move, a homing or powder.
     Plate,
 }
 
@@ -150,14 +150,42 @@ pub enum Lie {
     ForgetsSlots,
     /// Its state has another boot id. Occasions: states.
     OtherBoot,
+    /// Its recoater passes without powder, and it says that it has recoated. Occasions: recoatings.
+    NoPowder,
+    /// It forgets that powder was spread. Occasions: states that should tell it.
+    ForgetsPowder,
+    /// It says that fewer or more vectors are marked than there are. Occasions: states that name a layer that was cut short.
+    WrongNextVector {
+        /// Told less true number.
+        offset: i32,
+    },
+    /// It reports another number of vectors in a layer. Occasions: layers that are marked.
+    WrongCount {
+        /// Reported less true number.
+        offset: i32,
+    },
+    /// It says that there is more or less room in its buffer than there is. Occasions: reports of room.
+    WrongRoom {
+        /// Told less true count of bytes that have left the buffer.
+        offset: i32,
+    },
+    /// It marks a layer once more before it reports it, and reports the time of both. Occasions: layers that are marked.
+    MarksTwice,
+    /// Its state names layers of another job. Occasions: states that name layers that were marked.
+    OtherJob,
 }
 
 /// Draws the parameters of a character.
 pub type Draw = fn(&mut Rng) -> Character;
 
-/// All characters, each under its [name](Character::name).
+/// The characters of any machine, each under its [name](Character::name).
 pub fn all() -> &'static [(&'static str, Draw)] {
     ALL
+}
+
+/// The characters that only a laser machine has.
+pub fn of_lasers() -> &'static [(&'static str, Draw)] {
+    OF_LASERS
 }
 
 const ALL: &[(&str, Draw)] = &[
@@ -195,6 +223,18 @@ const ALL: &[(&str, Draw)] = &[
     ("forgets exposed", |rng| liar(Lie::ForgetsExposed, 30, 6, rng)),
     ("forgets slots", |rng| liar(Lie::ForgetsSlots, 30, 6, rng)),
     ("other boot", |rng| liar(Lie::OtherBoot, 60, 6, rng)),
+];
+
+const OF_LASERS: &[(&str, Draw)] = &[
+    ("no powder", |rng| liar(Lie::NoPowder, 4, 2, rng)),
+    ("forgets powder", |rng| liar(Lie::ForgetsPowder, 20, 6, rng)),
+    ("wrong next vector", |rng| {
+        liar(Lie::WrongNextVector { offset: rng.pick(&[i32::MIN, -20, -1, 1, 20, 1_000_000]) }, 3, 6, rng)
+    }),
+    ("wrong count", |rng| liar(Lie::WrongCount { offset: rng.pick(&[-1, 1, 1000]) }, 4, 2, rng)),
+    ("wrong room", |rng| liar(Lie::WrongRoom { offset: rng.pick(&[-300, -1, 1, 300, 2000]) }, 12, 4, rng)),
+    ("marks twice", |rng| liar(Lie::MarksTwice, 4, 1, rng)),
+    ("other job", |rng| liar(Lie::OtherJob, 20, 6, rng)),
 ];
 
 const REFUSALS: [Refusal; 12] = [
@@ -254,6 +294,13 @@ impl Character {
             Lie::ForgetsExposed => "forgets exposed",
             Lie::ForgetsSlots => "forgets slots",
             Lie::OtherBoot => "other boot",
+            Lie::NoPowder => "no powder",
+            Lie::ForgetsPowder => "forgets powder",
+            Lie::WrongNextVector { .. } => "wrong next vector",
+            Lie::WrongCount { .. } => "wrong count",
+            Lie::WrongRoom { .. } => "wrong room",
+            Lie::MarksTwice => "marks twice",
+            Lie::OtherJob => "other job",
         }
     }
 
@@ -272,9 +319,9 @@ impl Asked {
         match request {
             Request::State => Self::State,
             Request::LayerBegin { .. } => Self::Layer,
-            Request::Vat(VatRequest::Expose { .. }) => Self::Exposure,
-            Request::Vat(VatRequest::Home | VatRequest::Move { .. }) => Self::Plate,
-            Request::Powder(_) => unreachable!("the simulated machine is a vat"),
+            Request::Vat(VatRequest::Expose { .. }) | Request::Powder(PowderRequest::Mark { .. }) => Self::Exposure,
+            Request::Vat(VatRequest::Home | VatRequest::Move { .. })
+            | Request::Powder(PowderRequest::Home | PowderRequest::Move { .. } | PowderRequest::Recoat) => Self::Plate,
         }
     }
 }

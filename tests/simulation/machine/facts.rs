@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 
 use layerd::layer::Bitmap;
 use layerd::link::message::{ExposureId, Fault, Request, Urgent};
+use layerd_wire::encoding::{LaserParameters, Vector};
 
 /// One thing that happened.
 #[derive(Clone, Debug, PartialEq)]
@@ -40,6 +41,30 @@ pub enum FactKind {
         /// What was exposed.
         picture: Bitmap,
     },
+    /// A laser was on a vector.
+    Vector {
+        /// Its layer.
+        id: ExposureId,
+        /// The vector.
+        vector: Vector,
+        /// What laser and scanner did.
+        laser: LaserParameters,
+        /// When the laser went on for it.
+        began_us: u64,
+        /// When it ended, or the laser went off within it.
+        ended_us: u64,
+        /// Whether it was marked to its end.
+        is_whole: bool,
+    },
+    /// A layer was marked to its last vector.
+    MarkedWhole {
+        /// Which.
+        id: ExposureId,
+        /// How many vectors it has.
+        vectors: u32,
+    },
+    /// Powder was spread.
+    Recoated,
     /// An exposure ended early.
     CutShort {
         /// Which.

@@ -8,9 +8,6 @@ use super::Machine;
 use super::character::{Character, Lie};
 use super::facts::FactKind;
 
-/// Fault code of an open cover.
-const COVER_CODE: u16 = 2;
-
 /// What happens to a machine from outside.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Incident {
@@ -21,15 +18,40 @@ pub enum Incident {
         /// For how long.
         off_us: u64,
     },
-    /// Somebody opens the cover: the lamp goes off, the plate stops, and the machine has a fault.
-    InterlockOpens,
-    /// The cover is closed again.
-    InterlockCloses,
+    /// The lamp goes off, the plate stops, and the machine has a fault.
+    InterlockOpens(Interlock),
+    /// It is as it should be again.
+    InterlockCloses(Interlock),
     /// Somebody moves the plate, within its travel. It has an encoder. A plate that is being moved cannot be moved by hand.
     PlateMovedByHand {
         /// Where to, above the bottom of the vat.
         to_um: i32,
     },
+}
+
+/// What keeps a machine dark and still.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Interlock {
+    /// Somebody opens the cover.
+    Cover,
+    /// The gas around the powder has too much oxygen.
+    Oxygen,
+    /// The laser has no power.
+    LaserPower,
+}
+
+impl Interlock {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Cover, Self::Oxygen, Self::LaserPower];
+
+    fn fault(self) -> Fault {
+        let (code, text) = match self {
+            Self::Cover => (2, "the cover is open"),
+            Self::Oxygen => (10, "oxygen at 1.2 %: above 0.5 %"),
+            Self::LaserPower => (12, "the laser has no power"),
+        };
+        Fault { code, text: text.into() }
+    }
 }
 
 impl Machine {
@@ -50,8 +72,8 @@ impl Machine {
                 }
                 self.off_until_us = self.off_until_us.max(Some(now_us + off_us));
             }
-            Incident::InterlockOpens => self.move_cover(true, now_us),
-            Incident::InterlockCloses => self.move_cover(false, now_us),
+            Incident::InterlockOpens(interlock) => self.change_interlock(interlock, true, now_us),
+            Incident::InterlockCloses(interlock) => self.change_interlock(interlock, false, now_us),
             Incident::PlateMovedByHand { to_um } => {
                 let (from_um, to_um) = (self.plate_um(), to_um.clamp(0, self.max_position_um()));
                 if self.core.push_plate(to_um, self.clock.machine_us(now_us)) {
@@ -64,19 +86,20 @@ impl Machine {
         }
     }
 
-    fn move_cover(&mut self, is_open: bool, now_us: u64) {
-        if std::mem::replace(&mut self.is_cover_open, is_open) != is_open && self.is_on() {
-            self.report_cover(now_us);
+    fn change_interlock(&mut self, interlock: Interlock, opens: bool, now_us: u64) {
+        let has_changed = if opens { self.open.insert(interlock) } else { self.open.remove(&interlock) };
+        if has_changed && self.is_on() {
+            self.report_interlocks(now_us);
         }
     }
 
-    /// An open cover cuts the lamp's power, whatever the firmware does.
-    fn report_cover(&mut self, now_us: u64) {
-        let fault = self.is_cover_open.then(|| Fault { code: COVER_CODE, text: "the cover is open".into() });
+    /// An open interlock cuts the lamp's power, whatever the firmware does.
+    fn report_interlocks(&mut self, now_us: u64) {
+        let fault = self.open.first().map(|interlock| interlock.fault());
         self.facts.note(FactKind::Fault(fault.clone()), now_us);
         self.core.set_fault(fault, self.clock.machine_us(now_us));
         self.drain(now_us);
-        if self.is_cover_open {
+        if !self.open.is_empty() {
             self.stray = None;
             self.facts.lamp_off(now_us);
         }
@@ -91,7 +114,7 @@ impl Machine {
         self.note_lie(lie, now_us);
         if lie.is_some() {
             let plate_um = self.plate_um();
-            self.core = DeviceCore::new(self.core.capabilities().clone(), self.boot_id);
+            self.core = DeviceCore::new(self.core.capabilities().clone(), self.boot_id).telling_vectors();
             // The plate stays where it is.
             self.core.push_plate(plate_um, self.clock.machine_us(now_us));
         }
@@ -106,8 +129,8 @@ impl Machine {
         self.off_until_us = None;
         self.session = DeviceSession::new(self.core.capabilities().clone(), self.settings, now_us);
         self.facts.note(FactKind::Started { boot_id: self.boot_id }, now_us);
-        if self.is_cover_open {
-            self.report_cover(now_us);
+        if !self.open.is_empty() {
+            self.report_interlocks(now_us);
         }
     }
 

@@ -4,21 +4,24 @@
 //! [`Machine::plate_um`] how it is. [`Machine::serve`] joins it to a [`Line`].
 #![allow(dead_code, unreachable_pub, reason = "the test and the example each use a part")]
 
+mod acts;
 pub mod character;
 mod clock;
 mod facts;
 mod incident;
+mod laser;
 mod words;
 
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 
-pub use character::{Character, Lie, all};
+pub use character::{Character, Draw, Lie, all, of_lasers};
 pub use facts::{Fact, FactKind};
-pub use incident::Incident;
+pub use incident::{Incident, Interlock};
+pub use laser::KnownLayer;
 
-use layerd::device::sim::{ActRecord, CoreAction, DeviceCore};
+use layerd::device::sim::DeviceCore;
 use layerd::layer::Bitmap;
-use layerd::link::message::{Capabilities, DeviceMessage, ExposureId, Request};
+use layerd::link::message::{Capabilities, DeviceMessage, MachineCapabilities, Request};
 use layerd_wire::session::{DeviceEvent, DeviceSession, DeviceSettings, SendError};
 
 use super::line::Line;
@@ -26,9 +29,14 @@ use super::rng::Rng;
 use character::Liar;
 use clock::Clock;
 use facts::Facts;
+use laser::Known;
 
 /// Messages that may wait for room in the session. Beyond this, a host that acknowledges nothing is not heard, as in production.
 const MAX_WAITING: usize = 64;
+/// While a laser marks, its firmware does what is due so often, microseconds, or when anything else happens. A vector takes milliseconds,
+/// and a run a step for each of them.
+const LASER_LOOP_US: u64 = 50_000;
+
 /// Light that the firmware did not command.
 #[derive(Clone, Copy, Debug)]
 struct Stray {
@@ -65,7 +73,7 @@ pub struct Machine {
     /// For the session, each with its time, the earliest first.
     later: VecDeque<(u64, DeviceMessage)>,
     /// Requests without an answer.
-    open: VecDeque<(u32, Request)>,
+    asked: VecDeque<(u32, Request)>,
     stray: Option<Stray>,
     /// Of the exposure that just ended.
     picture: Option<Bitmap>,
@@ -73,7 +81,10 @@ pub struct Machine {
     flood: Option<Flood>,
     reboot_at_us: Option<u64>,
     off_until_us: Option<u64>,
-    is_cover_open: bool,
+    /// What keeps the light off.
+    open: BTreeSet<Interlock>,
+    /// What a laser machine knows of layers.
+    known: Known,
     /// Whether this session's welcome shows another machine.
     is_other: bool,
 }
@@ -92,7 +103,7 @@ impl Machine {
         facts.note(FactKind::Started { boot_id }, 0);
         Self {
             session: DeviceSession::new(capabilities.clone(), settings, 0),
-            core: DeviceCore::new(capabilities, boot_id),
+            core: DeviceCore::new(capabilities, boot_id).telling_vectors(),
             settings,
             liar: Liar::new(character),
             facts,
@@ -103,14 +114,15 @@ impl Machine {
             boot_id,
             waiting: VecDeque::new(),
             later: VecDeque::new(),
-            open: VecDeque::new(),
+            asked: VecDeque::new(),
             stray: None,
             picture: None,
             position_offset_um: 0,
             flood: None,
             reboot_at_us,
             off_until_us: None,
-            is_cover_open: false,
+            open: BTreeSet::new(),
+            known: Known::default(),
             is_other: false,
         }
     }
@@ -227,7 +239,7 @@ impl Machine {
     fn forget_messages(&mut self) {
         self.waiting.clear();
         self.later.clear();
-        self.open.clear();
+        self.asked.clear();
     }
 
     /// When something of the machine itself is due.
@@ -236,13 +248,21 @@ impl Machine {
             return self.off_until_us;
         }
         let times = [
-            self.core.next_timeout_us().map(|at_us| self.clock.true_us(at_us)),
+            self.core_due_us().map(|at_us| self.clock.true_us(at_us)),
             self.later.front().map(|(at_us, _)| *at_us),
             self.stray.map(|stray| stray.until_us),
             self.flood.map(|flood| flood.next_us),
             self.reboot_at_us,
         ];
         times.into_iter().flatten().min()
+    }
+
+    /// When the firmware is due next, by the machine's clock.
+    fn core_due_us(&self) -> Option<u64> {
+        let due_us = self.core.next_timeout_us()?;
+        let is_marking = self.core.exposure().is_some()
+            && matches!(self.core.capabilities().machine, MachineCapabilities::Powder(_));
+        Some(if is_marking { due_us.next_multiple_of(LASER_LOOP_US) } else { due_us })
     }
 
     /// Lets everything happen that is due by now, each at its own time.
@@ -313,62 +333,6 @@ impl Machine {
                     self.drain(now_us);
                 }
             }
-        }
-    }
-
-    /// Carries out what the firmware asks for, and notes what happened.
-    fn drain(&mut self, now_us: u64) {
-        while let Some(action) = self.core.action() {
-            match action {
-                CoreAction::Send(DeviceMessage::Reply { number, reply }) => self.answer(number, reply, now_us),
-                CoreAction::Send(message) => self.say_now(message),
-                CoreAction::Picture(_, picture) => self.picture = Some(picture),
-                CoreAction::Record(record) => self.note_act(&record, now_us),
-                CoreAction::Vector(_) => {}
-            }
-        }
-        let plate_um = self.core.plate_um(self.clock.machine_us(now_us));
-        self.facts.plate_moves(plate_um, self.core.plate_target(), now_us);
-        if self.core.next_timeout_us().is_none() {
-            self.clock.correct(now_us);
-        }
-    }
-
-    fn note_act(&mut self, record: &ActRecord, now_us: u64) {
-        let id = record.job.zip(record.layer).map(|(job, layer)| ExposureId::first_pass(job, layer));
-        match (record.event, id) {
-            ("light_on", Some(id)) => {
-                let commanded_ms = self.core.exposure().map_or(0, |(_, commanded_ms)| commanded_ms);
-                self.stray = None;
-                self.facts.lamp_on(Some(id), commanded_ms, now_us);
-            }
-            ("light_off", Some(id)) if record.reason.is_some() => {
-                self.facts.lamp_off(now_us);
-                self.facts.note(FactKind::CutShort { id, lit_ms: record.duration_ms.unwrap_or(0) }, now_us);
-            }
-            ("light_off", Some(_)) => self.end_exposure(now_us),
-            ("exposed", Some(id)) => {
-                if let (Some(picture), Some(duration_ms)) = (self.picture.take(), record.duration_ms) {
-                    self.facts.note(FactKind::ExposedWhole { id, duration_ms, picture }, now_us);
-                }
-            }
-            ("moved", _) => self.facts.plate_rests(self.core.plate_um(self.clock.machine_us(now_us)), now_us),
-            _ => {}
-        }
-    }
-
-    /// The firmware switches the lamp off at the end of an exposure; whether it goes off is another matter.
-    fn end_exposure(&mut self, now_us: u64) {
-        let lie = self.liar.due(|lie| matches!(lie, Lie::DarkWhenLit { .. } | Lie::LampStays { .. }));
-        self.note_lie(lie, now_us);
-        match lie {
-            Some(Lie::DarkWhenLit { extra_us }) => {
-                self.stray = Some(Stray { until_us: now_us + extra_us, is_known: false });
-            }
-            Some(Lie::LampStays { extra_us }) => {
-                self.stray = Some(Stray { until_us: now_us + extra_us, is_known: true });
-            }
-            _ => self.facts.lamp_off(now_us),
         }
     }
 }

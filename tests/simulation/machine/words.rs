@@ -1,8 +1,8 @@
 //! What a machine hears and says, and where it lies. Part of [`Machine`].
 
 use layerd::link::message::{
-    DeviceMessage, DeviceState, Fault, HostMessage, MachineCapabilities, Reply, Report, Request, Urgent, VatReply,
-    VatRequest,
+    DeviceMessage, DeviceState, Fault, HostMessage, MachineCapabilities, PowderReply, PowderRequest, Reply, Report,
+    Request, Urgent, VatReply, VatRequest,
 };
 use layerd_wire::{FrameDecoder, FrameKind, Welcome, encode_frame};
 
@@ -48,12 +48,14 @@ impl Machine {
         if request != Request::State {
             self.facts.note(FactKind::Asked(request), now_us);
         }
-        if self.open.len() >= MAX_OPEN {
-            self.open.pop_front();
+        if self.asked.len() >= MAX_OPEN {
+            self.asked.pop_front();
         }
-        self.open.push_back((number, request));
-        let (asked, is_act) = (Asked::of(&request), matches!(request, Request::Vat(_)));
-        let is_move = matches!(request, Request::Vat(VatRequest::Move { .. }));
+        self.asked.push_back((number, request));
+        self.known.hear(&request);
+        let (asked, is_act) = (Asked::of(&request), matches!(request, Request::Vat(_) | Request::Powder(_)));
+        let is_move =
+            matches!(request, Request::Vat(VatRequest::Move { .. }) | Request::Powder(PowderRequest::Move { .. }));
         let lie = self.liar.due(|lie| match lie {
             Lie::Refuses { of, .. } => of == asked,
             Lie::RepliesEarly { .. } | Lie::WrongClock { .. } | Lie::Floods { .. } => is_act,
@@ -75,7 +77,9 @@ impl Machine {
             }
             Some(Lie::MovesElsewhere { offset_um }) => {
                 self.note_lie(lie, now_us);
-                if let Request::Vat(VatRequest::Move { position_um, .. }) = &mut request {
+                if let Request::Vat(VatRequest::Move { position_um, .. })
+                | Request::Powder(PowderRequest::Move { position_um, .. }) = &mut request
+                {
                     *position_um = (*position_um + offset_um).clamp(0, self.max_position_um());
                 }
             }
@@ -96,18 +100,24 @@ impl Machine {
     /// Answers the act that just began before it ends.
     fn reply_early(&mut self, number: u32, request: Request, by_us: u64, now_us: u64) {
         let Some(ends_us) = self.core.next_timeout_us().map(|at_us| self.clock.true_us(at_us)) else { return };
+        let reply = match request {
+            Request::Vat(VatRequest::Expose { id, duration_ms, .. }) => {
+                Reply::Vat(VatReply::Exposed { id, duration_ms })
+            }
+            Request::Vat(VatRequest::Move { position_um, .. }) => Reply::Vat(VatReply::Moved { position_um }),
+            Request::Vat(VatRequest::Home) => Reply::Vat(VatReply::Moved { position_um: 0 }),
+            Request::Powder(request) => match self.early_reply(request) {
+                Some(reply) => Reply::Powder(reply),
+                None => return,
+            },
+            Request::State | Request::LayerBegin { .. } => return,
+        };
         if self.close(number).is_none() {
             return;
         }
-        let Request::Vat(request) = request else { return };
-        let reply = match request {
-            VatRequest::Expose { id, duration_ms, .. } => VatReply::Exposed { id, duration_ms },
-            VatRequest::Move { position_um, .. } => VatReply::Moved { position_um },
-            VatRequest::Home => VatReply::Moved { position_um: 0 },
-        };
         self.note_lie(Some(Lie::RepliesEarly { by_us }), now_us);
         let due_us = ends_us.saturating_sub(by_us).max(now_us);
-        self.say_later(due_us, DeviceMessage::Reply { number, reply: Reply::Vat(reply) });
+        self.say_later(due_us, DeviceMessage::Reply { number, reply });
     }
 
     /// The firmware answers.
@@ -117,8 +127,9 @@ impl Machine {
         if let Reply::State(state) = reply {
             reply = Reply::State(self.told_state(state, now_us));
         }
-        let is_exposed = matches!(reply, Reply::Vat(VatReply::Exposed { .. }));
-        let is_moved = matches!(reply, Reply::Vat(VatReply::Moved { .. }));
+        let is_marked = matches!(reply, Reply::Powder(PowderReply::Marked { .. }));
+        let is_exposed = is_marked || matches!(reply, Reply::Vat(VatReply::Exposed { .. }));
+        let is_moved = matches!(reply, Reply::Vat(VatReply::Moved { .. }) | Reply::Powder(PowderReply::Moved { .. }));
         let lie = self.liar.due(|lie| match lie {
             Lie::RepliesLate { of, .. }
             | Lie::RepliesTwice { of }
@@ -126,6 +137,7 @@ impl Machine {
             | Lie::WrongNumber { of, .. } => of == asked,
             Lie::WrongDose { .. } | Lie::WrongLayer { .. } => is_exposed,
             Lie::WrongPosition { .. } => is_moved,
+            Lie::WrongCount { .. } | Lie::MarksTwice => is_marked,
             _ => false,
         });
         self.note_lie(lie, now_us);
@@ -133,16 +145,30 @@ impl Machine {
             self.position_offset_um = 0;
         }
         match (lie, &mut reply) {
-            (Some(Lie::WrongDose { percent }), Reply::Vat(VatReply::Exposed { duration_ms, .. })) => {
-                *duration_ms = (u64::from(*duration_ms) * u64::from(percent) / 100).min(u64::from(u32::MAX)) as u32;
+            (
+                Some(Lie::WrongDose { percent }),
+                Reply::Vat(VatReply::Exposed { duration_ms: light_ms, .. })
+                | Reply::Powder(PowderReply::Marked { laser_ms: light_ms, .. }),
+            ) => {
+                *light_ms = (u64::from(*light_ms) * u64::from(percent) / 100).min(u64::from(u32::MAX)) as u32;
             }
-            (Some(Lie::WrongLayer { offset }), Reply::Vat(VatReply::Exposed { id, .. })) => {
+            (
+                Some(Lie::WrongLayer { offset }),
+                Reply::Vat(VatReply::Exposed { id, .. }) | Reply::Powder(PowderReply::Marked { id, .. }),
+            ) => {
                 id.layer = id.layer.wrapping_add_signed(offset);
             }
-            (Some(Lie::WrongPosition { offset_um }), Reply::Vat(VatReply::Moved { position_um })) => {
+            (
+                Some(Lie::WrongPosition { offset_um }),
+                Reply::Vat(VatReply::Moved { position_um }) | Reply::Powder(PowderReply::Moved { position_um }),
+            ) => {
                 self.position_offset_um = offset_um;
                 *position_um += offset_um;
             }
+            (Some(Lie::WrongCount { offset }), Reply::Powder(PowderReply::Marked { vectors, .. })) => {
+                *vectors = vectors.wrapping_add_signed(offset);
+            }
+            (Some(Lie::MarksTwice), _) => return self.mark_again(number, reply, now_us),
             (Some(Lie::RepliesLate { by_us, .. }), _) => {
                 return self.say_later(now_us + by_us, DeviceMessage::Reply { number, reply });
             }
@@ -176,6 +202,7 @@ impl Machine {
             Some(Lie::OtherBoot) => state.boot_id ^= 1,
             _ => {}
         }
+        self.told_powder(&mut state, now_us);
         state
     }
 
@@ -218,16 +245,23 @@ impl Machine {
         };
         let welcome = Welcome::decode(&decoded.frame.payload);
         let Some(mut welcome) = welcome.ok().filter(|_| decoded.frame.kind == FrameKind::Welcome) else { return frame };
-        let MachineCapabilities::Vat(vat) = &mut welcome.capabilities.machine else { return frame };
-        vat.width_px += wider_px;
-        vat.max_position_um += higher_um;
+        match &mut welcome.capabilities.machine {
+            MachineCapabilities::Vat(vat) => {
+                vat.width_px += wider_px;
+                vat.max_position_um += higher_um;
+            }
+            MachineCapabilities::Powder(powder) => {
+                powder.field_um[0] += wider_px;
+                powder.max_position_um += higher_um;
+            }
+        }
         encode_frame(FrameKind::Welcome, decoded.frame.session_id, decoded.frame.sequence, &welcome.encode())
     }
 
     /// The request of that number, if it is not answered yet; now it is.
     fn close(&mut self, number: u32) -> Option<Request> {
-        let place = self.open.iter().position(|(open, _)| *open == number)?;
-        self.open.remove(place).map(|(_, request)| request)
+        let place = self.asked.iter().position(|(open, _)| *open == number)?;
+        self.asked.remove(place).map(|(_, request)| request)
     }
 
     fn say(&mut self, number: u32, reply: Reply) {

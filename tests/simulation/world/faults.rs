@@ -7,8 +7,8 @@ use layerd::job::JobState;
 use crate::disk::Unreadable;
 use crate::host::{Host, config_path};
 use crate::line::LineFault;
-use crate::machine::{Character, Lie, Machine};
-use crate::parts::{BAUD, capabilities, spool};
+use crate::machine::{Character, Lie};
+use crate::parts::spool;
 use crate::plan::What;
 
 use super::{End, Promises, SECOND_US, Station, World};
@@ -29,8 +29,7 @@ impl World {
             What::OtherMachine { for_us } => {
                 if self.stations.len() == 1 {
                     let seed = self.plan.seed ^ now_us;
-                    let machine = Machine::new(capabilities(), BAUD, Character::Honest, seed);
-                    self.stations.push(Station { machine, part_um: None, lit: None });
+                    self.stations.push(Station::new(self.plan.kind, Character::Honest, seed));
                 }
                 self.connect(1);
                 self.end_at(now_us + for_us, End::OtherMachine);
@@ -164,7 +163,9 @@ impl World {
             .iter()
             .any(|job| !job.state.is_final() && (job.started_ms.is_some() || job.state != JobState::Queued));
         let station = &mut self.stations[self.connected];
-        if !is_needed && station.is_clear() && station.part_um.take().is_some() {
+        // A laser machine takes the whole bed out.
+        let is_reachable = station.is_clear() || station.kind.is_laser();
+        if !is_needed && is_reachable && station.part_um.take().is_some() {
             self.note(|| "machine: changes its plate".into());
         }
     }

@@ -11,7 +11,7 @@ use super::World;
 use crate::disk::Mount;
 use crate::machine::Character;
 use crate::operators::{number, part_of};
-use crate::parts::{parts, spool};
+use crate::parts::spool;
 use crate::truth::Printed;
 
 /// A journal, or why it cannot be read.
@@ -58,7 +58,7 @@ impl World {
     fn part_in_spool(&self, id: u32) -> Option<usize> {
         self.outside(|mount| {
             let file = mount.open(&JobDirectory::of(&spool(), id).part(), How::Read).ok()?;
-            parts().iter().position(|part| {
+            self.plan.kind.parts().iter().position(|part| {
                 let mut found = vec![0; part.file.len() + 1];
                 file.read_at(&mut found, 0).is_ok_and(|count| found[..count] == part.file)
             })
@@ -109,13 +109,35 @@ impl World {
             self.check("journal true", denied.is_none(), || {
                 format!("job {id}: layer {denied:?} was exposed, and the journal says that it was not")
             });
+            self.check_partly_marked(id, &printed, &entries, &history);
             if history.state == JobState::Completed {
-                let missing = printed.missing();
+                let missing = printed.missing(self.plan.kind.parts());
                 self.check("none left out", missing.is_none(), || {
                     format!("job {id}: completed by its journal without layer {missing:?}")
                 });
             }
         }
+    }
+
+    /// What the journal says of layers that are marked in part.
+    fn check_partly_marked(&mut self, id: u32, printed: &Printed, entries: &[Entry], history: &History) {
+        if self.stations.len() > 1 {
+            return;
+        }
+        let marked = |layer: u32| printed.marks.get(&layer).map_or(0, |marks| marks.next);
+        let untrue = entries.iter().find_map(|entry| match entry.record {
+            Record::PartlyMarked { layer, next_vector } if next_vector > marked(layer) => Some((layer, next_vector)),
+            _ => None,
+        });
+        self.check("journal true", untrue.is_none(), || {
+            format!("job {id}: the journal has a layer marked up to a vector, {untrue:?}, and it is not")
+        });
+        let (layer, is_open) = (history.next_layer, history.unconfirmed.is_some() || history.in_doubt.is_some());
+        let holds = is_open || marked(layer) <= history.next_vector;
+        self.check("journal true", holds, || {
+            let (told, next) = (history.next_vector, marked(layer));
+            format!("job {id}: layer {layer} is marked up to vector {next}, and the journal says up to {told}")
+        });
     }
 
     /// What the daemon promised before it was started again.

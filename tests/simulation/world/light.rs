@@ -40,7 +40,7 @@ impl World {
         if !may_obey {
             return;
         }
-        let due_us = lit.since_us + u64::from(lit.commanded_ms) * 1000;
+        let due_us = lit.since_us + self.longest_us(&lit);
         let holds = now_us < due_us.max(self.disturbed_us) + LIGHT_GRACE_US;
         self.check("light bounded", holds, || {
             format!("light since {} µs, commanded for {} ms, is still on", lit.since_us, lit.commanded_ms)

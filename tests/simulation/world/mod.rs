@@ -5,6 +5,7 @@ mod journals;
 mod light;
 mod orders;
 mod patient;
+mod station;
 mod views;
 
 use std::cell::RefCell;
@@ -14,13 +15,14 @@ use std::sync::{Arc, Mutex, Once};
 use crate::disk::{Harm, SimDisk};
 use crate::host::{Host, Shared};
 use crate::line::Line;
-use crate::machine::{Character, Fact, FactKind, Machine};
+use crate::machine::Character;
 use crate::operators::Answers;
-use crate::parts::{BAUD, CLEAR_UM, capabilities, files, parts};
+use crate::parts::BAUD;
 use crate::plan::Plan;
 use crate::rng::Rng;
 use crate::truth::{Truth, Violation};
 use patient::Patient;
+use station::Station;
 
 const SECOND_US: u64 = 1_000_000;
 /// Turns of the loop in a whole run: a run that is longer turns in circles.
@@ -51,31 +53,6 @@ pub(crate) struct Report {
     pub(crate) virtual_us: u64,
     /// What happened, line by line, if asked for.
     pub(crate) trace: Vec<String>,
-}
-
-/// A machine and what hangs on its plate.
-#[derive(Debug)]
-struct Station {
-    machine: Machine,
-    /// Height of the plate that the part on it needs, micrometres; `None` for an empty plate.
-    part_um: Option<i32>,
-    lit: Option<Lit>,
-}
-
-impl Station {
-    /// Whether its plate is clear of the resin, about.
-    fn is_clear(&self) -> bool {
-        self.machine.plate_um() >= CLEAR_UM - 200
-    }
-}
-
-/// Light that is on.
-#[derive(Clone, Copy, Debug)]
-struct Lit {
-    since_us: u64,
-    commanded_ms: u32,
-    /// Key of its job, if it was commanded.
-    job: Option<u64>,
 }
 
 pub(crate) struct World {
@@ -157,21 +134,22 @@ enum End {
 impl World {
     pub(crate) fn new(plan: Plan, traced: bool) -> Self {
         // Made before the disk of the simulation is in place.
-        parts();
+        plan.kind.parts();
         let mut rng = Rng::new(plan.seed ^ 0x5eed_7e57);
         let disk = SimDisk::new(rng.next_u64());
-        for (path, text) in files(plan.confirms_plate) {
+        for (path, text) in plan.kind.files(plan.confirms_plate) {
             disk.prepare(&path, text.as_bytes());
         }
         let line = Line::new(BAUD, rng.next_u64());
         let is_honest = plan.character == Character::Honest;
-        let machine = Machine::new(capabilities(), BAUD, plan.character, rng.next_u64());
+        let station = Station::new(plan.kind, plan.character, rng.next_u64());
         let mut world = Self {
+            truth: Truth::of(plan.kind),
             plan,
             now_us: 0,
             disk,
             shared: Shared::new(line, rng.fork()),
-            stations: vec![Station { machine, part_um: None, lit: None }],
+            stations: vec![station],
             connected: 0,
             host: None,
             start_us: Some(0),
@@ -180,7 +158,6 @@ impl World {
             ends: BTreeMap::new(),
             next_event: 0,
             answers: Arc::new(Mutex::new(Vec::new())),
-            truth: Truth::default(),
             promises: Promises::default(),
             disturbed_us: 0,
             gentle: is_honest,
@@ -337,67 +314,6 @@ impl World {
             }
             None => self.now_us = until_us,
         }
-    }
-
-    fn serve_machines(&mut self) {
-        let now_us = self.now_us;
-        for index in 0..self.stations.len() {
-            let station = &mut self.stations[index];
-            if index == self.connected {
-                station.machine.serve(&mut self.shared.line(), now_us);
-            } else {
-                station.machine.handle_timeout(now_us);
-            }
-            let facts: Vec<_> = station.machine.facts().collect();
-            for fact in facts {
-                self.fact(index, &fact);
-            }
-        }
-    }
-
-    fn fact(&mut self, index: usize, fact: &Fact) {
-        if self.trace.is_some() {
-            let shown = match &fact.what {
-                FactKind::ExposedWhole { id, duration_ms, .. } => {
-                    format!("exposed whole: layer {} of {:016x}, {duration_ms} ms", id.layer, id.job)
-                }
-                what => format!("{what:?}"),
-            };
-            self.note(|| format!("machine {index}: {shown}"));
-        }
-        match &fact.what {
-            FactKind::LightOn { id, commanded_ms } => {
-                if let Some(id) = id
-                    && !self.truth.knows(id.job)
-                {
-                    self.learn_jobs();
-                }
-                if let Some(id) = id {
-                    self.check_pause(*id);
-                }
-                let job = id.map(|id| id.job);
-                self.stations[index].lit = Some(Lit { since_us: fact.at_us, commanded_ms: *commanded_ms, job });
-                let silent_us = fact.at_us.saturating_sub(self.stations[index].machine.heard_us());
-                let holds = silent_us <= 2 * SECOND_US || !self.is_honest(index);
-                self.check("dark after silence", holds, || {
-                    format!("light begins {silent_us} µs after the host was heard")
-                });
-            }
-            FactKind::LightOff { lit_us, .. } => {
-                if let Some(lit) = self.stations[index].lit.take().filter(|_| self.is_honest(index)) {
-                    let holds = *lit_us <= u64::from(lit.commanded_ms) * 1000;
-                    self.check("light bounded", holds, || format!("{lit_us} µs of light for {} ms", lit.commanded_ms));
-                }
-            }
-            FactKind::Started { .. } | FactKind::PowerOff | FactKind::Hello { .. } => self.disturbed_us = self.now_us,
-            _ => {}
-        }
-        if let FactKind::ExposedWhole { id, .. } = &fact.what
-            && index != self.connected
-        {
-            self.truth.exposed_unseen(*id);
-        }
-        self.truth.fact(fact, &mut self.stations[index].part_um);
     }
 }
 

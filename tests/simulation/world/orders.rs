@@ -75,7 +75,8 @@ impl World {
             Ask::Submit { .. } | Ask::Again(_) => self.promises.unanswered += 1,
             _ => {}
         }
-        let decided = Decided { ask: ask.clone(), given_us: self.now_us, jobs_ended: snapshot.jobs_ended };
+        let decided =
+            Decided { kind: self.plan.kind, ask: ask.clone(), given_us: self.now_us, jobs_ended: snapshot.jobs_ended };
         let Some(host) = &self.host else { return };
         host.spawn(give(decided, host.handle.clone(), Arc::clone(&self.answers), Arc::clone(&self.shared)));
         self.note(|| format!("operator: {ask:?}"));
@@ -105,7 +106,11 @@ impl World {
                 self.promises.accepted.remove(&id);
                 return;
             }
-            Ok(Answer::Raise(_)) => return,
+            Ok(Answer::Raise(_)) => {
+                let is_vat = !self.plan.kind.is_laser();
+                return self
+                    .check("plate above part", is_vat, || "the plate of a bed of powder is to be raised".into());
+            }
             Err(error) => {
                 // A removal that failed halfway is ended by the next start.
                 if let Ask::Remove(id) = ask
@@ -175,6 +180,9 @@ impl World {
                         InDoubt::Repeat => {
                             let whole = printed.whole.get(layer).copied().unwrap_or(0);
                             printed.repeats.insert(*layer, whole + 1);
+                            if let Some(marks) = printed.marks.get_mut(layer) {
+                                marks.is_broken = false;
+                            }
                         }
                     }
                 }

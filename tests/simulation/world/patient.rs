@@ -7,9 +7,9 @@ use layerd::job::JobState;
 use layerd::system::Disk;
 
 use super::{SECOND_US, World};
-use crate::machine::Incident;
+use crate::machine::{Incident, Interlock};
 use crate::operators::{Ask, asks_for_empty_plate, is_unread, number};
-use crate::parts::spool;
+use crate::parts::{LAYER_UM, spool};
 
 /// Once nothing goes wrong any more, all jobs have ended after this time: some prints, and the long waits of a protocol that was
 /// broken in many ways before.
@@ -52,7 +52,9 @@ impl World {
                 self.patient.look_us = now_us + LOOK_US;
                 self.disk.kill_after(u32::MAX);
                 for station in &mut self.stations {
-                    station.machine.strike(Incident::InterlockCloses, now_us);
+                    for interlock in Interlock::ALL {
+                        station.machine.strike(Incident::InterlockCloses(interlock), now_us);
+                    }
                     station.machine.repair(now_us);
                 }
                 self.note(|| "** nothing goes wrong any more".into());
@@ -115,11 +117,20 @@ impl World {
             JobState::Interrupted if job.reason.as_ref().is_some_and(|reason| reason.contains("Abort it")) => {
                 Some(Ask::Abort(Some(id)))
             }
+            // Somebody moved the plate, and brings it back.
+            JobState::Interrupted if job.reason.as_ref().is_some_and(|reason| reason.contains("bring it back")) => {
+                let to_um = (job.layers_done as i32 + 1) * LAYER_UM;
+                let now_us = self.now_us;
+                let ask = Ask::Resume(id, self.judge(job));
+                self.stations[self.connected].machine.strike(Incident::PlateMovedByHand { to_um }, now_us);
+                Some(ask)
+            }
             JobState::Interrupted => Some(Ask::Resume(id, self.judge(job))),
             JobState::Paused => Some(Ask::Resume(id, None)),
             JobState::Queued if asks_for_empty_plate(job) || job.reason.is_some() && snapshot.active().is_none() => {
                 let station = &self.stations[self.connected];
-                let is_low = !station.is_clear() && station.part_um.is_some();
+                // Out of a bed of powder a part is taken where it is.
+                let is_low = !station.kind.is_laser() && !station.is_clear() && station.part_um.is_some();
                 Some(if is_low && refusals < 2 {
                     *self.patient.refusals.entry(id).or_default() += 1;
                     Ask::Raise

@@ -113,7 +113,7 @@ impl World {
                 });
             }
             if view.state == JobState::Completed {
-                let missing = printed.missing();
+                let missing = printed.missing(self.plan.kind.parts());
                 self.check("none left out", missing.is_none(), || {
                     format!("job {} is completed without layer {missing:?}", view.id)
                 });
