@@ -50,7 +50,6 @@ impl GrblModel {
             speed_up,
             byte_us,
             next_us: 0.0,
-            looked_us: 0.0,
         };
         let for_thread = Arc::clone(&shared);
         let thread = std::thread::spawn(move || line.run(&for_thread));
@@ -129,8 +128,6 @@ struct Line {
     byte_us: f64,
     /// When the line is free for the next byte.
     next_us: f64,
-    /// When the line was looked at last.
-    looked_us: f64,
 }
 
 impl Line {
@@ -165,10 +162,10 @@ impl Line {
         }
         let now_us = self.began.elapsed().as_secs_f64() * 1e6 * self.speed_up;
         if self.arriving.is_empty() {
-            // Bytes that are there now came after the last look.
-            self.next_us = self.next_us.max(self.looked_us);
+            // Bytes that are there now may have come at any time since the last look, which can be long ago on a busy host. They count
+            // from now on, so that nothing is done before it was asked for.
+            self.next_us = self.next_us.max(now_us);
         }
-        self.looked_us = now_us;
         loop {
             self.read();
             if self.arriving.is_empty() {
