@@ -136,8 +136,22 @@ impl PowderCycle {
                 mm_text(position_um),
                 mm_text(to_um)
             )),
+            // The plate was left where the layer before was marked. A device that lost its power counts from another place.
+            Some(position_um) if layer > 0 && self.is_above(position_um, layer - 1) => Step::Halt(format!(
+                "the device says its plate is {} deep, but layer {} was marked at {}: it has lost its position, perhaps with its power. \
+                 Nothing was moved. Take the part out and start it again",
+                mm_text(position_um),
+                layer - 1,
+                mm_text(self.plan.positions().layer_um(layer - 1))
+            )),
             _ => self.lower(to_um),
         }
+    }
+
+    /// Whether a plate is higher than where a layer was marked.
+    fn is_above(&self, position_um: i32, layer: u32) -> bool {
+        let marked_um = self.plan.positions().layer_um(layer);
+        position_um < marked_um && self.plan.positions().is_off(position_um, marked_um)
     }
 
     fn lower(&mut self, position_um: i32) -> Step {
