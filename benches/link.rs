@@ -16,7 +16,7 @@ use layerd::link::message::{
     Capabilities, DeviceMessage, DeviceState, HostMessage, MachineCapabilities, Reply, Request, VatCapabilities,
 };
 use layerd::link::session::HostEvent;
-use layerd::link::{FlowControl, LinkSettings, SystemPorts};
+use layerd::link::{FlowControl, LinkSettings, Protocol, SystemPorts};
 use layerd_wire::session::{DeviceEvent, DeviceSession, DeviceSettings};
 use layerd_wire::{FrameDecoder, FrameKind, encode_frame};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
@@ -55,8 +55,8 @@ fn busy_line(bencher: Bencher<'_, '_>) {
     let stop = AtomicBool::new(false);
     std::thread::scope(|scope| {
         scope.spawn(|| device(&master, &stop));
-        let (handle, mut events, driver) =
-            link(LinkSettings { path, baud: BAUD, flow_control: FlowControl::None }, Arc::new(SystemPorts));
+        let settings = LinkSettings { path, baud: BAUD, flow_control: FlowControl::None, protocol: Protocol::Layerd };
+        let (handle, mut events, driver) = link(settings, None, Arc::new(SystemPorts));
         runtime.spawn(driver.run());
         let session_id = runtime.block_on(connected(&mut events));
         let mut number = 0;

@@ -196,7 +196,7 @@ fn a_version_that_the_host_did_not_offer_is_refused_whatever_follows() {
         let mut script = Script::greeting();
         script.say(FrameKind::Welcome, 0, &[&u16::to_le_bytes(chosen), rest].concat());
         let refusal = HelloRefusal::NotOffered { host: VERSIONS, chosen };
-        assert_eq!(script.host.event(), Some(HostEvent::Refused(refusal)), "{rest:?}");
+        assert_eq!(script.host.event(), Some(HostEvent::Refused(refusal.clone())), "{rest:?}");
         let text = refusal.to_string();
         assert!(text.contains(&format!("chose version {chosen} of")) && text.contains("offered version 1"), "{text}");
     }
@@ -215,7 +215,7 @@ fn without_a_common_version_the_operator_is_told_both_ranges_and_what_to_update(
         let device = VersionRange { lowest, highest };
         script.say(FrameKind::HelloRefused, 0, &HelloRefused::Version { device }.encode());
         let refusal = HelloRefusal::Version { host: VERSIONS, device };
-        assert_eq!(script.host.event(), Some(HostEvent::Refused(refusal)));
+        assert_eq!(script.host.event(), Some(HostEvent::Refused(refusal.clone())));
         assert!(refusal.to_string().contains(words), "{refusal}");
     }
 }
@@ -277,7 +277,7 @@ fn a_machine_of_an_unknown_kind_is_refused_by_its_kind_whatever_follows() {
         let mut script = Script::greeting();
         script.say(FrameKind::Welcome, 0, &welcome[..length]);
         let refusal = HelloRefusal::UnknownMachine { kind };
-        assert_eq!(script.host.event(), Some(HostEvent::Refused(refusal)));
+        assert_eq!(script.host.event(), Some(HostEvent::Refused(refusal.clone())));
         assert!(refusal.to_string().contains(&format!("kind {kind}, which this host does not know")), "{refusal}");
     }
 }

@@ -12,7 +12,7 @@ use layerd::link::message::{
 };
 use layerd::link::session::HostEvent;
 use layerd::link::transport::{OpenError, SerialLine};
-use layerd::link::{FlowControl, LinkSettings, SystemPorts};
+use layerd::link::{FlowControl, LinkSettings, Protocol, SystemPorts};
 use layerd_wire::session::{DeviceEvent, DeviceSession, DeviceSettings};
 use rustix::fs::inotify;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
@@ -30,7 +30,7 @@ fn terminal() -> (OwnedFd, PathBuf) {
 }
 
 fn config(path: &Path) -> LinkSettings {
-    LinkSettings { path: path.into(), baud: 3_000_000, flow_control: FlowControl::None }
+    LinkSettings { path: path.into(), baud: 3_000_000, flow_control: FlowControl::None, protocol: Protocol::Layerd }
 }
 
 /// Answers every request with `Done` and every urgent frame, until the time is over or `requests` were answered.
@@ -108,7 +108,7 @@ fn connected(event: &LinkEvent) -> Option<u32> {
 async fn a_line_carries_messages_and_comes_back_after_the_device_vanished() {
     let directory = tempfile::tempdir().expect("a directory");
     let path = directory.path().join("port");
-    let (handle, mut events, driver) = link(config(&path), Arc::new(SystemPorts));
+    let (handle, mut events, driver) = link(config(&path), None, Arc::new(SystemPorts));
     let task = tokio::spawn(driver.run());
     // Nothing there yet.
     wait_for(&mut events, |event| matches!(event, LinkEvent::NotOpen(OpenError::Missing(_))).then_some(())).await;
@@ -163,7 +163,7 @@ async fn a_path_that_leads_elsewhere_is_followed_once_its_port_is_silent() {
     let path = directory.path().join("port");
     let (_silent, silent_name) = terminal();
     std::os::unix::fs::symlink(&silent_name, &path).expect("a link");
-    let (handle, mut events, driver) = link(config(&path), Arc::new(SystemPorts));
+    let (handle, mut events, driver) = link(config(&path), None, Arc::new(SystemPorts));
     let task = tokio::spawn(driver.run());
     let lost = |event: &LinkEvent| matches!(event, LinkEvent::Session(HostEvent::Lost(_))).then_some(());
     wait_for(&mut events, lost).await;
@@ -249,7 +249,7 @@ async fn a_port_is_opened_once_and_set_up_so_that_closing_it_drops_no_line() {
 #[tokio::test]
 async fn a_session_given_up_is_followed_by_another_after_a_pause_that_grows() {
     let (master, name) = terminal();
-    let (handle, mut events, driver) = link(config(&name), Arc::new(SystemPorts));
+    let (handle, mut events, driver) = link(config(&name), None, Arc::new(SystemPorts));
     let task = tokio::spawn(driver.run());
     let device = std::thread::spawn(move || run_device(&master, 1));
     let mut sessions = vec![wait_for(&mut events, connected).await];

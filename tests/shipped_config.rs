@@ -230,3 +230,52 @@ fn the_daemon_starts_with_a_laser_machine() {
     let findings = layerd::daemon::check(&place);
     assert!(findings.errors.is_empty(), "{:?}", findings.errors);
 }
+
+/// A machine file of a laser machine with these lines in place of those of the same keys, and its tables from `[axes]` on.
+fn laser_machine(axes: &str, protocol: &str) -> String {
+    format!(
+        "name = \"mine\"\nkind = \"slm\"\nfield_um = [100000.0, 100000.0]\nbuild_height_um = 50000.0\nbeam_diameter_um = 100.0\n\
+         max_power_w = 5.0\nlayer_height_range_um = [20.0, 200.0]\n{axes}\n[link]\npath = \"tty\"\nbaud = 115200\nprotocol = \"{protocol}\"\n"
+    )
+}
+
+#[test]
+fn axes_belong_to_grbl_controllers_and_their_mistakes_are_told() {
+    let parse = |axes: &str, protocol: &str| Machine::parse(Path::new("my.toml"), &laser_machine(axes, protocol));
+    let axes = "[axes]\nmax_speed_mm_s = 100.0\nacceleration_mm_s2 = 500.0\n";
+    let machine = parse(axes, "grbl").unwrap().grbl().expect("a grbl machine");
+    assert_eq!((machine.max_speed_um_s, machine.max_power_mw), (100_000, 5_000));
+    assert_eq!(machine.recoat_gcode, ["M8", "G4P10", "M9"]);
+    let cases = [
+        ("", "grbl", ["axes", "missing", "max_speed_mm_s and acceleration_mm_s2"]),
+        (axes, "layerd", ["axes", "nothing here", "grbl"]),
+        ("[axes]\nmax_speed_mm_s = 0.5\nacceleration_mm_s2 = 500.0\n", "grbl", ["axes.max_speed_mm_s", "0.5", "1 to"]),
+    ];
+    for (axes, protocol, words) in cases {
+        let message = parse(axes, protocol).unwrap_err().to_string();
+        for word in words {
+            assert!(message.contains(word), "`{word}` is not in: {message}");
+        }
+    }
+    for line in ["S5", "M3", "g1 x5 m4", "M04", "G1Z1", "$H", "", "G1X1;", &"G4P0.001".repeat(10)] {
+        let message = parse(&format!("{axes}recoat_gcode = [{line:?}]\n"), "grbl").unwrap_err().to_string();
+        assert!(message.contains("axes.recoat_gcode"), "{line}: {message}");
+    }
+    parse(&format!("{axes}recoat_gcode = [\"G1 Y90 F3000\", \"M30\", \"M48\"]\n"), "grbl").unwrap();
+    let dlp =
+        std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("config/machines/sim-dlp.toml")).unwrap();
+    let message =
+        Machine::parse(Path::new("my.toml"), &format!("{dlp}\nprotocol = \"grbl\"\n")).unwrap_err().to_string();
+    assert!(message.contains("link.protocol") && message.contains("kind = \"slm\""), "{message}");
+}
+
+#[test]
+fn a_recipe_that_axes_cannot_follow_is_refused_with_both_names() {
+    let directory = Path::new(env!("CARGO_MANIFEST_DIR")).join("config");
+    let machine = directory.join("machines/grbl-laser.toml");
+    load_pair(&machine, &directory.join("recipes/grbl-laser.toml")).unwrap();
+    let message = load_pair(&machine, &directory.join("recipes/slm-demo.toml")).unwrap_err().to_string();
+    for word in ["mark_speed_mm_s", "1200", "at most 200", "axes.max_speed_mm_s", "laser_power_w"] {
+        assert!(message.contains(word), "`{word}` is not in: {message}");
+    }
+}

@@ -23,7 +23,7 @@ use std::path::{Path, PathBuf};
 pub use daemon::{DEFAULT_SOCKET, DEFAULT_SPOOL, DaemonConfig, MAX_THREADS, MIN_BUDGET_BYTES, byte_size};
 pub use kind::Kind;
 pub use lookup::{ConfigText, FindError, Folder, NotFound, find, names};
-pub use machine::{DlpMachine, Machine, SlmMachine};
+pub use machine::{Axes, DlpMachine, Machine, SlmMachine};
 pub use recipe::{ClassSettings, DlpRecipe, LaserSettings, Recipe, SlmRecipe, Strategy};
 
 /// A configuration file that cannot be used.

@@ -9,11 +9,13 @@
 //! | `mismatch`   | whether a device is the configured machine, and can print a recipe                       |
 //! | `tolerance`  | how far reports may differ from commands                                                 |
 //! | `scan_time`  | how long a laser takes for a layer                                                       |
+//! | `axes_time`  | the same where axes move the beam                                                        |
 //! | [`sim`]      | simulated machines behind the same protocol                                              |
 //!
 //! `tests/device_common/print.rs` is the smallest host that prints with it.
 
 mod act;
+mod axes_time;
 mod driver;
 pub mod encoding;
 mod light;
@@ -23,6 +25,7 @@ pub mod sim;
 mod tolerance;
 
 pub use act::{Act, Outcome, PowderAct, PowderOutcome, VatAct, VatOutcome};
+pub use axes_time::AxesMotion;
 pub use driver::{DriverBusy, DriverEvent, FramedDriver};
 pub use light::{DARK_LIMIT_US, Light, LightWatch, STAYS_LIT};
 pub use mismatch::{MachineMismatch, Misfit, check_capabilities, check_fit};

@@ -1,5 +1,6 @@
 //! How long a laser takes to mark a layer. `job/cycle/powder.rs` compares what a machine reports with it, and bounds its marking.
 
+use super::axes_time::{self, AxesMotion};
 use crate::layer::{LaserParameters, MarkClass, Vectors};
 
 /// The times of a layer of scan vectors, computed from its vectors and the laser's parameters alone.
@@ -16,8 +17,15 @@ pub struct ScanTimes {
 impl ScanTimes {
     /// Those of `vectors`. `lasers` has the parameters of each class, in the order of the classes' numbers. Speeds of 0 count as 1 µm/s.
     /// The laser is on for marks, for the delays between connected vectors, and for points. The way from where the laser stands before
-    /// the layer is not known and not counted.
-    pub fn of(vectors: &Vectors, lasers: &[LaserParameters; MarkClass::ALL.len()]) -> Self {
+    /// the layer is not known and not counted. `axes` is for machines whose axes move the beam; other machines have a scanner.
+    pub fn of(vectors: &Vectors, lasers: &[LaserParameters; MarkClass::ALL.len()], axes: Option<&AxesMotion>) -> Self {
+        match axes {
+            None => Self::of_scanner(vectors, lasers),
+            Some(motion) => axes_time::times(vectors, lasers, motion),
+        }
+    }
+
+    fn of_scanner(vectors: &Vectors, lasers: &[LaserParameters; MarkClass::ALL.len()]) -> Self {
         let (mut laser_us, mut dark_us) = (0.0, 0.0);
         let mut at: Option<([i32; 2], MarkClass)> = None;
         for mark in vectors.marks() {
@@ -66,10 +74,10 @@ mod tests {
         // 10 mm and 20 mm, a corner between them; then 25 mm to a point.
         vectors.push_path(MarkClass::Contour, &[[0, 0], [10_000, 0], [10_000, 20_000]]);
         vectors.push_path(MarkClass::Point, &[[10_000, 45_000]]);
-        let times = ScanTimes::of(&vectors, &[laser; MarkClass::ALL.len()]);
+        let times = ScanTimes::of(&vectors, &[laser; MarkClass::ALL.len()], None);
         assert_eq!(times.laser_ms, 10 + 1 + 20 + 7);
         assert_eq!(times.mark_ms, times.laser_ms + 3 + 2 + 5 + 3);
         assert_eq!(times.vectors, 3);
-        assert_eq!(ScanTimes::of(&Vectors::default(), &[laser; MarkClass::ALL.len()]), ScanTimes::default());
+        assert_eq!(ScanTimes::of(&Vectors::default(), &[laser; MarkClass::ALL.len()], None), ScanTimes::default());
     }
 }

@@ -13,9 +13,11 @@ use layerd_wire::session::MAX_URGENTS;
 use super::settings::{FlowControl, LinkSettings};
 use crate::random;
 
+use super::conversation::Conversation;
+use super::grbl::GrblMachine;
 use super::message::{HostMessage, Urgent};
 use super::pacing::Pacing;
-use super::session::{HELLO_REPEAT_US, Hindrance, HostEvent, HostSession, HostSettings, SendError, Statistics};
+use super::session::{HELLO_REPEAT_US, Hindrance, HostEvent, HostSettings, SendError, Statistics};
 use super::spacing::Spacing;
 use super::transport::{OpenError, Ports, SerialLine};
 
@@ -128,7 +130,7 @@ pub struct LinkDriver {
     settings: LinkSettings,
     ports: Arc<dyn Ports>,
     start: Instant,
-    session: HostSession,
+    session: Conversation,
     messages: mpsc::Receiver<(u32, HostMessage)>,
     urgents: mpsc::Receiver<(u32, Urgent)>,
     events: mpsc::Sender<LinkEvent>,
@@ -139,8 +141,13 @@ pub struct LinkDriver {
     spacing: Spacing,
 }
 
-/// Makes a line: its handle, its events, and its driver. [`LinkDriver::run`] moves the bytes.
-pub fn link(settings: LinkSettings, ports: Arc<dyn Ports>) -> (LinkHandle, mpsc::Receiver<LinkEvent>, LinkDriver) {
+/// Makes a line: its handle, its events, and its driver. [`LinkDriver::run`] moves the bytes. With `grbl`, the machine of a grbl
+/// controller, lines of G-code are spoken.
+pub fn link(
+    settings: LinkSettings,
+    grbl: Option<GrblMachine>,
+    ports: Arc<dyn Ports>,
+) -> (LinkHandle, mpsc::Receiver<LinkEvent>, LinkDriver) {
     let (message_sender, messages) = mpsc::channel(1);
     let (urgent_sender, urgents) = mpsc::channel(MAX_URGENTS);
     let (events, event_receiver) = mpsc::channel(EVENT_QUEUE);
@@ -152,7 +159,7 @@ pub fn link(settings: LinkSettings, ports: Arc<dyn Ports>) -> (LinkHandle, mpsc:
         settings,
         ports,
         start: Instant::now(),
-        session: HostSession::new(random_id(), host_settings, 0),
+        session: Conversation::new(random_id(), random_id(), host_settings, grbl),
         messages,
         urgents,
         events,
@@ -256,7 +263,8 @@ impl LinkDriver {
     }
 
     fn renew(&mut self) {
-        self.session = self.session.successor(random_id(), self.now_us());
+        let now_us = self.now_us();
+        self.session.renew(random_id(), now_us);
     }
 
     fn now_us(&self) -> u64 {

@@ -16,6 +16,20 @@ pub struct LinkSettings {
     /// Flow control of the port, below the protocol.
     #[serde(default)]
     pub flow_control: FlowControl,
+    /// What is spoken on it.
+    #[serde(default)]
+    pub protocol: Protocol,
+}
+
+/// What host and device speak.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Protocol {
+    /// The framed protocol of `docs/protocol.md`.
+    #[default]
+    Layerd,
+    /// Lines of G-code for a grbl 1.1 or grblHAL controller: see `docs/grbl.md`.
+    Grbl,
 }
 
 /// Flow control of the serial port itself.

@@ -288,10 +288,16 @@ fn other(path: &Path, reason: &str) -> OpenError {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::link::Protocol;
 
     /// The message for an error number that the library reports. A test that runs as root cannot provoke most of them.
     fn told(errno: Errno) -> String {
-        let config = LinkSettings { path: "/dev/ttyUSB0".into(), baud: 250_000, flow_control: FlowControl::RtsCts };
+        let config = LinkSettings {
+            path: "/dev/ttyUSB0".into(),
+            baud: 250_000,
+            flow_control: FlowControl::RtsCts,
+            protocol: Protocol::Layerd,
+        };
         port_error(&config, 188, &serialport::Error::from(errno)).to_string()
     }
 
@@ -335,7 +341,12 @@ mod tests {
     #[test]
     fn a_port_that_takes_only_a_part_is_refused() {
         use serialport::FlowControl::{Hardware, None};
-        let config = LinkSettings { path: "/dev/ttyUSB0".into(), baud: 250_000, flow_control: FlowControl::RtsCts };
+        let config = LinkSettings {
+            path: "/dev/ttyUSB0".into(),
+            baud: 250_000,
+            flow_control: FlowControl::RtsCts,
+            protocol: Protocol::Layerd,
+        };
         let refused = |baud, flow_control| check_taken(&config, baud, flow_control).expect_err("refused").to_string();
         assert!(check_taken(&config, 257_500, Hardware).is_ok() && check_taken(&config, 242_500, Hardware).is_ok());
         assert!(refused(9600, Hardware).contains("does not take baud = 250000, but has 9600"));

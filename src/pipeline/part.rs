@@ -165,7 +165,7 @@ impl EncodedLayers {
                 let encoding = self.encoding.encoding;
                 let vectors = encoding.vectors().ok_or(PartError::NoVectors(encoding))?;
                 let sum = encoding::encode_vectors(scanned.vectors, vectors, scan.field_um, &scan.lasers, bytes)?;
-                let times = ScanTimes::of(scanned.vectors, &scan.lasers);
+                let times = ScanTimes::of(scanned.vectors, &scan.lasers, scan.axes.as_ref());
                 (scanned.layer, encoding, sum.crc32, Some(ScanReport { times, counts: scanned.counts }))
             }
         };

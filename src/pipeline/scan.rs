@@ -2,6 +2,7 @@
 //! slice` use it.
 
 use crate::config::{SlmMachine, SlmRecipe, Strategy};
+use crate::device::AxesMotion;
 use crate::layer::{LaserParameters, MarkClass};
 use crate::slice::scan::{HatchSettings, HatchStrategy, ScanSettings};
 
@@ -14,6 +15,8 @@ pub struct Scan {
     pub lasers: [LaserParameters; MarkClass::ALL.len()],
     /// Size of the field, micrometres.
     pub field_um: [u32; 2],
+    /// The axes that move the beam; `None` for a scanner.
+    pub axes: Option<AxesMotion>,
 }
 
 impl Scan {
@@ -23,6 +26,11 @@ impl Scan {
             settings: scan_settings(machine, recipe),
             lasers: laser_parameters(recipe),
             field_um: machine.field_um.map(|um| um.round() as u32),
+            axes: machine.axes.as_ref().map(|axes| AxesMotion {
+                max_speed_um_s: axes.max_speed_mm_s * 1000.0,
+                acceleration_um_s2: axes.acceleration_mm_s2 * 1000.0,
+                baud: machine.link.baud,
+            }),
         }
     }
 }

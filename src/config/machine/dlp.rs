@@ -6,7 +6,7 @@ use serde::de::IgnoredAny;
 use super::{check_link, real_time, yes};
 use crate::config::{OutOfRange, within};
 use crate::layer::{Mirror, Raster};
-use crate::link::LinkSettings;
+use crate::link::{LinkSettings, Protocol};
 
 /// A DLP machine: its line, picture and travel.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -57,6 +57,11 @@ impl DlpMachine {
         .into_iter()
         .flatten()
         .chain(check_link(&self.link))
+        .chain((self.link.protocol == Protocol::Grbl).then(|| OutOfRange {
+            key: "link.protocol".into(),
+            value: "\"grbl\"".into(),
+            allowed: "\"layerd\": a grbl controller drives a laser (kind = \"slm\")".into(),
+        }))
         .collect()
     }
 

@@ -9,8 +9,9 @@ use super::kind::{self, Kind};
 use super::{ConfigError, OutOfRange, parse, read_text, within};
 use crate::layer::Raster;
 use crate::link::LinkSettings;
+use crate::link::grbl::GrblMachine;
 pub use dlp::DlpMachine;
-pub use slm::SlmMachine;
+pub use slm::{Axes, SlmMachine};
 
 /// A machine, `config/machines/*.toml`. Its methods tell what machines of every kind have.
 #[derive(Clone, Debug, PartialEq)]
@@ -96,6 +97,14 @@ impl Machine {
         match self {
             Self::Dlp(machine) => &machine.link,
             Self::Slm(machine) => &machine.link,
+        }
+    }
+
+    /// The machine as a grbl controller drives it; `None` if its device speaks the framed protocol.
+    pub fn grbl(&self) -> Option<GrblMachine> {
+        match self {
+            Self::Dlp(_) => None,
+            Self::Slm(machine) => machine.grbl(),
         }
     }
 

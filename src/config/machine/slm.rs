@@ -6,7 +6,8 @@ use serde::de::IgnoredAny;
 use super::{check_link, real_time, yes};
 use crate::config::{OutOfRange, within};
 use crate::layer::{Mirror, Raster};
-use crate::link::LinkSettings;
+use crate::link::grbl::GrblMachine;
+use crate::link::{LinkSettings, Protocol};
 
 /// An SLM machine: its line, field, beam and travel.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -39,9 +40,28 @@ pub struct SlmMachine {
     /// How much faster than real time the device's clock runs, 1 to 1000. Only for simulated devices.
     #[serde(default = "real_time")]
     pub time_scale: f64,
+    /// The axes that move the beam and the plate; only for a machine with a grbl controller.
+    pub axes: Option<Axes>,
     /// The line.
     pub link: LinkSettings,
 }
+
+/// The axes of a machine with a grbl controller, which moves the beam itself. `config/machines/grbl-laser.toml` explains its keys.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Axes {
+    /// Greatest speed along x and y, millimetres a second: that of jumps.
+    pub max_speed_mm_s: f64,
+    /// Acceleration along x and y, millimetres a second squared.
+    pub acceleration_mm_s2: f64,
+    /// Lines of G-code that spread powder. By default they switch the coolant output on for as long as the recoater takes.
+    pub recoat_gcode: Option<Vec<String>>,
+}
+
+/// Most lines that spread powder, so that they fit into a queue.
+const MAX_RECOAT_LINES: usize = 8;
+/// Longest of these lines, bytes: a controller has room for 80, its end included.
+const MAX_GCODE_BYTES: usize = 79;
 
 fn thirty() -> f64 {
     30.0
@@ -71,7 +91,61 @@ impl SlmMachine {
         .into_iter()
         .flatten()
         .chain(check_link(&self.link))
+        .chain(self.check_axes())
         .collect()
+    }
+
+    /// What is wrong with the axes: a grbl controller has them, and no other device.
+    fn check_axes(&self) -> Vec<OutOfRange> {
+        let is_grbl = self.link.protocol == Protocol::Grbl;
+        let Some(axes) = self.axes.as_ref().filter(|_| is_grbl) else {
+            let (value, allowed) = match (is_grbl, &self.axes) {
+                (true, _) => {
+                    ("missing", "a table with max_speed_mm_s and acceleration_mm_s2, as link.protocol is \"grbl\"")
+                }
+                (false, Some(_)) => ("a table", "nothing here, unless link.protocol is \"grbl\""),
+                (false, None) => return Vec::new(),
+            };
+            return vec![OutOfRange { key: "axes".into(), value: value.into(), allowed: allowed.into() }];
+        };
+        let lines = axes.recoat_gcode.iter().flatten();
+        let wrong = lines.filter_map(|line| recoat_fault(line).map(|allowed| (line, allowed)));
+        let wrong = wrong.map(|(line, allowed)| OutOfRange {
+            key: "axes.recoat_gcode".into(),
+            value: format!("{line:?}"),
+            allowed: allowed.into(),
+        });
+        let count = axes.recoat_gcode.as_ref().map_or(1, Vec::len);
+        [
+            within("axes.max_speed_mm_s", axes.max_speed_mm_s, 1.0, 10_000.0),
+            within("axes.acceleration_mm_s2", axes.acceleration_mm_s2, 1.0, 1_000_000.0),
+            within("number of lines of axes.recoat_gcode", count, 1, MAX_RECOAT_LINES),
+        ]
+        .into_iter()
+        .flatten()
+        .chain(wrong)
+        .collect()
+    }
+
+    /// The machine as a grbl controller drives it; `None` if it has another controller.
+    pub fn grbl(&self) -> Option<GrblMachine> {
+        let axes = self.axes.as_ref()?;
+        // The ranges keep all values far within 32 bits.
+        let micrometres = |mm: f64| (mm * 1000.0).round() as u32;
+        let pause = format!("G4P{}", f64::from(self.recoat_ms) / 1000.0);
+        let recoat_gcode = axes.recoat_gcode.clone().unwrap_or_else(|| vec!["M8".into(), pause, "M9".into()]);
+        Some(GrblMachine {
+            field_um: self.field_um.map(|um| um.round() as u32),
+            max_power_mw: micrometres(self.max_power_w),
+            layer_height_um: [
+                self.layer_height_range_um[0].floor() as u32,
+                self.layer_height_range_um[1].ceil() as u32,
+            ],
+            max_position_um: self.build_height_um.round() as i32,
+            max_speed_um_s: micrometres(axes.max_speed_mm_s),
+            acceleration_um_s2: micrometres(axes.acceleration_mm_s2),
+            recoat_gcode,
+        })
     }
 
     /// The grid on which layers are sampled.
@@ -85,4 +159,23 @@ impl SlmMachine {
             mirror: Mirror::default(),
         }
     }
+}
+
+/// What a line that spreads powder must be, if it is not. It must neither light the laser nor move the plate, which may carry a part.
+fn recoat_fault(line: &str) -> Option<&'static str> {
+    let is_plain = |letter: char| letter.is_ascii_alphanumeric() || matches!(letter, ' ' | '.' | '-');
+    if line.is_empty() || line.len() > MAX_GCODE_BYTES || !line.chars().all(is_plain) {
+        return Some("1 to 79 letters, digits, spaces, points and minus signs");
+    }
+    let words = line.to_ascii_uppercase().replace(' ', "");
+    let lights = words.contains('S') || ["M3", "M4", "M03", "M04"].iter().any(|word| has_word(&words, word));
+    if lights {
+        return Some("no word that lights the laser (S, M3, M4)");
+    }
+    words.contains('Z').then_some("no word that moves the plate (Z)")
+}
+
+/// Whether a line has this word, and not only one that begins like it.
+fn has_word(line: &str, word: &str) -> bool {
+    line.match_indices(word).any(|(at, _)| !line[at + word.len()..].starts_with(|next: char| next.is_ascii_digit()))
 }

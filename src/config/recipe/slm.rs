@@ -3,7 +3,7 @@
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
-use crate::config::{OutOfRange, SlmMachine, within};
+use crate::config::{Axes, OutOfRange, SlmMachine, within};
 use crate::layer::MarkClass;
 
 /// A recipe for an SLM machine: where the laser marks, and how.
@@ -305,7 +305,27 @@ impl SlmRecipe {
             value: power_w.to_string(),
             allowed: format!("at most {} on machine `{}`", machine.max_power_w, machine.name),
         });
-        within("layer_height_um", self.layer_height_um, low_um, high_um).into_iter().chain(power).collect()
+        let axes = machine.axes.iter().flat_map(|axes| self.check_for_axes(axes, &machine.name));
+        within("layer_height_um", self.layer_height_um, low_um, high_um).into_iter().chain(power).chain(axes).collect()
+    }
+
+    /// What axes cannot do: marks faster than their greatest speed, and another focus.
+    fn check_for_axes(&self, axes: &Axes, machine: &str) -> Vec<OutOfRange> {
+        let lasers = MarkClass::ALL.map(|class| self.laser(class));
+        let fastest_mm_s = lasers.iter().map(|laser| laser.mark_speed_mm_s).fold(0.0, f64::max);
+        let is_too_fast = fastest_mm_s > axes.max_speed_mm_s;
+        let speed = is_too_fast.then(|| OutOfRange {
+            key: "mark_speed_mm_s".into(),
+            value: fastest_mm_s.to_string(),
+            allowed: format!("at most {} on machine `{machine}` (axes.max_speed_mm_s)", axes.max_speed_mm_s),
+        });
+        let focus_um = lasers.iter().map(|laser| laser.focus_um).find(|focus_um| *focus_um != 0.0);
+        let focus = focus_um.map(|focus_um| OutOfRange {
+            key: "focus_um".into(),
+            value: focus_um.to_string(),
+            allowed: format!("0 on machine `{machine}`: a grbl controller does not move the focus"),
+        });
+        speed.into_iter().chain(focus).collect()
     }
 }
 

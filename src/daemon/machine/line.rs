@@ -5,10 +5,11 @@ use std::sync::Arc;
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 
+use crate::config::Machine;
+use crate::link::Ports;
 use crate::link::driver::{LinkEvent, LinkHandle, link};
 use crate::link::message::{HostMessage, Urgent};
 use crate::link::session::{Hindrance, HostEvent, LostReason, Statistics};
-use crate::link::{LinkSettings, Ports};
 
 /// Events from the line, and messages to it.
 pub(crate) struct LineHandle {
@@ -25,8 +26,8 @@ pub(crate) struct LineHandle {
 
 impl LineHandle {
     /// Starts the task that opens the port and keeps a session with the device until [`LineHandle::close`].
-    pub(crate) fn start(config: LinkSettings, ports: Arc<dyn Ports>) -> Self {
-        let (handle, events, driver) = link(config, ports);
+    pub(crate) fn start(machine: &Machine, ports: Arc<dyn Ports>) -> Self {
+        let (handle, events, driver) = link(machine.link().clone(), machine.grbl(), ports);
         Self {
             handle,
             events,

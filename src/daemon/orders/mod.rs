@@ -9,6 +9,7 @@ pub(crate) mod submit;
 pub(crate) mod written;
 
 use crate::api::{InDoubt, JobView};
+use crate::config::Kind;
 use crate::daemon::error::{OrderError, no_such_job, refused};
 use crate::daemon::handle::{Answer, Order, Ticket};
 use crate::daemon::jobs::job::{Job, TakeUp};
@@ -219,9 +220,13 @@ impl Printer {
         }
         let is_lost = self.device_state.as_ref().is_some_and(|state| state.position_um.is_none() && !state.moving);
         (is_lost && job.past.touched).then(|| {
+            let danger = match self.setting.machine.kind() {
+                Kind::Dlp => "drive the part into the vat's bottom",
+                Kind::Slm => "raise the part into the recoater's way",
+            };
             format!(
-                "job {id} cannot be resumed: the device does not know where its plate is, and homing would drive the part into the \
-                 vat's bottom. `layerctl abort {id}`, take the part off, and start it again"
+                "job {id} cannot be resumed: the device does not know where its plate is, and homing would {danger}. \
+                 `layerctl abort {id}`, take the part off, and start it again"
             )
         })
     }

@@ -64,7 +64,7 @@ impl Daemon {
         // The printer sees when nobody can give orders any more.
         drop(handle);
         let budget = MemoryBudget::new(setting.config.memory_budget);
-        let line = LineHandle::start(setting.machine.link().clone(), ports);
+        let line = LineHandle::start(&setting.machine, ports);
         Printer::new(Arc::new(setting), spool, raised, jobs, budget, desk, line).run(ending).await
     }
 }

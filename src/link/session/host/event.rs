@@ -1,5 +1,6 @@
 //! What a host session reports to its owner, and why a session ends. `tests/link_causes.rs` shows most.
 
+use crate::link::grbl::GrblMisfit;
 use layerd_wire::message::{Capabilities, DeviceMessage, DeviceState};
 use layerd_wire::{MIN_FRAME_BYTES, MIN_HOST_FRAME_BYTES, VersionRange, WireError};
 
@@ -84,7 +85,7 @@ fn version_remedy(host: VersionRange, device: VersionRange) -> &'static str {
 }
 
 /// Why host and device do not fit.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum HelloRefusal {
     /// Host and device speak no common version.
     #[error("the device speaks {device} of the protocol, this host speaks {host}: {}", version_remedy(*.host, *.device))]
@@ -136,6 +137,9 @@ pub enum HelloRefusal {
     /// The device refuses, and the reason makes no sense.
     #[error("the device refuses this host, and its reason makes no sense: {0}; check its firmware")]
     BadRefusal(WireError),
+    /// It is a grbl controller that cannot be used.
+    #[error(transparent)]
+    Grbl(#[from] GrblMisfit),
     /// The welcome makes no sense.
     #[error("the device's welcome makes no sense: {0}")]
     BadWelcome(WireError),

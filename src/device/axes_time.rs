@@ -1,0 +1,195 @@
+//! How long axes take that move the beam themselves. A grbl controller plans some moves ahead, and slows down at corners.
+//! `pipeline/part.rs` uses it, and `tests/grbl/main.rs` compares it with a
+//! controller.
+
+use super::ScanTimes;
+use crate::layer::{LaserParameters, MarkClass, Vectors};
+
+/// Deviation at corners with which a controller plans, micrometres: the default of grbl's `$11`.
+const JUNCTION_UM: f64 = 10.0;
+/// Moves that a controller plans ahead: grbl 1.1 has 15.
+const PLANNED: usize = 15;
+/// Length of the mark that stands for a point, micrometres.
+const POINT_UM: f64 = 40.0;
+/// Bytes of a line for one move, about.
+const LINE_BYTES: f64 = 25.0;
+
+/// What decides how long axes take.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AxesMotion {
+    /// Greatest speed of an axis, micrometres a second.
+    pub max_speed_um_s: f64,
+    /// Acceleration of an axis, micrometres a second squared.
+    pub acceleration_um_s2: f64,
+    /// Rate of the line to the controller, bits a second.
+    pub baud: u32,
+}
+
+/// A straight move.
+#[derive(Clone, Copy, Debug)]
+struct Move {
+    length_um: f64,
+    /// Of length 1.
+    direction: [f64; 2],
+    /// Square of the greatest speed, and the acceleration along it.
+    speed_2: f64,
+    acceleration: f64,
+}
+
+/// The times of a layer. The laser's time is what it would be at full speed: its power follows the speed. Delays of scanners do not apply.
+/// The formulas of corners are those of grbl's planner (Jeon 2011, "Improving grbl: cornering algorithm").
+pub(super) fn times(
+    vectors: &Vectors,
+    lasers: &[LaserParameters; MarkClass::ALL.len()],
+    motion: &AxesMotion,
+) -> ScanTimes {
+    let (moves, laser_us) = moves(vectors, lasers, motion);
+    let line_us = LINE_BYTES * 10.0 * 1e6 / f64::from(motion.baud.max(1));
+    let mark_us = (planned_s(&moves) * 1e6).max(moves.len() as f64 * line_us);
+    // `as` saturates: a layer has at most 2²⁷ vectors.
+    let ms = |us: f64| (us / 1000.0).round() as u32;
+    ScanTimes { vectors: vectors.mark_count() as u32, laser_ms: ms(laser_us), mark_ms: ms(mark_us) }
+}
+
+/// The moves of a layer, jumps included, and how long the laser is on at full speed, microseconds.
+fn moves(vectors: &Vectors, lasers: &[LaserParameters; MarkClass::ALL.len()], motion: &AxesMotion) -> (Vec<Move>, f64) {
+    let (mut moves, mut laser_us, mut at_um) = (Vec::new(), 0.0, None);
+    for mark in vectors.marks() {
+        let laser = &lasers[mark.class as usize];
+        if let Some(at_um) = at_um.filter(|at_um| *at_um != mark.from_um) {
+            moves.extend(Move::new(at_um, mark.from_um, f64::INFINITY, motion));
+        }
+        at_um = Some(mark.to_um);
+        if mark.from_um == mark.to_um {
+            laser_us += f64::from(laser.point_time_us);
+            let speed_um_s = POINT_UM * 1e6 / f64::from(laser.point_time_us.max(1));
+            moves.extend(Move::along([POINT_UM, 0.0], speed_um_s, motion));
+        } else {
+            let speed_um_s = f64::from(laser.mark_speed_um_s.max(1));
+            let planned = Move::new(mark.from_um, mark.to_um, speed_um_s, motion);
+            laser_us += planned.map_or(0.0, |planned| planned.length_um * 1e6 / speed_um_s);
+            moves.extend(planned);
+        }
+    }
+    (moves, laser_us)
+}
+
+impl Move {
+    /// `None` if it goes nowhere.
+    fn new(from_um: [i32; 2], to_um: [i32; 2], speed_um_s: f64, motion: &AxesMotion) -> Option<Self> {
+        Self::along([0, 1].map(|axis| f64::from(to_um[axis]) - f64::from(from_um[axis])), speed_um_s, motion)
+    }
+
+    fn along(way_um: [f64; 2], speed_um_s: f64, motion: &AxesMotion) -> Option<Self> {
+        let length_um = way_um[0].hypot(way_um[1]);
+        let direction = way_um.map(|um| um / length_um);
+        let steepest = direction[0].abs().max(direction[1].abs());
+        (length_um > 0.0).then(|| Self {
+            length_um,
+            direction,
+            speed_2: speed_um_s.min(motion.max_speed_um_s / steepest).powi(2),
+            acceleration: motion.acceleration_um_s2 / steepest,
+        })
+    }
+
+    /// Square of the greatest speed at the corner between this move and the next.
+    fn corner_2(&self, next: &Self, acceleration: f64) -> f64 {
+        let cosine = -(self.direction[0] * next.direction[0] + self.direction[1] * next.direction[1]);
+        let sine_half = (0.5 * (1.0 - cosine)).max(0.0).sqrt();
+        let limit_2 = self.speed_2.min(next.speed_2);
+        match cosine {
+            _ if cosine > 0.999_999 => 0.0,
+            _ if cosine < -0.999_999 => limit_2,
+            _ => limit_2.min(acceleration * JUNCTION_UM * sine_half / (1.0 - sine_half)),
+        }
+    }
+}
+
+/// How long the moves take from rest to rest, seconds.
+fn planned_s(moves: &[Move]) -> f64 {
+    let ahead_um: Vec<f64> = windows_um(moves);
+    // Squares of the speeds at which moves begin; the last entry is the end.
+    let mut begin_2 = vec![0.0; moves.len() + 1];
+    for (place, pair) in moves.windows(2).enumerate() {
+        let acceleration = pair[0].acceleration.min(pair[1].acceleration);
+        // Behind the last planned move, the controller must be able to stand.
+        let stop_2 = 2.0 * acceleration * ahead_um[place + 1];
+        begin_2[place + 1] = pair[0].corner_2(&pair[1], acceleration).min(stop_2);
+    }
+    let reach = |move_: &Move| 2.0 * move_.acceleration * move_.length_um;
+    for place in (0..moves.len()).rev() {
+        begin_2[place] = f64::min(begin_2[place], begin_2[place + 1] + reach(&moves[place]));
+    }
+    for place in 0..moves.len() {
+        begin_2[place + 1] = f64::min(begin_2[place + 1], begin_2[place] + reach(&moves[place]));
+    }
+    moves.iter().zip(begin_2.windows(2)).map(|(move_, ends)| move_.time_s(ends[0], ends[1])).sum()
+}
+
+/// For each move the length of those that are planned when the one before it runs: itself, and the moves behind it.
+fn windows_um(moves: &[Move]) -> Vec<f64> {
+    let mut windows_um = vec![0.0; moves.len()];
+    let mut sum_um = 0.0;
+    for place in (0..moves.len()).rev() {
+        sum_um += moves[place].length_um;
+        if let Some(beyond) = moves.get(place + PLANNED - 1) {
+            sum_um -= beyond.length_um;
+        }
+        windows_um[place] = sum_um;
+    }
+    windows_um
+}
+
+impl Move {
+    /// How long it takes between these squares of speeds, seconds.
+    fn time_s(&self, begin_2: f64, end_2: f64) -> f64 {
+        let peak_2 = (0.5 * (begin_2 + end_2) + self.acceleration * self.length_um).min(self.speed_2);
+        let [begin, end, peak] = [begin_2, end_2, peak_2].map(|square| square.max(0.0).sqrt());
+        let ramps_um = (2.0 * peak_2 - begin_2 - end_2) / (2.0 * self.acceleration);
+        let ramps_s = (2.0 * peak - begin - end) / self.acceleration;
+        ramps_s + (self.length_um - ramps_um).max(0.0) / peak.max(f64::MIN_POSITIVE)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MOTION: AxesMotion = AxesMotion { max_speed_um_s: 200_000.0, acceleration_um_s2: 1_000_000.0, baud: 115_200 };
+
+    fn mark_ms(points_um: &[[i32; 2]], speed_um_s: u32) -> u32 {
+        let laser = LaserParameters { mark_speed_um_s: speed_um_s, ..LaserParameters::default() };
+        let mut vectors = Vectors::default();
+        vectors.push_path(MarkClass::Contour, points_um);
+        times(&vectors, &[laser; MarkClass::ALL.len()], &MOTION).mark_ms
+    }
+
+    #[test]
+    fn a_line_from_rest_to_rest() {
+        // 100 mm at 100 mm/s, and 0.1 s for each of the two ramps, of which half is lost.
+        assert_eq!(mark_ms(&[[0, 0], [100_000, 0]], 100_000), 1_100);
+        // Never at full speed: 10 mm with 1 m/s².
+        assert_eq!(mark_ms(&[[0, 0], [10_000, 0]], 200_000), 200);
+    }
+
+    #[test]
+    fn corners_slow_down_and_turns_stop() {
+        let straight = mark_ms(&[[0, 0], [50_000, 0], [100_000, 0]], 100_000);
+        assert_eq!(straight, 1_100);
+        let corner = mark_ms(&[[0, 0], [50_000, 0], [50_000, 50_000]], 100_000);
+        let turn = mark_ms(&[[0, 0], [50_000, 0], [0, 0]], 100_000);
+        assert_eq!(turn, 1_200);
+        assert!(straight < corner && corner < turn, "{straight} {corner} {turn}");
+    }
+
+    #[test]
+    fn short_moves_are_limited_by_what_is_planned_ahead_and_by_the_line() {
+        // 14 moves of 100 µm: room to stop from 53 mm/s.
+        let short: Vec<[i32; 2]> = (0..=1000).map(|place| [place * 100, 0]).collect();
+        let short_ms = mark_ms(&short, 200_000);
+        assert!((1_890..2_250).contains(&short_ms), "{short_ms}");
+        // 1000 lines of 25 bytes at 11,520 bytes a second.
+        let tiny: Vec<[i32; 2]> = (0..=1000).map(|place| [place * 20, 0]).collect();
+        assert_eq!(mark_ms(&tiny, 200_000), 2_170);
+    }
+}

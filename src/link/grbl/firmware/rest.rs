@@ -1,0 +1,233 @@
+//! Resets of the controller, and what is known afterwards: where the axes are, and how far a layer is marked. Part of
+//! [`Firmware`](super::Firmware).
+
+use super::acts::{Act, Running};
+use super::{Firmware, Readiness};
+use crate::link::grbl::answer::{State, Status};
+use crate::link::grbl::marking::{Cut, Marking};
+use crate::link::grbl::settings::{Controller, GrblMisfit};
+use crate::link::message::ExposureId;
+
+/// A reset that is not answered is sent again after this time, microseconds. grbl 1.1 says nothing for half a second if it moved, and
+/// would carry out a second reset after that.
+const PRESS_AGAIN_US: u64 = 1_000_000;
+/// A controller that does not answer a reset within this time is lost, microseconds.
+const RESET_US: u64 = 3_500_000;
+/// The status after a reset is asked for this often, microseconds.
+const ASK_US: u64 = 100_000;
+/// Most that a plate may have moved without its position being lost, micrometres: a reported position is rounded.
+const PLATE_SHIFT_UM: i32 = 10;
+
+/// A reset under way. Nothing that the controller says counts before its banner.
+#[derive(Debug)]
+pub(super) struct Reset {
+    why: &'static str,
+    /// What the operator is told.
+    fault: Option<String>,
+    /// Urgent orders that are carried out with it.
+    urgents: Vec<u32>,
+    began_us: u64,
+    press_us: u64,
+    /// The banner has come: the position is asked for.
+    is_answered: bool,
+}
+
+impl Reset {
+    pub(super) fn due_us(&self) -> u64 {
+        self.press_us
+    }
+}
+
+/// A marking that ended with its session, until the position tells how far it came.
+#[derive(Debug)]
+pub(super) struct Interrupted {
+    marking: Box<Marking>,
+    /// The controller was reset, so that the beam may have stopped anywhere.
+    is_cut: bool,
+}
+
+/// A marking that ended, and how far it came.
+#[derive(Debug)]
+pub(super) struct Ended {
+    pub(super) id: ExposureId,
+    /// Number of the layer's vectors, if all of them were decoded.
+    pub(super) vectors: Option<u32>,
+    pub(super) cut: Cut,
+}
+
+impl Firmware {
+    /// Resets the controller: the laser is dark within milliseconds, and all that it was sent is void.
+    pub(super) fn reset(&mut self, why: &'static str, fault: Option<String>, urgent: Option<u32>) {
+        let now_us = self.now_us;
+        let withdrawn = self.sender.drop_waiting();
+        if let Some(marking) = self.running.as_mut().and_then(Running::marking_mut) {
+            marking.withdraw(withdrawn);
+        }
+        let reset = self.reset.get_or_insert_with(|| Reset {
+            why,
+            fault: None,
+            urgents: Vec::new(),
+            began_us: now_us,
+            press_us: now_us,
+            is_answered: false,
+        });
+        reset.fault = reset.fault.take().or(fault);
+        reset.urgents.extend(urgent);
+        self.press_reset();
+    }
+
+    /// Sends the reset if that is due. Returns `false` if the controller does not answer it.
+    pub(super) fn press_reset(&mut self) -> bool {
+        let now_us = self.now_us;
+        let Some(reset) = &mut self.reset else { return true };
+        if now_us >= reset.press_us {
+            if reset.is_answered {
+                reset.press_us = now_us + ASK_US;
+                self.sender.ask(now_us);
+            } else {
+                reset.press_us = now_us + PRESS_AGAIN_US;
+                self.sender.reset();
+            }
+        }
+        now_us < reset.began_us + RESET_US
+    }
+
+    /// The controller has started. Returns whether that was asked for.
+    pub(in crate::link::grbl) fn started(&mut self, now_us: u64) -> bool {
+        self.now_us = now_us;
+        self.sender.forget();
+        (self.is_prepared, self.offset_um) = (false, None);
+        if let Some(interrupted) = &mut self.interrupted {
+            interrupted.is_cut = true;
+        }
+        match &mut self.reset {
+            Some(reset) => {
+                reset.is_answered = true;
+                reset.press_us = now_us + ASK_US;
+                self.sender.ask(now_us);
+                true
+            }
+            None => {
+                if let Some(mut running) = self.running.take() {
+                    // Its lines are void.
+                    if running.marking_mut().is_some() {
+                        self.interrupt(running);
+                    } else {
+                        self.act_broken(&running.act);
+                    }
+                    if let Some(interrupted) = &mut self.interrupted {
+                        interrupted.is_cut = true;
+                    }
+                }
+                false
+            }
+        }
+    }
+
+    /// The controller was reset during an act.
+    fn act_broken(&mut self, act: &Act) {
+        match act {
+            // The plate was moving.
+            Act::Home | Act::Move(_) => self.knows_position = false,
+            Act::Recoat => self.recoated = false,
+            Act::Mark(_) => {}
+        }
+    }
+
+    /// The controller was reset, and has told its position.
+    pub(super) fn at_rest_after_reset(&mut self, state: State, at_um: [i32; 3]) {
+        if state == State::Moving || !self.reset.as_ref().is_some_and(|reset| reset.is_answered) {
+            return;
+        }
+        let Some(reset) = self.reset.take() else { return };
+        tracing::info!(why = reset.why, ?at_um, "the controller was reset");
+        if let Some(running) = self.running.take() {
+            self.act_broken(&running.act);
+            self.running = Some(running);
+        }
+        self.done.extend(reset.urgents);
+        match self.running.is_some() {
+            true => self.end_early([at_um[0], at_um[1]], true, reset.fault),
+            false => reset.fault.into_iter().for_each(|text| self.report_fault(text)),
+        }
+    }
+
+    /// Keeps a marking whose end is not known.
+    pub(super) fn interrupt(&mut self, running: Running) {
+        if let Act::Mark(marking) = running.act {
+            self.interrupted = Some(Interrupted { marking, is_cut: self.reset.is_some() });
+        }
+    }
+
+    /// A session begins with this controller, and this is its status. What is known from before is compared with that.
+    ///
+    /// # Errors
+    /// [`GrblMisfit::NoPosition`] if the status does not tell where the axes are.
+    pub(in crate::link::grbl) fn greet(
+        &mut self,
+        controller: Controller,
+        status: &Status,
+        now_us: u64,
+    ) -> Result<(), GrblMisfit> {
+        self.now_us = now_us;
+        let fault = self.reset.as_mut().and_then(|reset| reset.fault.take());
+        let is_first = self.controller.is_none();
+        self.capabilities.name.clone_from(&controller.name);
+        self.sender.set_room(controller.usable_bytes);
+        let homes = controller.homes;
+        self.controller = Some(controller);
+        let at_um = self.locate(status).ok_or(GrblMisfit::NoPosition)?;
+        let state = status.state;
+        self.reset = None;
+        let was_known = self.position_um.filter(|_| self.knows_position);
+        self.is_locked = state == State::Alarm;
+        self.knows_position = match was_known {
+            // While it stood still or marked, the plate did not move. If it is elsewhere, the controller had no power.
+            Some(before_um) => {
+                let to_um = self.unseen_to_um.map_or(before_um[2], |position_um| -position_um);
+                let (low_um, high_um) = (before_um[2].min(to_um), before_um[2].max(to_um));
+                (low_um - PLATE_SHIFT_UM..=high_um + PLATE_SHIFT_UM).contains(&at_um[2])
+            }
+            // A controller that is locked may have lost its position, and so may one without switches that had lost it before.
+            None => !self.is_locked && (homes || is_first),
+        };
+        self.unseen_to_um = None;
+        if was_known.is_some() && !self.knows_position {
+            self.recoated = false;
+        }
+        self.position_um = Some(at_um);
+        if let Some(Interrupted { marking, is_cut }) = self.interrupted.take() {
+            let cut = match self.knows_position {
+                true => marking.cut([at_um[0], at_um[1]], is_cut),
+                false => marking.cut_somewhere(),
+            };
+            self.note_cut(Ended { id: marking.id, vectors: marking.vectors(), cut });
+        }
+        (self.fault, self.fault_ends_us) = (None, None);
+        // What ended the session before is told in this one.
+        if let Some(text) = fault {
+            self.report_fault(text);
+            self.messages.clear();
+        }
+        self.readiness = Readiness::Ready;
+        Ok(())
+    }
+
+    /// A layer is marked to its end.
+    pub(super) fn note_whole(&mut self, id: ExposureId) {
+        self.last_exposed = Some(id);
+        if self.cut_short.take_if(|(cut, _)| *cut == id).is_some() {
+            (self.next_vector, self.broken) = (0, None);
+        }
+    }
+
+    /// The marking of a layer ended early.
+    pub(super) fn note_cut(&mut self, Ended { id, vectors, cut }: Ended) {
+        if vectors == Some(cut.next_vector) && cut.broken.is_none() {
+            return self.note_whole(id);
+        }
+        tracing::info!(layer = id.layer, next_vector = cut.next_vector, broken = ?cut.broken, "marking ended early");
+        self.cut_short = Some((id, cut.laser_ms));
+        (self.next_vector, self.broken) = (cut.next_vector, cut.broken);
+    }
+}
