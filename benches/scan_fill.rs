@@ -19,7 +19,7 @@ use layerd::buildfile::Header;
 use layerd::device::encoding::encode_vectors;
 use layerd::layer::{LaserParameters, MarkClass, Vectors};
 use layerd::slice::MemoryStruts;
-use layerd::slice::scan::{Fill, HatchStrategy, Region, ScanSettings};
+use layerd::slice::scan::{Fill, HatchStrategy, Neighbours, Region, ScanSettings};
 use layerd::stream::MemoryBudget;
 use layerd_wire::encoding::VectorEncoding;
 use scan_samples::{islands, settings};
@@ -67,7 +67,7 @@ fn bench(bencher: divan::Bencher<'_, '_>, kind: &str, regions: &[Region]) {
     let mut vectors = Vectors::default();
     let mut run = || {
         vectors.clear();
-        fill.layer(3, regions, Some(&above), Some(&above), &mut vectors).expect("a layer");
+        fill.layer(3, regions, Neighbours { above: Some(&above), below: Some(&above) }, &mut vectors).expect("a layer");
         vectors.mark_count()
     };
     let count = run();
@@ -94,7 +94,8 @@ fn print_steps(header: &Header, source: &MemoryStruts) {
     for _ in 0..LAYERS {
         let regions = contours.next_layer().expect("a layer").expect("a layer");
         vectors.clear();
-        let counts = fill.layer(regions.layer(), regions.regions(), None, None, &mut vectors).expect("it fits");
+        let counts =
+            fill.layer(regions.layer(), regions.regions(), Neighbours::default(), &mut vectors).expect("it fits");
         let begin = Instant::now();
         encode_vectors(&vectors, VectorEncoding::Coded, FIELD_UM, &lasers(), &mut bytes).expect("in the field");
         encoding += begin.elapsed();

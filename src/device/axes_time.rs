@@ -2,7 +2,6 @@
 //! `pipeline/part.rs` uses it, and `tests/grbl/main.rs` compares it with a
 //! controller.
 
-use super::ScanTimes;
 use crate::layer::{LaserParameters, MarkClass, Vectors};
 
 /// Deviation at corners with which a controller plans, micrometres: the default of grbl's `$11`.
@@ -36,24 +35,31 @@ struct Move {
     acceleration: f64,
 }
 
-/// The times of a layer. The laser's time is what it would be at full speed: its power follows the speed. Delays of scanners do not apply.
-/// The formulas of corners are those of grbl's planner (Jeon 2011, "Improving grbl: cornering algorithm").
-pub(super) fn times(
+/// Memory that the moves of a mark take while their time is computed, bytes: a jump and a mark, in lists that grow by doubling.
+pub const BYTES_PER_MARK: u64 = 6 * size_of::<Move>() as u64 + 64;
+
+/// How long the laser is on, and how long marking takes, microseconds, from `from_um`, if that is known. The laser's time is what it would be
+/// at full speed: its power follows the speed. Delays of scanners do not apply. The formulas of corners are those of grbl's planner (Jeon
+/// 2011, "Improving grbl: cornering algorithm").
+pub(super) fn times_us(
     vectors: &Vectors,
     lasers: &[LaserParameters; MarkClass::ALL.len()],
     motion: &AxesMotion,
-) -> ScanTimes {
-    let (moves, laser_us) = moves(vectors, lasers, motion);
+    from_um: Option<[i32; 2]>,
+) -> (f64, f64) {
+    let (moves, laser_us) = moves(vectors, lasers, motion, from_um);
     let line_us = LINE_BYTES * 10.0 * 1e6 / f64::from(motion.baud.max(1));
-    let mark_us = (planned_s(&moves) * 1e6).max(moves.len() as f64 * line_us);
-    // `as` saturates: a layer has at most 2²⁷ vectors.
-    let ms = |us: f64| (us / 1000.0).round() as u32;
-    ScanTimes { vectors: vectors.mark_count() as u32, laser_ms: ms(laser_us), mark_ms: ms(mark_us) }
+    (laser_us, (planned_s(&moves) * 1e6).max(moves.len() as f64 * line_us))
 }
 
 /// The moves of a layer, jumps included, and how long the laser is on at full speed, microseconds.
-fn moves(vectors: &Vectors, lasers: &[LaserParameters; MarkClass::ALL.len()], motion: &AxesMotion) -> (Vec<Move>, f64) {
-    let (mut moves, mut laser_us, mut at_um) = (Vec::new(), 0.0, None);
+fn moves(
+    vectors: &Vectors,
+    lasers: &[LaserParameters; MarkClass::ALL.len()],
+    motion: &AxesMotion,
+    mut at_um: Option<[i32; 2]>,
+) -> (Vec<Move>, f64) {
+    let (mut moves, mut laser_us) = (Vec::new(), 0.0);
     for mark in vectors.marks() {
         let laser = &lasers[mark.class as usize];
         if let Some(at_um) = at_um.filter(|at_um| *at_um != mark.from_um) {
@@ -154,6 +160,7 @@ impl Move {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::device::ScanTimes;
 
     const MOTION: AxesMotion = AxesMotion { max_speed_um_s: 200_000.0, acceleration_um_s2: 1_000_000.0, baud: 115_200 };
 
@@ -161,7 +168,7 @@ mod tests {
         let laser = LaserParameters { mark_speed_um_s: speed_um_s, ..LaserParameters::default() };
         let mut vectors = Vectors::default();
         vectors.push_path(MarkClass::Contour, points_um);
-        times(&vectors, &[laser; MarkClass::ALL.len()], &MOTION).mark_ms
+        ScanTimes::of(&vectors, &[laser; MarkClass::ALL.len()], Some(&MOTION)).mark_ms
     }
 
     #[test]

@@ -124,27 +124,80 @@ pub fn encode_vectors(
 ) -> Result<LayerSum, VectorEncodeError> {
     let mut occurs = [false; MarkClass::ALL.len()];
     vectors.runs().for_each(|(class, _)| occurs[class as usize] = true);
-    let used = MarkClass::ALL.into_iter().filter(|class| occurs[*class as usize]);
-    let table: Vec<_> = used.map(|class| (class, lasers[class as usize])).collect();
-    let mut encoder = VectorEncoder::new(encoding, field_um, &table, bytes)?;
-    // Single points that follow each other take one run.
-    let mut points: (MarkClass, Vec<[i32; 2]>) = (MarkClass::Point, Vec::new());
-    for (class, run) in vectors.runs() {
-        if let Run::Path(&[point_um]) = run {
-            if class != points.0 {
-                encoder.points(points.0, &std::mem::take(&mut points.1))?;
-                points.0 = class;
-            }
-            points.1.push(point_um);
-            continue;
-        }
-        encoder.points(points.0, &points.1)?;
-        points.1.clear();
-        match run {
-            Run::Path(points_um) => encoder.path(class, points_um)?,
-            Run::Hatches(frame, lines) => encoder.hatches(class, frame, lines.iter().copied())?,
-        }
+    let used: Vec<_> = MarkClass::ALL.into_iter().filter(|class| occurs[*class as usize]).collect();
+    let mut encoder = LayerEncoder::new(encoding, field_um, lasers, &used, bytes)?;
+    encoder.add(vectors)?;
+    encoder.finish()
+}
+
+/// Writes a layer whose vectors come in groups.
+#[derive(Debug)]
+pub struct LayerEncoder<'a> {
+    encoder: VectorEncoder<'a>,
+    /// Single points that follow each other take one run.
+    points: (MarkClass, Vec<[i32; 2]>),
+}
+
+/// Most single points that wait for a run. Longer runs save nothing.
+const MAX_POINTS: usize = 1 << 12;
+
+impl<'a> LayerEncoder<'a> {
+    /// Begins a layer, as [`encode_vectors`]. `classes`: those that may occur, in the order of their numbers.
+    ///
+    /// # Errors
+    /// [`VectorEncodeError`].
+    pub fn new(
+        encoding: VectorEncoding,
+        field_um: [u32; 2],
+        lasers: &[LaserParameters; MarkClass::ALL.len()],
+        classes: &[MarkClass],
+        bytes: &'a mut Vec<u8>,
+    ) -> Result<Self, VectorEncodeError> {
+        let table: Vec<_> = classes.iter().map(|class| (*class, lasers[*class as usize])).collect();
+        let encoder = VectorEncoder::new(encoding, field_um, &table, bytes)?;
+        Ok(Self { encoder, points: (MarkClass::Point, Vec::new()) })
     }
-    encoder.points(points.0, &points.1)?;
-    Ok(encoder.finish())
+
+    /// Adds vectors.
+    ///
+    /// # Errors
+    /// [`VectorEncodeError`].
+    pub fn add(&mut self, vectors: &Vectors) -> Result<(), VectorEncodeError> {
+        for (class, run) in vectors.runs() {
+            if let Run::Path(&[point_um]) = run {
+                if class != self.points.0 || self.points.1.len() == MAX_POINTS {
+                    self.write_points()?;
+                    self.points.0 = class;
+                }
+                self.points.1.push(point_um);
+                continue;
+            }
+            self.write_points()?;
+            match run {
+                Run::Path(points_um) => self.encoder.path(class, points_um)?,
+                Run::Hatches(frame, lines) => self.encoder.hatches(class, frame, lines.iter().copied())?,
+            }
+        }
+        Ok(())
+    }
+
+    /// Number of bytes so far. Some are still to come of what was added.
+    pub fn written_bytes(&self) -> usize {
+        self.encoder.written_bytes()
+    }
+
+    /// Ends the layer. Returns what the device computes of the vectors, too.
+    ///
+    /// # Errors
+    /// [`VectorEncodeError`].
+    pub fn finish(mut self) -> Result<LayerSum, VectorEncodeError> {
+        self.write_points()?;
+        Ok(self.encoder.finish())
+    }
+
+    fn write_points(&mut self) -> Result<(), VectorEncodeError> {
+        self.encoder.points(self.points.0, &self.points.1)?;
+        self.points.1.clear();
+        Ok(())
+    }
 }

@@ -25,9 +25,9 @@ pub mod sim;
 mod tolerance;
 
 pub use act::{Act, Outcome, PowderAct, PowderOutcome, VatAct, VatOutcome};
-pub use axes_time::AxesMotion;
+pub use axes_time::{AxesMotion, BYTES_PER_MARK};
 pub use driver::{DriverBusy, DriverEvent, FramedDriver};
 pub use light::{DARK_LIMIT_US, Light, LightWatch, STAYS_LIT};
 pub use mismatch::{MachineMismatch, Misfit, check_capabilities, check_fit};
-pub use scan_time::ScanTimes;
+pub use scan_time::{ScanClock, ScanTimes};
 pub use tolerance::{Dose, host_us, least_exposure_us, least_move_us};

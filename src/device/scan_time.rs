@@ -15,38 +15,71 @@ pub struct ScanTimes {
 }
 
 impl ScanTimes {
-    /// Those of `vectors`. `lasers` has the parameters of each class, in the order of the classes' numbers. Speeds of 0 count as 1 µm/s.
-    /// The laser is on for marks, for the delays between connected vectors, and for points. The way from where the laser stands before
-    /// the layer is not known and not counted. `axes` is for machines whose axes move the beam; other machines have a scanner.
+    /// Those of `vectors`: see [`ScanClock`].
     pub fn of(vectors: &Vectors, lasers: &[LaserParameters; MarkClass::ALL.len()], axes: Option<&AxesMotion>) -> Self {
-        match axes {
-            None => Self::of_scanner(vectors, lasers),
-            Some(motion) => axes_time::times(vectors, lasers, motion),
-        }
+        let mut clock = ScanClock::new(lasers, axes);
+        clock.add(vectors);
+        clock.times()
+    }
+}
+
+/// Adds up the times of a layer whose vectors come in groups.
+#[derive(Clone, Debug)]
+pub struct ScanClock<'a> {
+    lasers: &'a [LaserParameters; MarkClass::ALL.len()],
+    axes: Option<&'a AxesMotion>,
+    at: Option<([i32; 2], MarkClass)>,
+    laser_us: f64,
+    dark_us: f64,
+    vectors: u64,
+}
+
+impl<'a> ScanClock<'a> {
+    /// At the begin of a layer. `lasers` has the parameters of each class, in the order of the classes' numbers. Speeds of 0 count as
+    /// 1 µm/s. The way from where the laser stands before the layer is not known and not counted. `axes` is for machines whose axes move the
+    /// beam; other machines have a scanner.
+    pub fn new(lasers: &'a [LaserParameters; MarkClass::ALL.len()], axes: Option<&'a AxesMotion>) -> Self {
+        Self { lasers, axes, at: None, laser_us: 0.0, dark_us: 0.0, vectors: 0 }
     }
 
-    fn of_scanner(vectors: &Vectors, lasers: &[LaserParameters; MarkClass::ALL.len()]) -> Self {
-        let (mut laser_us, mut dark_us) = (0.0, 0.0);
-        let mut at: Option<([i32; 2], MarkClass)> = None;
+    /// Adds vectors. The laser is on for marks, for the delays between connected vectors, and for points. Axes that move the beam rest between
+    /// two groups.
+    pub fn add(&mut self, vectors: &Vectors) {
+        if let Some(motion) = self.axes {
+            let from_um = self.at.map(|(at_um, _)| at_um);
+            let (laser_us, mark_us) = axes_time::times_us(vectors, self.lasers, motion, from_um);
+            self.laser_us += laser_us;
+            self.dark_us += mark_us - laser_us;
+            self.vectors += vectors.mark_count();
+            self.at = vectors.marks().last().map(|mark| (mark.to_um, mark.class)).or(self.at);
+            return;
+        }
         for mark in vectors.marks() {
-            let laser = &lasers[mark.class as usize];
-            match at {
-                Some((at_um, _)) if at_um == mark.from_um => laser_us += f64::from(laser.polygon_delay_us),
+            let laser = &self.lasers[mark.class as usize];
+            match self.at {
+                Some((at_um, _)) if at_um == mark.from_um => self.laser_us += f64::from(laser.polygon_delay_us),
                 Some((at_um, class)) => {
-                    dark_us += f64::from(lasers[class as usize].mark_delay_us);
-                    dark_us += travel_us(at_um, mark.from_um, laser.jump_speed_um_s) + f64::from(laser.jump_delay_us);
+                    self.dark_us += f64::from(self.lasers[class as usize].mark_delay_us);
+                    self.dark_us += travel_us(at_um, mark.from_um, laser.jump_speed_um_s);
+                    self.dark_us += f64::from(laser.jump_delay_us);
                 }
-                None => dark_us += f64::from(laser.jump_delay_us),
+                None => self.dark_us += f64::from(laser.jump_delay_us),
             }
-            laser_us += match mark.from_um == mark.to_um {
+            self.laser_us += match mark.from_um == mark.to_um {
                 true => f64::from(laser.point_time_us),
                 false => travel_us(mark.from_um, mark.to_um, laser.mark_speed_um_s),
             };
-            at = Some((mark.to_um, mark.class));
+            self.at = Some((mark.to_um, mark.class));
+            self.vectors += 1;
         }
+    }
+
+    /// The times of what was added.
+    pub fn times(&self) -> ScanTimes {
         // `as` saturates: a layer has at most 2²⁷ vectors.
         let ms = |us: f64| (us / 1000.0).round() as u32;
-        Self { vectors: vectors.mark_count() as u32, laser_ms: ms(laser_us), mark_ms: ms(laser_us + dark_us) }
+        let (laser_ms, mark_ms) = (ms(self.laser_us), ms(self.laser_us + self.dark_us));
+        ScanTimes { vectors: self.vectors as u32, laser_ms, mark_ms }
     }
 }
 
@@ -78,6 +111,15 @@ mod tests {
         assert_eq!(times.laser_ms, 10 + 1 + 20 + 7);
         assert_eq!(times.mark_ms, times.laser_ms + 3 + 2 + 5 + 3);
         assert_eq!(times.vectors, 3);
+        // In two groups it is the same.
+        let (mut first, mut second) = (Vectors::default(), Vectors::default());
+        first.push_path(MarkClass::Contour, &[[0, 0], [10_000, 0], [10_000, 20_000]]);
+        second.push_path(MarkClass::Point, &[[10_000, 45_000]]);
+        let lasers = [laser; MarkClass::ALL.len()];
+        let mut clock = ScanClock::new(&lasers, None);
+        clock.add(&first);
+        clock.add(&second);
+        assert_eq!(clock.times(), times);
         assert_eq!(ScanTimes::of(&Vectors::default(), &[laser; MarkClass::ALL.len()], None), ScanTimes::default());
     }
 }

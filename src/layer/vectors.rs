@@ -73,6 +73,23 @@ impl Vectors {
         self.runs.push(Stored { class, frame: Some(number as u32), end: self.lines.len() });
     }
 
+    /// Adds all vectors of others behind these.
+    pub fn append(&mut self, others: &Self) {
+        for (class, run) in others.runs() {
+            match run {
+                Run::Path(points_um) => self.push_path(class, points_um),
+                Run::Hatches(frame, lines) => self.push_hatches(class, *frame, lines),
+            }
+        }
+    }
+
+    /// Makes room for this many more runs, points of paths and hatches, so that adding them does not take more memory than they need.
+    pub fn reserve(&mut self, [runs, points, hatches]: [usize; 3]) {
+        self.runs.reserve_exact(runs);
+        self.points.reserve_exact(points);
+        self.lines.reserve_exact(hatches);
+    }
+
     /// Removes all vectors, and keeps the memory.
     pub fn clear(&mut self) {
         self.runs.clear();

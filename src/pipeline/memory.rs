@@ -15,11 +15,16 @@ const MAX_LINK_BYTES: u64 = 512 << 10;
 /// Largest queue of computed layers, bytes. A longer one would not help, and an abort throws its layers away.
 const MAX_QUEUE_BYTES: u64 = 16 << 20;
 
-/// Memory that is set aside for contours and vectors of a layer, bytes: a hundred thousand vectors. Layers that need more take it from
-/// the rest of the budget, or are refused.
-const LAYER_VECTORS_BYTES: u64 = 16 << 20;
-/// The same of encoded vectors: 3 bytes each.
-const ENCODED_VECTORS_BYTES: u64 = 1 << 20;
+/// Least queue of layers of scan vectors, bytes: 300,000 vectors. No layer may be larger than the queue.
+const MIN_VECTORS_QUEUE_BYTES: u64 = 1 << 20;
+
+/// Share of the rest of the budget that the queue of layers of scan vectors takes. A vector takes some 3 bytes in it, and more than 70 in
+/// the contours, or where one large region is filled with many hatches. So it is not the queue that limits a layer.
+const VECTORS_QUEUE_SHARE: u64 = 24;
+
+/// Least memory for contours and vectors of a layer, bytes: some 30,000 vectors. How much layers take is known when they are computed;
+/// `layerctl check` computes all of them.
+const MIN_SCAN_BYTES: u64 = 8 << 20;
 
 /// Peak memory of a print, computed from header and index alone. `layerctl check` shows the same figure.
 #[derive(Clone, Copy, Debug)]
@@ -27,10 +32,11 @@ pub struct PrintMemory {
     /// Number of threads that compute the layers.
     pub threads: usize,
     slicer_bytes: u64,
-    /// Memory of the picture, the encoder's output, a layer that waits for room in the queue, and the line.
-    pub(super) buffer_bytes: u64,
+    /// Memory of the picture, the encoder's output, a layer that waits for room in the queue, and the line. Of scan vectors the line alone.
+    buffer_bytes: u64,
     /// Room for two layers: both in the queue, or one in the queue and one on the line.
     min_queue_bytes: u64,
+    is_vectors: bool,
 }
 
 impl PrintMemory {
@@ -52,12 +58,11 @@ impl PrintMemory {
         several.find(|memory| memory.need_bytes() <= limit_bytes).unwrap_or_else(|| with(1))
     }
 
-    /// Of scan vectors. A layer takes what its contours need: that is charged when it is computed.
+    /// Of scan vectors. What contours and vectors of a layer need is charged when it is computed.
     fn of_vectors(bodies: &[BodySource], plan: &SlicePlan, threads: usize) -> Self {
-        let slicer_bytes = Contours::memory_bytes(bodies, plan, threads).saturating_add(LAYER_VECTORS_BYTES);
-        // The encoder's output, and a layer that waits for room.
-        let buffer_bytes = 2 * ENCODED_VECTORS_BYTES + MAX_LINK_BYTES;
-        Self { threads, slicer_bytes, buffer_bytes, min_queue_bytes: 2 * ENCODED_VECTORS_BYTES }
+        let slicer_bytes = Contours::memory_bytes(bodies, plan, threads).saturating_add(MIN_SCAN_BYTES);
+        let min_queue_bytes = MIN_VECTORS_QUEUE_BYTES;
+        Self { threads, slicer_bytes, buffer_bytes: MAX_LINK_BYTES, min_queue_bytes, is_vectors: true }
     }
 
     fn new(bodies: &[BodySource], plan: &SlicePlan, threads: usize) -> Self {
@@ -73,6 +78,7 @@ impl PrintMemory {
             slicer_bytes: 0,
             buffer_bytes: raw_bytes + 2 * encoding::largest_encoded_bytes(depth, raw_bytes) + MAX_LINK_BYTES,
             min_queue_bytes: 2 * raw_bytes + (64 << 10),
+            is_vectors: false,
         }
     }
 
@@ -82,20 +88,33 @@ impl PrintMemory {
         Self::of_pictures(Depth::Bit, width_px, height_px).need_bytes()
     }
 
-    /// The least budget that is enough, bytes.
+    /// The least budget that is enough, bytes. Layers of scan vectors may need more.
     pub fn need_bytes(&self) -> u64 {
-        self.slicer_bytes.saturating_add(self.buffer_bytes + self.min_queue_bytes)
+        self.slicer_bytes.saturating_add(self.buffers(self.min_queue_bytes) + self.min_queue_bytes)
+    }
+
+    /// Memory of what holds one layer, and of the line, beside a queue of this size, bytes.
+    fn buffers(&self, queue_bytes: u64) -> u64 {
+        // The encoder's output and a layer that waits for room: no larger than the queue, which has to take them.
+        self.buffer_bytes + if self.is_vectors { 2 * queue_bytes } else { 0 }
     }
 
     /// Size of the queue of computed layers within a budget that is enough, bytes.
     pub(super) fn queue_bytes(&self, limit_bytes: u64) -> u64 {
-        let room_bytes = limit_bytes.saturating_sub(self.need_bytes()).saturating_add(self.min_queue_bytes);
-        room_bytes.min(MAX_QUEUE_BYTES.max(self.min_queue_bytes))
+        let rest_bytes = limit_bytes.saturating_sub(self.need_bytes());
+        let more_bytes = if self.is_vectors { rest_bytes / VECTORS_QUEUE_SHARE } else { rest_bytes };
+        (self.min_queue_bytes + more_bytes).min(MAX_QUEUE_BYTES.max(self.min_queue_bytes))
+    }
+
+    /// Memory of what holds one layer, and of the line, within a budget that is enough, bytes.
+    pub(super) fn buffer_bytes(&self, limit_bytes: u64) -> u64 {
+        self.buffers(self.queue_bytes(limit_bytes))
     }
 
     /// The most that a print takes of a budget that is enough, bytes: the queue of computed layers takes what is left, up to its
-    /// own limit.
+    /// own limit. Layers of scan vectors may need more.
     pub fn max_bytes(&self, limit_bytes: u64) -> u64 {
-        self.need_bytes() - self.min_queue_bytes + self.queue_bytes(limit_bytes)
+        let queue_bytes = self.queue_bytes(limit_bytes);
+        self.slicer_bytes + self.buffers(queue_bytes) + queue_bytes
     }
 }

@@ -6,13 +6,13 @@ use std::sync::Arc;
 use super::{PartError, PrintMemory, Scan, ScannedLayers};
 use crate::buildfile::BuildFile;
 use crate::config::Recipe;
-use crate::device::ScanTimes;
-use crate::device::encoding::{self, Choice};
+use crate::device::encoding::{self, Choice, LayerEncoder};
+use crate::device::{BYTES_PER_MARK, ScanClock, ScanTimes};
 use crate::layer::Bitmap;
 use crate::link::message::Encoding;
 use crate::slice::scan::ScanCounts;
 use crate::slice::{BodySource, Footing, SlicePlan, Slicer};
-use crate::stream::{Ahead, Charge, MemoryBudget};
+use crate::stream::{Ahead, Charge, MemoryBudget, StreamError};
 
 /// A layer as it goes to the device.
 #[derive(Clone, Debug, PartialEq)]
@@ -58,9 +58,8 @@ impl Part {
         memory: &PrintMemory,
         limit_bytes: u64,
     ) -> Self {
-        let queue_bytes = memory.queue_bytes(limit_bytes);
-        let PrintMemory { threads, buffer_bytes, .. } = *memory;
-        Self { path, plan, threads, queue_bytes, buffer_bytes, scan }
+        let (queue_bytes, buffer_bytes) = (memory.queue_bytes(limit_bytes), memory.buffer_bytes(limit_bytes));
+        Self { path, plan, threads: memory.threads, queue_bytes, buffer_bytes, scan }
     }
 
     /// Number of layers.
@@ -110,7 +109,8 @@ impl Part {
                 Source::Vectors { layers: Box::new(layers), scan: Box::new(scan.clone()) }
             }
         };
-        Ok(EncodedLayers { source, encoding, bytes: Vec::new(), _buffers: buffers })
+        let max_bytes = self.queue_bytes as usize;
+        Ok(EncodedLayers { source, encoding, bytes: Vec::new(), max_bytes, budget: budget.clone(), _buffers: buffers })
     }
 
     /// Starts computing layers ahead, from `first` on. `explain` puts an error into words.
@@ -141,6 +141,9 @@ pub struct EncodedLayers {
     source: Source,
     encoding: Choice,
     bytes: Vec<u8>,
+    /// The most bytes of a layer of scan vectors.
+    max_bytes: usize,
+    budget: MemoryBudget,
     _buffers: Charge,
 }
 
@@ -161,15 +164,39 @@ impl EncodedLayers {
                 (layer, encoding, encoding::picture_crc32(bitmap), None)
             }
             Source::Vectors { layers, scan } => {
-                let Some(scanned) = layers.next_layer()? else { return Ok(None) };
                 let encoding = self.encoding.encoding;
                 let vectors = encoding.vectors().ok_or(PartError::NoVectors(encoding))?;
-                let sum = encoding::encode_vectors(scanned.vectors, vectors, scan.field_um, &scan.lasers, bytes)?;
-                let times = ScanTimes::of(scanned.vectors, &scan.lasers, scan.axes.as_ref());
-                (scanned.layer, encoding, sum.crc32, Some(ScanReport { times, counts: scanned.counts }))
+                bytes.clear();
+                // All of it is charged. What is not used takes no real memory.
+                bytes.reserve_exact(self.max_bytes);
+                let Scan { field_um, lasers, settings, axes, .. } = scan.as_ref();
+                let mut encoder = LayerEncoder::new(vectors, *field_um, lasers, &settings.classes(), bytes)?;
+                let mut clock = ScanClock::new(lasers, axes.as_ref());
+                let next = layers.next_groups(|group| {
+                    let moves_bytes = axes.map_or(0, |_| BYTES_PER_MARK * group.mark_count());
+                    let moves = self.budget.charge("how long axes take for a layer", moves_bytes)?;
+                    clock.add(group);
+                    drop(moves);
+                    encoder.add(group)?;
+                    fits(encoder.written_bytes(), self.max_bytes)
+                })?;
+                let Some((layer, counts)) = next else { return Ok(None) };
+                let sum = encoder.finish()?;
+                fits(bytes.len(), self.max_bytes)?;
+                (layer, encoding, sum.crc32, Some(ScanReport { times: clock.times(), counts }))
             }
         };
         Ok(Some(EncodedLayer { layer, encoding, bytes: bytes.clone(), decoded_crc32, scan }))
+    }
+}
+
+/// Whether a layer, as far as it is written, fits the queue that has to take it.
+fn fits(layer_bytes: usize, queue_bytes: usize) -> Result<(), PartError> {
+    let (layer_bytes, queue_bytes) = (layer_bytes as u64, queue_bytes as u64);
+    if layer_bytes <= queue_bytes {
+        Ok(())
+    } else {
+        Err(StreamError::LayerTooLarge { layer_bytes, queue_bytes }.into())
     }
 }
 

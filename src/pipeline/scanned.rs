@@ -2,7 +2,7 @@
 
 use super::PartError;
 use crate::layer::Vectors;
-use crate::slice::scan::{Contours, Fill, LayerRegions, ScanCounts, ScanSettings};
+use crate::slice::scan::{self, Contours, Fill, LayerRegions, ScanCounts, ScanSettings};
 use crate::slice::{BodySource, SlicePlan};
 use crate::stream::MemoryBudget;
 
@@ -59,24 +59,62 @@ impl ScannedLayers {
         Ok(Self { contours, fill, neighbours, vectors: Vectors::default() })
     }
 
-    /// The next layer; `None` after the last.
+    /// The next layer; `None` after the last. Its vectors are in memory at once; a print takes [`ScannedLayers::next_groups`] instead.
     ///
     /// # Errors
     /// [`PartError`] if it cannot be computed, or is too complex for the memory budget.
     pub fn next_layer(&mut self) -> Result<Option<ScannedLayer<'_>>, PartError> {
+        let Some(next) = self.step()? else { return Ok(None) };
+        self.vectors.clear();
+        let (layer, regions) = (next.here.layer(), next.here.regions());
+        let counts = self.fill.layer(layer, regions, next.neighbours(), &mut self.vectors)?;
+        self.keep(next);
+        Ok(Some(ScannedLayer { layer, vectors: &self.vectors, counts }))
+    }
+
+    /// Hands the vectors of the next layer on in groups, in the order in which they are marked. Returns its number and what became of its
+    /// regions; `None` after the last.
+    ///
+    /// # Errors
+    /// As [`ScannedLayers::next_layer`], or that of `take`.
+    pub fn next_groups(
+        &mut self,
+        take: impl FnMut(&Vectors) -> Result<(), PartError>,
+    ) -> Result<Option<(u32, ScanCounts)>, PartError> {
+        let Some(next) = self.step()? else { return Ok(None) };
+        let layer = next.here.layer();
+        let counts = self.fill.groups(layer, next.here.regions(), next.neighbours(), take)?;
+        self.keep(next);
+        Ok(Some((layer, counts)))
+    }
+
+    /// The regions of the next layer, and of those next to it.
+    fn step(&mut self) -> Result<Option<Step>, PartError> {
         let next = self.contours.next_layer()?;
         let (below, here, above) = match &mut self.neighbours {
             Some(neighbours) => (neighbours.below.take(), neighbours.here.take(), next),
             None => (None, next, None),
         };
-        let Some(here) = here else { return Ok(None) };
-        let [above_regions, below_regions] = [&above, &below].map(|layer| layer.as_ref().map(LayerRegions::regions));
-        self.vectors.clear();
-        let layer = here.layer();
-        let counts = self.fill.layer(layer, here.regions(), above_regions, below_regions, &mut self.vectors)?;
+        Ok(here.map(|here| Step { below, here, above }))
+    }
+
+    fn keep(&mut self, Step { here, above, .. }: Step) {
         if let Some(neighbours) = &mut self.neighbours {
             *neighbours = Neighbours { below: Some(here), here: above };
         }
-        Ok(Some(ScannedLayer { layer, vectors: &self.vectors, counts }))
+    }
+}
+
+/// The regions of a layer, and of those next to it if the filling depends on them.
+struct Step {
+    below: Option<LayerRegions>,
+    here: LayerRegions,
+    above: Option<LayerRegions>,
+}
+
+impl Step {
+    fn neighbours(&self) -> scan::Neighbours<'_> {
+        let [above, below] = [&self.above, &self.below].map(|layer| layer.as_ref().map(LayerRegions::regions));
+        scan::Neighbours { above, below }
     }
 }

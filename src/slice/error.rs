@@ -29,7 +29,7 @@ pub enum SliceError {
     /// The bitmap does not have the size and depth of the plan.
     #[error("the bitmap does not have the size and depth of the plan")]
     WrongBitmap,
-    /// The contours of a layer take more memory than the budget has.
+    /// The contours or vectors of a layer take more memory than the budget has.
     #[error(
         "layer {layer} is too complex: {exceeded}; choose a larger memory budget, fewer threads or a larger pixel pitch"
     )]

@@ -83,9 +83,23 @@ impl MemoryBudget {
         self.account.used_bytes.load(Ordering::Relaxed)
     }
 
-    /// The most bytes ever charged at once.
+    /// The most bytes charged at once since this was asked last.
+    pub fn take_peak_bytes(&self) -> u64 {
+        self.account.peak_bytes.swap(self.used_bytes(), Ordering::Relaxed)
+    }
+
+    /// The most bytes ever charged at once, or since [`MemoryBudget::take_peak_bytes`].
     pub fn peak_bytes(&self) -> u64 {
         self.account.peak_bytes.load(Ordering::Relaxed)
+    }
+}
+
+impl Charge {
+    /// Gives back what is above `bytes`.
+    pub fn reduce_to(&mut self, bytes: u64) {
+        let less = self.bytes.saturating_sub(bytes);
+        self.account.used_bytes.fetch_sub(less, Ordering::Relaxed);
+        self.bytes -= less;
     }
 }
 
@@ -106,9 +120,14 @@ mod tests {
         let refused = budget.charge("second", 41).expect_err("60 + 41 > 100");
         assert_eq!(refused, BudgetExceeded { what: "second", need_bytes: 41, free_bytes: 40, limit_bytes: 100 });
         assert!(budget.charge("second", u64::MAX).is_err(), "an overflowing request is refused");
-        let second = budget.charge("second", 40).expect("fits exactly");
+        let mut second = budget.charge("second", 40).expect("fits exactly");
         drop(first);
         assert_eq!((budget.used_bytes(), budget.peak_bytes()), (40, 100));
+        assert_eq!((budget.take_peak_bytes(), budget.peak_bytes()), (100, 40), "counted anew");
+        second.reduce_to(50);
+        assert_eq!(budget.used_bytes(), 40, "it has less already");
+        second.reduce_to(15);
+        assert_eq!(budget.used_bytes(), 15);
         drop(second);
         assert_eq!(budget.used_bytes(), 0);
     }

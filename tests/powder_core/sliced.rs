@@ -4,7 +4,7 @@ use layerd::buildfile::Blend;
 use layerd::device::sim::MeltSettings;
 use layerd::layer::{Depth, Mirror, Raster, Vectors};
 use layerd::link::message::Encoding;
-use layerd::slice::scan::{Contours, Fill, HatchStrategy};
+use layerd::slice::scan::{Contours, Fill, HatchStrategy, Neighbours};
 use layerd::stream::MemoryBudget;
 
 use crate::device_common::powder::{LASER, Powder, sent_with};
@@ -37,7 +37,7 @@ fn what_is_melted_is_the_picture_of_the_layer() {
     for (layer, picture) in part.layers(1, 0).iter().enumerate() {
         let regions = contours.next_layer().expect("a layer").expect("as many as pictures");
         let mut vectors = Vectors::default();
-        fill.layer(layer as u32, regions.regions(), None, None, &mut vectors).expect("it lies in the field");
+        fill.layer(layer as u32, regions.regions(), Neighbours::default(), &mut vectors).expect("it lies in the field");
         let mut powder = Powder::drawing(MeltSettings { raster, beam_um: 60.0 });
         powder.mark_whole(&sent_with(&vectors, Encoding::VectorsCoded, LASER));
         let [(_, melted)] = &powder.pictures[..] else { panic!("one picture") };

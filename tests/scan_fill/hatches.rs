@@ -1,7 +1,7 @@
 //! Where hatches lie, those of skins too.
 
 use layerd::layer::{MarkClass, Vectors};
-use layerd::slice::scan::{Fill, HatchSettings, HatchStrategy, ScanSettings};
+use layerd::slice::scan::{Fill, HatchSettings, HatchStrategy, Neighbours, ScanSettings};
 
 use crate::measure::far_um;
 use crate::scan_samples::{disc, rectangle, settings};
@@ -69,7 +69,7 @@ fn skins_have_their_own_class_lines_and_place() {
     let below = [rectangle([3000.0, 0.0], [9000.0, 9000.0]), rectangle([900.0, 0.0], [2500.0, 9000.0])];
     let mut fill = Fill::new(both, 1, &budget()).expect("good settings");
     let mut vectors = Vectors::default();
-    fill.layer(0, &region, Some(&above), Some(&below), &mut vectors).expect("it fits");
+    fill.layer(0, &region, Neighbours { above: Some(&above), below: Some(&below) }, &mut vectors).expect("it fits");
     for mark in vectors.marks() {
         for x in [mark.from_um[0], mark.to_um[0]] {
             let good = match mark.class {
@@ -87,7 +87,7 @@ fn skins_have_their_own_class_lines_and_place() {
     // The first layer has nothing below, the last nothing above. Of rounded corners some may remain.
     let mut share = |above, below, class| {
         vectors.clear();
-        fill.layer(0, &region, above, below, &mut vectors).expect("it fits");
+        fill.layer(0, &region, Neighbours { above, below }, &mut vectors).expect("it fits");
         let contours = class_count(&vectors, MarkClass::Contour) as u64;
         class_count(&vectors, class) as f64 / (vectors.mark_count() - contours) as f64
     };

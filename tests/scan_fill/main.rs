@@ -12,7 +12,7 @@ mod scan_samples;
 mod thin;
 
 use layerd::layer::{MarkClass, Vectors};
-use layerd::slice::scan::{Fill, HatchStrategy, Region, ScanCounts, ScanSettings};
+use layerd::slice::scan::{Fill, HatchStrategy, Neighbours, Region, ScanCounts, ScanSettings};
 use layerd::stream::MemoryBudget;
 use scan_samples::{disc, rectangle, with_hole};
 
@@ -31,7 +31,7 @@ fn budget() -> MemoryBudget {
 fn filled(settings: &ScanSettings, layer: u32, regions: &[Region]) -> (Vectors, ScanCounts) {
     let mut vectors = Vectors::default();
     let mut fill = Fill::new(settings.clone(), 1, &budget()).expect("good settings");
-    let counts = fill.layer(layer, regions, None, None, &mut vectors).expect("it lies in the field");
+    let counts = fill.layer(layer, regions, Neighbours::default(), &mut vectors).expect("it lies in the field");
     (vectors, counts)
 }
 

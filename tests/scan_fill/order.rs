@@ -1,14 +1,14 @@
 //! In which order a layer is marked: short jumps, each piece once, the same on any number of threads.
 
 use layerd::layer::{Run, Vectors};
-use layerd::slice::scan::{Fill, HatchStrategy, Region};
+use layerd::slice::scan::{Fill, FillError, HatchStrategy, Neighbours, Region};
 
 use crate::measure::far_um;
 use crate::scan_samples::{islands, rectangle, settings};
 use crate::{STRATEGIES, budget, filled};
 
 #[test]
-fn layers_of_very_many_pieces_are_ordered_in_parts_and_each_piece_is_marked_once() {
+fn layers_of_very_many_pieces_are_ordered_in_groups_and_each_piece_is_marked_once() {
     let at = |number: u32| [f64::from(number % 300) * 100.0 + 50.0, f64::from(number / 300) * 100.0 + 50.0];
     let regions: Vec<Region> =
         (0..66_000).map(|number| rectangle(at(number), at(number).map(|low| low + 4.0))).collect();
@@ -29,9 +29,9 @@ fn threads_and_layers_before_change_nothing() {
     for threads in [1, 2, 3] {
         let mut fill = Fill::new(settings(STRATEGIES[2]), threads, &budget()).expect("good settings");
         let mut vectors = Vectors::default();
-        fill.layer(4, &regions[..100], None, None, &mut vectors).expect("it fits");
+        fill.layer(4, &regions[..100], Neighbours::default(), &mut vectors).expect("it fits");
         vectors.clear();
-        assert_eq!(fill.layer(5, &regions, None, None, &mut vectors).expect("it fits"), counts);
+        assert_eq!(fill.layer(5, &regions, Neighbours::default(), &mut vectors).expect("it fits"), counts);
         assert_eq!(vectors, expected);
     }
 }
@@ -74,6 +74,33 @@ fn ways(run: &Run<'_>) -> Vec<[[i32; 2]; 2]> {
             // As marked, with all directions changed, and both backwards.
             vec![[a, d], [b, c], [d, a], [c, b]]
         }
+    }
+}
+
+#[test]
+fn groups_of_regions_and_boxes_of_a_large_region_jump_little_more_than_greedy() {
+    // Several groups, and one region with so many pieces that it is put in order box by box.
+    let plate = rectangle([100.0, 100.0], [36_100.0, 36_100.0]);
+    let chessboard = HatchStrategy::Chessboard { island_um: 300.0, overlap_um: 10.0 };
+    for (strategy, regions) in [(STRATEGIES[0], islands(4500, 40.0, 400.0, 9)), (chessboard, vec![plate])] {
+        let mut fill = Fill::new(settings(strategy), 1, &budget()).expect("good settings");
+        let (mut vectors, mut groups) = (Vectors::default(), 0);
+        let take = |group: &Vectors| {
+            groups += 1;
+            vectors.append(group);
+            Ok::<(), FillError>(())
+        };
+        let counts = fill.groups(0, &regions, Neighbours::default(), take).expect("it fits");
+        assert!(groups > 1, "{groups}");
+        let greedy_um = greedy_jump_um(&vectors);
+        assert!(counts.jump_um <= 1.05 * greedy_um, "{} µm instead of {greedy_um}", counts.jump_um);
+        let mut at: Option<[i32; 2]> = None;
+        let jumps = vectors.marks().map(|mark| {
+            let jump_um = at.map_or(0.0, |at| far_um(at, mark.from_um));
+            at = Some(mark.to_um);
+            jump_um
+        });
+        assert!((jumps.sum::<f64>() - counts.jump_um).abs() < 1.0, "jumps between groups count");
     }
 }
 

@@ -2,7 +2,7 @@
 //!
 //! ```
 //! use layerd::layer::{MarkClass, Vectors};
-//! use layerd::slice::scan::{Fill, HatchSettings, HatchStrategy, Region, ScanSettings};
+//! use layerd::slice::scan::{Fill, HatchSettings, HatchStrategy, Neighbours, Region, ScanSettings};
 //! use layerd::stream::MemoryBudget;
 //! let hatch = HatchSettings {
 //!     strategy: HatchStrategy::Zigzag,
@@ -28,7 +28,7 @@
 //! let square = vec![[0.0, 0.0], [1000.0, 0.0], [1000.0, 1000.0], [0.0, 1000.0]];
 //! let mut vectors = Vectors::default();
 //! let mut fill = Fill::new(settings, 1, &MemoryBudget::new(1 << 20))?;
-//! let counts = fill.layer(0, &[Region { outer: square, holes: vec![] }], None, None, &mut vectors)?;
+//! let counts = fill.layer(0, &[Region { outer: square, holes: vec![] }], Neighbours::default(), &mut vectors)?;
 //! assert_eq!((counts.regions, counts.unmarked), (1, 0));
 //! let count = |class| vectors.marks().filter(|mark| mark.class == class).count();
 //! // Lines at 60, 120 to 900 µm; the border less beam and end offset begins at 60 and ends at 940 µm.
@@ -36,11 +36,12 @@
 //! # Ok::<(), layerd::slice::scan::FillError>(())
 //! ```
 //!
-//! The memory of a layer is charged to a budget before it is filled, by the size of its regions: work space for the regions that threads
-//! fill at the same time, what was found, and the vectors in order. A layer with very many pieces is put in order in several parts, so
-//! that the tables of the order are bounded.
+//! Regions are filled in groups of neighbours. The memory of each group is charged to a budget before it is taken: work space for the regions
+//! that threads fill at the same time, what was found, the tables of the order, and the vectors in order, which are handed on before the next
+//! group is filled. So a layer takes no more than its largest group, and a large region is a group by itself. Groups depend on the regions
+//! and the settings alone, not on the budget: a layer that fits has the same vectors in any budget.
 
-use std::time::{Duration, Instant};
+use std::sync::{Mutex, PoisonError};
 
 use crate::layer::Vectors;
 use crate::slice::SliceError;
@@ -48,32 +49,27 @@ use crate::slice::workers::Workers;
 use crate::stream::{BudgetExceeded, Charge, MemoryBudget};
 
 use super::counts::ScanCounts;
-use super::hatch::Cells;
 use super::layer_plan::{FillTimes, Filled, LayerPlan};
+use super::memory::Room;
 use super::offset::MAX_FIELD_UM;
-use super::path::{distance_um, ring_edges};
-use super::pieces::Pieces;
+use super::pen::{MAX_ORDERED, Pen, weight};
+use super::pieces::{self, Pieces};
 use super::region::Region;
-use super::settings::{ScanSettings, SettingsError};
+use super::settings::{HatchSettings, ScanSettings, SettingsError};
+use super::skin::Cover;
 use super::thin::ThinRules;
 
 /// How many regions are filled before their pieces are put together, so that memory does not hold two copies of all.
 const BATCH_REGIONS: usize = 256;
 
-/// How many points the borders of a batch have at most, unless it is a single region.
-const BATCH_POINTS: usize = 1 << 14;
+/// The most that these regions are filled with, bytes, unless it is a single region.
+const BATCH_BYTES: u64 = 4 << 20;
 
-/// From how many pieces on they are put in order without waiting for more. Their tables take some 50 MB. A layer with more pieces is put in
-/// order in several parts, and only the jumps between two parts are longer than they need to be.
-const MAX_ORDERED_PIECES: usize = 1 << 16;
+/// A region that may take more than this is filled by itself, bytes: so only small ones are filled at the same time.
+const SMALL_REGION_BYTES: u64 = 2 << 20;
 
-/// Memory to fill a region, bytes for each point of its border: edges, pieces of offsets, and the library's segments and graph.
-const WORK_BYTES_PER_POINT: u64 = 1500;
-
-/// Most memory of what a region is filled with, bytes for each point of a contour and for each end of a hatch. Its entries in the tables of
-/// the order are included.
-const FOUND_BYTES_PER_POINT: u64 = 100;
-const FOUND_BYTES_PER_END: u64 = 150;
+/// A group of regions with more pieces than this is put in order without waiting for more, bytes.
+const MAX_GROUP_BYTES: u64 = 2 << 20;
 
 /// Why a layer cannot be filled.
 #[derive(Debug, thiserror::Error)]
@@ -94,15 +90,24 @@ pub enum FillError {
     Slice(#[from] SliceError),
 }
 
-/// Fills layers. The result depends on the layer and the settings alone: not on the number of threads, or the layers before.
+/// Fills layers. The result depends on the layer and the settings alone: not on the number of threads, the budget, or the layers before.
 pub struct Fill {
     settings: ScanSettings,
     rules: ThinRules,
     workers: Workers,
     budget: MemoryBudget,
-    /// What the last layer was charged. It is kept because the vectors are still in use.
-    charge: Option<Charge>,
+    /// What the vectors of the last layer are charged, because they are still in use.
+    whole: Option<Charge>,
     times: FillTimes,
+}
+
+/// The regions next to a layer's; `None` at the first or the last layer.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Neighbours<'a> {
+    /// Those of the layer above.
+    pub above: Option<&'a [Region]>,
+    /// Those of the layer below.
+    pub below: Option<&'a [Region]>,
 }
 
 impl Fill {
@@ -122,12 +127,12 @@ impl Fill {
         };
         let workers = Workers::new(threads.max(1))?;
         let (budget, times) = (budget.clone(), FillTimes::default());
-        Ok(Self { settings, rules, workers, budget, charge: None, times })
+        Ok(Self { settings, rules, workers, budget, whole: None, times })
     }
 
-    /// Appends the vectors of a layer, counted from 0, in the order in which they are marked. `above` and `below` are the regions of the
-    /// layers next to it; if there is none, all of the layer is skin. They change the vectors only if the settings have skins. The memory of
-    /// `out` stays charged until the next layer.
+    /// Appends the vectors of a layer, counted from 0, in the order in which they are marked. If a neighbour is missing, all of the layer is
+    /// skin. Neighbours change the vectors only if the settings have skins. The memory of `out` is charged until the next layer; a print
+    /// takes [`Fill::groups`] instead.
     ///
     /// # Errors
     /// [`FillError`]; the vectors are of no use then.
@@ -135,33 +140,70 @@ impl Fill {
         &mut self,
         layer: u32,
         regions: &[Region],
-        above: Option<&[Region]>,
-        below: Option<&[Region]>,
+        neighbours: Neighbours<'_>,
         out: &mut Vectors,
     ) -> Result<ScanCounts, FillError> {
+        let budget = self.budget.clone();
+        let mut whole = None;
+        let counts = self.groups(layer, regions, neighbours, |group| {
+            // The list may double, and the old one is there until its vectors are in the new.
+            let bytes = 3 * (out.memory_bytes() + group.memory_bytes()) as u64;
+            drop(whole.take());
+            let charge = budget.charge("the vectors of a layer", bytes);
+            whole = Some(charge.map_err(|exceeded| SliceError::TooComplex { layer, exceeded })?);
+            out.append(group);
+            Ok(())
+        });
+        if let Some(charge) = &mut whole {
+            charge.reduce_to(out.memory_bytes() as u64);
+        }
+        self.whole = whole;
+        counts
+    }
+
+    /// As [`Fill::layer`], but hands the vectors on in groups, in the order in which they are marked.
+    ///
+    /// # Errors
+    /// [`FillError`], or that of `take`; what was handed on is of no use then.
+    pub fn groups<E: From<FillError>>(
+        &mut self,
+        layer: u32,
+        regions: &[Region],
+        neighbours: Neighbours<'_>,
+        mut take: impl FnMut(&Vectors) -> Result<(), E>,
+    ) -> Result<ScanCounts, E> {
+        self.whole = None;
+        let too_complex = |exceeded| FillError::from(SliceError::TooComplex { layer, exceeded });
+        let Neighbours { above, below } = neighbours;
         for region in regions.iter().chain(above.into_iter().chain(below).flatten()) {
             check_place(region)?;
         }
-        let too_complex = |exceeded| SliceError::TooComplex { layer, exceeded };
-        self.charge_layer(regions, above, below, out).map_err(too_complex)?;
+        let _covers = self.charge_covers(neighbours).map_err(too_complex)?;
         let plan = LayerPlan::new(&self.settings, self.rules, layer, above, below);
+        let mut pen = Pen::new(layer, &plan.frames, &self.budget);
         let mut counts = ScanCounts::default();
-        let mut all = Pieces::default();
-        let mut filled: Vec<Filled> = Vec::new();
-        for batch in batches(regions) {
-            filled.clear();
-            filled.resize_with(batch.len(), Default::default);
-            self.workers.each(batch.iter().zip(&mut filled), |(region, filled)| plan.fill(region, filled));
+        let mut group = Group::default();
+        let mut rest = regions;
+        while !rest.is_empty() {
+            let (batch, work) = self.next_batch(&plan, &mut rest).map_err(too_complex)?;
+            let mut filled = self.fill_batch(&plan, batch).map_err(too_complex)?;
+            drop(work);
+            let found_bytes = filled.iter_mut().map(Filled::settle).sum();
+            let charge = self.budget.charge("the pieces of a layer", found_bytes).map_err(too_complex)?;
             for of_region in &filled {
-                all.append(&of_region.pieces);
                 counts += of_region.counts;
                 self.times += of_region.times;
             }
-            if all.len() >= MAX_ORDERED_PIECES {
-                self.times.order += write(&mut all, &plan, out, &mut counts);
+            if !group.has_room(&filled) {
+                group.write(&mut pen, &mut counts, &mut take)?;
+            }
+            group.add(filled, charge, &self.budget).map_err(too_complex)?;
+            if group.pieces.memory_bytes() > MAX_GROUP_BYTES {
+                group.write(&mut pen, &mut counts, &mut take)?;
             }
         }
-        self.times.order += write(&mut all, &plan, out, &mut counts);
+        group.write(&mut pen, &mut counts, &mut take)?;
+        self.times.order += pen.time;
         Ok(counts)
     }
 
@@ -170,77 +212,111 @@ impl Fill {
         self.times
     }
 
-    /// Charges all that a layer takes, so that the message tells how much that is.
-    fn charge_layer(
-        &mut self,
-        regions: &[Region],
-        above: Option<&[Region]>,
-        below: Option<&[Region]>,
-        out: &Vectors,
-    ) -> Result<(), BudgetExceeded> {
-        let points = |regions: Option<&[Region]>| regions.into_iter().flatten().map(point_count).sum::<u64>();
-        // Copies of the regions above and below.
-        let mut bytes = if self.settings.has_skins() { 16 * (points(above) + points(below)) } else { 0 };
-        let found = regions.iter().map(|region| self.found_bytes(region)).sum::<u64>();
-        // Once as found, and once in order.
-        bytes += 2 * found + out.memory_bytes() as u64;
-        let mut largest: Vec<u64> = regions.iter().map(point_count).collect();
-        largest.sort_unstable_by(|a, b| b.cmp(a));
-        bytes += WORK_BYTES_PER_POINT * largest.iter().take(self.workers.count()).sum::<u64>();
-        self.charge = None;
-        self.charge = Some(self.budget.charge("filling the layer with vectors", bytes)?);
+    /// Fills regions, some at a time.
+    fn fill_batch(&self, plan: &LayerPlan<'_>, batch: &[Region]) -> Result<Vec<Filled>, BudgetExceeded> {
+        let room = if batch.len() == 1 { Room::Of(&self.budget) } else { Room::Charged };
+        let mut filled: Vec<Filled> = Vec::with_capacity(batch.len());
+        filled.resize_with(batch.len(), Default::default);
+        let outcome = Mutex::new(Ok(()));
+        self.workers.each(batch.iter().zip(&mut filled), |(region, filled)| {
+            if let Err(exceeded) = plan.fill(region, room, filled) {
+                *outcome.lock().unwrap_or_else(PoisonError::into_inner) = Err(exceeded);
+            }
+        });
+        outcome.into_inner().unwrap_or_else(PoisonError::into_inner)?;
+        Ok(filled)
+    }
+
+    /// Charges the index of the layers above and below.
+    fn charge_covers(&self, neighbours: Neighbours<'_>) -> Result<Charge, BudgetExceeded> {
+        let of = |skin: &Option<HatchSettings>, regions: Option<&[Region]>| {
+            skin.as_ref().map_or(0, |_| Cover::bytes(regions.unwrap_or_default()))
+        };
+        let bytes = of(&self.settings.down_skin, neighbours.below) + of(&self.settings.up_skin, neighbours.above);
+        self.budget.charge("the regions above and below the layer", bytes)
+    }
+
+    /// Takes neighbouring regions that are filled before their pieces are put together, and charges what that takes.
+    fn next_batch<'r>(
+        &self,
+        plan: &LayerPlan<'_>,
+        rest: &mut &'r [Region],
+    ) -> Result<(&'r [Region], Charge), BudgetExceeded> {
+        let mut work: Vec<u64> = Vec::with_capacity(BATCH_REGIONS);
+        let mut bytes = (BATCH_REGIONS * (size_of::<Filled>() + size_of::<u64>())) as u64;
+        let mut found_bytes = 0;
+        for region in rest.iter().take(BATCH_REGIONS) {
+            let memory = plan.memory(region);
+            found_bytes += memory.found_bytes();
+            let is_large = memory.all_bytes() > SMALL_REGION_BYTES;
+            if is_large && work.is_empty() {
+                let (batch, others) = rest.split_at(1);
+                *rest = others;
+                bytes += memory.areas_bytes + memory.contours_bytes;
+                return Ok((batch, self.budget.charge("filling a region with vectors", bytes)?));
+            }
+            if is_large || found_bytes > BATCH_BYTES {
+                found_bytes -= memory.found_bytes();
+                break;
+            }
+            work.push(memory.work_bytes());
+        }
+        let (batch, others) = rest.split_at(work.len());
+        *rest = others;
+        work.sort_unstable_by(|a, b| b.cmp(a));
+        bytes += work.iter().take(self.workers.count()).sum::<u64>() + found_bytes;
+        Ok((batch, self.budget.charge("filling regions with vectors", bytes)?))
+    }
+}
+
+/// Pieces of neighbouring regions that are put in order together.
+#[derive(Default)]
+struct Group {
+    pieces: Pieces,
+    charge: Option<Charge>,
+}
+
+impl Group {
+    /// Whether it can be put in order at once with what these regions are filled with.
+    fn has_room(&self, filled: &[Filled]) -> bool {
+        let weight_of = |pieces: &Pieces| weight(pieces.way_count(), pieces.all().len());
+        let added: usize = filled.iter().map(|filled| weight_of(&filled.pieces)).sum();
+        weight_of(&self.pieces) + added <= MAX_ORDERED
+    }
+
+    /// Adds what regions are filled with, and what it was charged.
+    fn add(&mut self, mut filled: Vec<Filled>, charge: Charge, budget: &MemoryBudget) -> Result<(), BudgetExceeded> {
+        if let (true, [one]) = (self.pieces.all().is_empty(), filled.as_mut_slice()) {
+            self.pieces = std::mem::take(&mut one.pieces);
+            self.charge = Some(charge);
+            return Ok(());
+        }
+        let sum = |sum: [usize; 3], of: [usize; 3]| [0, 1, 2].map(|number| sum[number] + of[number]);
+        let added = filled.iter().map(|filled| filled.pieces.sizes()).fold([0; 3], sum);
+        let grown = budget.charge("the pieces of a layer", pieces::bytes(sum(added, self.pieces.sizes())))?;
+        self.pieces.reserve(added);
+        for of_region in &filled {
+            self.pieces.append(&of_region.pieces);
+        }
+        // The old list is free, and so will be what the regions were filled with.
+        self.charge = Some(grown);
         Ok(())
     }
 
-    /// The most that the pieces of a region take, and their part in the tables of the order, bytes.
-    fn found_bytes(&self, region: &Region) -> u64 {
-        let settings = &self.settings;
-        let area_um2 = region.area_um2().max(0.0);
-        // No region of this area has room for more contours than a disc.
-        let most_contours = 1.0 + (area_um2 / std::f64::consts::PI).sqrt() / settings.contour_spacing_um;
-        let inner_contours = 1.0 + settings.contour_only_below_um / 2.0 / settings.contour_spacing_um;
-        let contours = most_contours.min(f64::from(settings.contour_count) + inner_contours);
-        let mut bytes = FOUND_BYTES_PER_POINT * (point_count(region) as f64 * contours) as u64;
-        let length_um: f64 = region.rings().map(|ring| ring_length_um(ring)).sum();
-        for hatch in [&settings.hatch, &settings.up_skin, &settings.down_skin].into_iter().flatten() {
-            // Each line begins and ends at the border, or at a cell.
-            let crossings = length_um / hatch.spacing_um + 2.0;
-            let cells =
-                Cells::of(hatch.strategy).map_or(0.0, |cells| 2.0 * area_um2 / hatch.spacing_um / cells.pitch_um);
-            bytes += FOUND_BYTES_PER_END * (crossings + cells) as u64;
+    /// Puts all pieces in order, and takes them away.
+    fn write<E: From<FillError>>(
+        &mut self,
+        pen: &mut Pen<'_>,
+        counts: &mut ScanCounts,
+        take: &mut impl FnMut(&Vectors) -> Result<(), E>,
+    ) -> Result<(), E> {
+        if self.pieces.all().is_empty() {
+            return Ok(());
         }
-        bytes
+        pen.write(&self.pieces, counts, take)?;
+        *self = Self::default();
+        Ok(())
     }
-}
-
-/// Puts pieces in order, and takes them away. Returns how long that took.
-fn write(pieces: &mut Pieces, plan: &LayerPlan<'_>, out: &mut Vectors, counts: &mut ScanCounts) -> Duration {
-    let began = Instant::now();
-    std::mem::take(pieces).write(&plan.frames, out, counts);
-    began.elapsed()
-}
-
-/// Neighbouring regions that are filled before their pieces are put together.
-fn batches(mut regions: &[Region]) -> impl Iterator<Item = &[Region]> {
-    std::iter::from_fn(move || {
-        let mut points = 0;
-        let fits = |region: &&Region| {
-            points += point_count(region) as usize;
-            points <= BATCH_POINTS
-        };
-        let count = regions.iter().take(BATCH_REGIONS).take_while(fits).count().max(1);
-        let (batch, rest) = regions.split_at_checked(count)?;
-        regions = rest;
-        Some(batch)
-    })
-}
-
-fn point_count(region: &Region) -> u64 {
-    region.rings().map(Vec::len).sum::<usize>() as u64
-}
-
-fn ring_length_um(ring: &[[f64; 2]]) -> f64 {
-    ring_edges(ring).map(|[a, b]| distance_um(a, b)).sum()
 }
 
 fn check_place(region: &Region) -> Result<(), FillError> {

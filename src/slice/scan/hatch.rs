@@ -24,7 +24,14 @@ pub(super) struct Part {
     /// Which of [`Hatcher::frames`].
     pub(super) turned: bool,
     /// Number of hatches, at least 1.
-    pub(super) count: usize,
+    pub(super) count: u32,
+}
+
+/// Hatches, and the parts that they make, in the same order.
+#[derive(Debug, Default)]
+pub(super) struct Hatches {
+    pub(super) lines: Vec<HatchLine>,
+    pub(super) parts: Vec<Part>,
 }
 
 /// Where hatches lie: within all of some areas, and outside of all of others. At most eight together.
@@ -84,33 +91,39 @@ impl Hatcher {
         self.strategy != HatchStrategy::Unidirectional
     }
 
+    /// Distance from one line to the next, micrometres.
+    pub(super) fn spacing_um(&self) -> f64 {
+        f64::from(self.frames[0].spacing_nm) / 1000.0
+    }
+
+    /// Its stripes or squares, if it has any.
+    pub(super) fn cells(&self) -> Option<Cells> {
+        Cells::of(self.strategy)
+    }
+
     /// Fills the ground, part by part.
-    pub(super) fn fill(
-        &self,
-        ground: &Ground<'_>,
-        lines: &mut Vec<HatchLine>,
-        parts: &mut Vec<Part>,
-        counts: &mut ScanCounts,
-    ) {
+    pub(super) fn fill(&self, ground: &Ground<'_>, counts: &mut ScanCounts) -> Hatches {
+        let mut hatches = Hatches::default();
         let mut cuts = Vec::new();
-        let cells = Cells::of(self.strategy);
+        let cells = self.cells();
         if let (HatchStrategy::Chessboard { .. }, Some(cells)) = (self.strategy, cells) {
             for (frame, turned) in self.frames.iter().zip([false, true]) {
                 cuts.clear();
                 self.cut_squares(&chords(ground, frame), cells, turned, &mut cuts, counts);
-                join_parts(&mut cuts, turned, lines, parts);
+                join_parts(&mut cuts, turned, &mut hatches);
             }
-            return;
+            return hatches;
         }
         for chord in chords(ground, &self.frames[0]) {
             self.cut(chord, cells, |_| true, &mut cuts, counts);
         }
-        join_parts(&mut cuts, false, lines, parts);
+        join_parts(&mut cuts, false, &mut hatches);
+        hatches
     }
 
     /// Cuts chords at the borders of the squares of one colour: odd ones for turned lines.
     fn cut_squares(&self, chords: &[Chord], cells: Cells, odd: bool, cuts: &mut Vec<Cut>, counts: &mut ScanCounts) {
-        let spacing_um = f64::from(self.frames[0].spacing_nm) / 1000.0;
+        let spacing_um = self.spacing_um();
         // Left of a turned line is back along the others.
         let across_um = |line: i32| f64::from(line) * if odd { -spacing_um } else { spacing_um };
         for chord in chords {
@@ -174,18 +187,20 @@ impl Hatcher {
 pub(super) struct Cells {
     /// Distance from one to the next.
     pub(super) pitch_um: f64,
+    /// Whether they are squares.
+    pub(super) is_square: bool,
     size_um: f64,
 }
 
 impl Cells {
     /// Those of a strategy, if it has any.
     pub(super) fn of(strategy: HatchStrategy) -> Option<Self> {
-        let (size_um, overlap_um) = match strategy {
+        let (size_um, overlap_um, is_square) = match strategy {
             HatchStrategy::Zigzag | HatchStrategy::Unidirectional => return None,
-            HatchStrategy::Stripes { width_um, overlap_um } => (width_um, overlap_um),
-            HatchStrategy::Chessboard { island_um, overlap_um } => (island_um, overlap_um),
+            HatchStrategy::Stripes { width_um, overlap_um } => (width_um, overlap_um, false),
+            HatchStrategy::Chessboard { island_um, overlap_um } => (island_um, overlap_um, true),
         };
-        Some(Self { pitch_um: size_um - overlap_um, size_um })
+        Some(Self { pitch_um: size_um - overlap_um, is_square, size_um })
     }
 
     fn bounds(&self, cell: i32) -> (i32, i32) {
@@ -254,9 +269,10 @@ fn cross_ring(ring: &[Point], bit: u8, frame: &HatchFrame, crossings: &mut Vec<C
 }
 
 /// Joins hatches to parts: a hatch continues the part of the one on the line before if the two overlap each other and nothing else.
-fn join_parts(cuts: &mut [Cut], turned: bool, lines: &mut Vec<HatchLine>, parts: &mut Vec<Part>) {
+fn join_parts(cuts: &mut [Cut], turned: bool, Hatches { lines, parts }: &mut Hatches) {
     cuts.sort_unstable_by_key(|cut| (cut.cell, cut.hatch.line, cut.hatch.from_um));
-    let mut part_of = vec![0_usize; cuts.len()];
+    // Coordinates have 32 bits, so numbers of hatches do.
+    let mut part_of = vec![0_u32; cuts.len()];
     let mut part_count = 0;
     // The line before, and whose parts may still grow.
     let mut before = 0..0;
@@ -278,18 +294,20 @@ fn join_parts(cuts: &mut [Cut], turned: bool, lines: &mut Vec<HatchLine>, parts:
         for number in at..end {
             let known = only(number, before.clone()).filter(|&other| only(other, at..end) == Some(number));
             part_of[number] = known.map_or(part_count, |other| part_of[other]);
-            part_count += usize::from(known.is_none());
+            part_count += u32::from(known.is_none());
         }
         (before, at) = (at..end, end);
     }
     // By part; within a part the order of lines stays.
-    let mut order: Vec<usize> = (0..cuts.len()).collect();
-    order.sort_by_key(|&number| part_of[number]);
+    let mut order: Vec<u32> = (0..cuts.len() as u32).collect();
+    order.sort_unstable_by_key(|&number| (part_of[number as usize], number));
     let first_part = parts.len();
-    parts.resize(first_part + part_count, Part { turned, count: 0 });
+    parts.reserve_exact(part_count as usize);
+    parts.resize(first_part + part_count as usize, Part { turned, count: 0 });
+    lines.reserve_exact(cuts.len());
     for number in order {
-        parts[first_part + part_of[number]].count += 1;
-        lines.push(cuts[number].hatch);
+        parts[first_part + part_of[number as usize] as usize].count += 1;
+        lines.push(cuts[number as usize].hatch);
     }
 }
 

@@ -3,12 +3,14 @@
 use std::time::{Duration, Instant};
 
 use crate::layer::{HatchFrame, MarkClass};
+use crate::stream::{BudgetExceeded, Charge};
 
 use super::bare::{Stretch, bare_stretches};
 use super::counts::ScanCounts;
 use super::hatch::{Ground, Hatcher};
+use super::memory::{RegionMemory, Room, hatch_bytes, middle_bytes};
 use super::offset::{Area, to_um};
-use super::pieces::Pieces;
+use super::pieces::{self, Pieces};
 use super::region::Region;
 use super::settings::{HatchSettings, ScanSettings};
 use super::skin::{Cover, exposed};
@@ -19,11 +21,11 @@ use super::thin::{Split, ThinMark, ThinPart, ThinRules, split, thin_mark};
 const MAX_INNER_CONTOURS: u32 = 1000;
 
 /// Factor on the radius of the rolling disc, so that what it reaches has the right-angled corners of a wide area.
-const CORNER_REACH: f64 = std::f64::consts::SQRT_2;
+pub(super) const CORNER_REACH: f64 = std::f64::consts::SQRT_2;
 
 /// By how much the hatched area is grown before it is taken out of the rest, micrometres: as far as an arc may leave its circle. Fewer
 /// slivers then remain along its border.
-const SEAM_UM: f64 = 0.5;
+pub(super) const SEAM_UM: f64 = 0.5;
 
 /// Time that the steps of filling took, of all threads together.
 #[derive(Clone, Copy, Debug, Default)]
@@ -56,6 +58,22 @@ pub(super) struct Filled {
     pub(super) pieces: Pieces,
     pub(super) counts: ScanCounts,
     pub(super) times: FillTimes,
+    /// What the pieces are charged, if they are charged as they are found.
+    charge: Option<Charge>,
+}
+
+impl Filled {
+    /// Charges the pieces before `more_bytes` are added, or a little: lists may double, and the old ones are there until they are copied.
+    fn charge_more(&mut self, room: Room<'_>, more_bytes: u64) -> Result<(), BudgetExceeded> {
+        self.charge = room.take(3 * self.pieces.memory_bytes() + more_bytes)?;
+        Ok(())
+    }
+
+    /// Gives back what the pieces are charged, and returns their memory, bytes, which is to be charged instead.
+    pub(super) fn settle(&mut self) -> u64 {
+        self.charge = None;
+        size_of::<Self>() as u64 + self.pieces.memory_bytes()
+    }
 }
 
 /// How the regions of one layer are filled.
@@ -107,60 +125,78 @@ impl<'a> LayerPlan<'a> {
         Self { settings, rules, fillings, frames, below, above }
     }
 
-    /// Fills a region.
-    pub(super) fn fill(&self, region: &Region, filled: &mut Filled) {
+    /// What filling a region takes at most.
+    pub(super) fn memory(&self, region: &Region) -> RegionMemory {
+        let near = [&self.below, &self.above].into_iter().flatten().map(|cover| cover.points_near(region));
+        RegionMemory::of(region, self.settings, &self.rules, near.sum())
+    }
+
+    /// Fills a region. `room` charges what [`RegionMemory::filling_bytes`] and [`RegionMemory::lines_bytes`] bound.
+    ///
+    /// # Errors
+    /// [`BudgetExceeded`] if the budget of `room` has no room.
+    pub(super) fn fill(&self, region: &Region, room: Room<'_>, filled: &mut Filled) -> Result<(), BudgetExceeded> {
         let began = Instant::now();
         let Split { wide, thin } = split(Area::of(region), &self.rules);
         for part in &thin {
+            let _work = room.take(middle_bytes(&part.area, &self.rules))?;
             let mark = thin_mark(part, &self.rules);
             match mark {
                 ThinMark::Lines(_) => filled.counts.centre_lines += 1,
                 ThinMark::Point(_) => filled.counts.points += 1,
             }
+            filled.charge_more(room, 0)?;
             push_thin(&mark, MarkClass::Thin, &mut filled.pieces);
         }
         filled.times.thin += began.elapsed();
         if !wide.is_empty() {
-            self.fill_wide(&wide, filled);
+            self.fill_wide(&wide, room, filled)?;
         }
         filled.counts.regions += 1;
-        filled.counts.unmarked += u64::from(filled.pieces.len() == 0);
+        filled.counts.unmarked += u64::from(filled.pieces.all().is_empty());
+        Ok(())
     }
 
     /// Contours and hatches. A region that thin parts divide has several wide ones, which are filled together.
-    fn fill_wide(&self, wide: &Area, filled: &mut Filled) {
-        let Filled { pieces, counts, times } = filled;
+    fn fill_wide(&self, wide: &Area, room: Room<'_>, filled: &mut Filled) -> Result<(), BudgetExceeded> {
         let ScanSettings { contour_count, contour_offset_um, contour_spacing_um, .. } = *self.settings;
         let contour_um = |number: u32| contour_offset_um + f64::from(number) * contour_spacing_um;
         let began = Instant::now();
         let mut inside = wide.clone();
         for number in 0..contour_count {
             inside = wide.offset(-contour_um(number));
-            push_rings(&inside, pieces);
+            push_rings(&inside, &mut filled.pieces);
             if inside.is_empty() {
                 break;
             }
         }
-        times.contours += began.elapsed();
+        filled.times.contours += began.elapsed();
         if inside.is_empty() {
-            return;
+            return Ok(());
         }
         let began = Instant::now();
         let depth_um = if contour_count == 0 { 0.0 } else { contour_um(contour_count - 1) };
-        let hatched = self.hatch(wide, depth_um, pieces, counts);
-        times.hatch += began.elapsed();
-        let Hatched::Only(hatched) = hatched else { return };
+        let hatched = self.hatch(wide, depth_um, room, filled)?;
+        filled.times.hatch += began.elapsed();
+        let Hatched::Only(hatched) = hatched else { return Ok(()) };
         let began = Instant::now();
         let next_um = if contour_count == 0 { contour_offset_um } else { contour_spacing_um };
-        self.fill_narrow(inside.subtract(&hatched), hatched.is_empty(), next_um, pieces, counts);
-        times.narrow += began.elapsed();
+        self.fill_narrow(inside.subtract(&hatched), hatched.is_empty(), next_um, room, filled)?;
+        filled.times.narrow += began.elapsed();
+        Ok(())
     }
 
     /// Hatches what is wide enough. `depth_um`: from the border to the innermost contour, or 0 if there is none.
-    fn hatch(&self, wide: &Area, depth_um: f64, pieces: &mut Pieces, counts: &mut ScanCounts) -> Hatched {
+    fn hatch(
+        &self,
+        wide: &Area,
+        depth_um: f64,
+        room: Room<'_>,
+        filled: &mut Filled,
+    ) -> Result<Hatched, BudgetExceeded> {
         let core = Core::of(wide, self.settings.contour_only_below_um);
         if core.area.is_empty() {
-            return if self.settings.hatch.is_some() { Hatched::Only(Area::default()) } else { Hatched::All };
+            return Ok(if self.settings.hatch.is_some() { Hatched::Only(Area::default()) } else { Hatched::All });
         }
         let masks = [&self.below, &self.above]
             .map(|cover| cover.as_ref().map(|cover| exposed(wide, cover, self.settings.beam_diameter_um)));
@@ -180,41 +216,54 @@ impl<'a> LayerPlan<'a> {
             let within = [Some(&border), reached.as_ref(), own].into_iter().flatten().collect();
             let ground = Ground { within, without: masks.iter().take(number).flatten().collect() };
             if !border.is_empty() {
-                pieces.push_hatches(filling.class, (&filling.hatcher, filling.frame), &ground, counts);
+                let _work = room.take(hatch_bytes(&ground, &filling.hatcher))?;
+                let hatches = filling.hatcher.fill(&ground, &mut filled.counts);
+                filled.charge_more(room, pieces::bytes([hatches.parts.len(), 0, hatches.lines.len()]))?;
+                filled.pieces.push_hatches(filling.class, (&filling.hatcher, filling.frame), &hatches);
             }
         }
-        hatched
+        Ok(hatched)
     }
 
     /// Fills what is too narrow for hatches with contours, up to the middle, and what their tracks leave between them with lines.
     /// `is_all`: no part of the region is wide enough. `next_um`: from the border of `inside` to the next contour.
-    fn fill_narrow(&self, mut inside: Area, is_all: bool, next_um: f64, pieces: &mut Pieces, counts: &mut ScanCounts) {
+    fn fill_narrow(
+        &self,
+        mut inside: Area,
+        is_all: bool,
+        next_um: f64,
+        room: Room<'_>,
+        filled: &mut Filled,
+    ) -> Result<(), BudgetExceeded> {
         let beam_um = self.settings.beam_diameter_um;
         let mut step_um = next_um;
         // What lies inside the outer edge of the next contour's track.
         let gap = |inside: &Area, step_um: f64| inside.offset(-(step_um - beam_um / 2.0).max(0.0));
         let mut rest = gap(&inside, step_um);
         if is_all || !rest.is_empty() {
-            counts.contours_only += 1;
+            filled.counts.contours_only += 1;
         }
         for _ in 0..MAX_INNER_CONTOURS {
             if rest.is_empty() {
-                return;
+                break;
             }
             let next = inside.offset(-step_um);
-            push_rings(&next, pieces);
+            push_rings(&next, &mut filled.pieces);
             for area in left_between(&rest, &next, beam_um)
                 .into_pieces()
                 .filter(|area| area.area_um2() > beam_um * beam_um / 4.0)
             {
                 // It lies between two tracks: its lines end at its border, not half a beam before it.
                 let rules = ThinRules { beam_um: 0.0, ..self.rules };
+                let _work = room.take(middle_bytes(&area, &rules))?;
                 let mark = thin_mark(&ThinPart { area, joints: Vec::new() }, &rules);
-                push_thin(&mark, MarkClass::Contour, pieces);
+                filled.charge_more(room, 0)?;
+                push_thin(&mark, MarkClass::Contour, &mut filled.pieces);
             }
             (inside, step_um) = (next, self.settings.contour_spacing_um);
             rest = gap(&inside, step_um);
         }
+        Ok(())
     }
 }
 

@@ -36,7 +36,7 @@ pub(super) struct Joint {
 /// Lines along the middle of an area. At a free end they stop half a beam before the border; at a joint they go on to the contour of the
 /// wide part. Empty if the area is so small or round that nothing is left between its ends.
 pub(super) fn middle_lines(area: &Area, joints: &[Joint], rules: &ThinRules) -> Vec<Vec<[f64; 2]>> {
-    let mut net = Net::new(&triangles(area, (rules.below_um * EDGE_SHARE).max(SHORTEST_EDGE_UM)));
+    let mut net = Net::new(&triangles(area, triangle_edge_um(rules)));
     net.prune(joints);
     let mut lines = net.lines();
     for joint in joints {
@@ -52,6 +52,11 @@ pub(super) fn middle_lines(area: &Area, joints: &[Joint], rules: &ThinRules) -> 
         }
     }
     lines.into_iter().map(|line| line.points).filter(|points| length_um(points) > 0.0).collect()
+}
+
+/// Length of the edges into which the border is divided, micrometres.
+pub(super) fn triangle_edge_um(rules: &ThinRules) -> f64 {
+    (rules.below_um * EDGE_SHARE).max(SHORTEST_EDGE_UM)
 }
 
 /// A line through the middles of triangle sides.

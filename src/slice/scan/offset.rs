@@ -25,7 +25,14 @@ use super::trim;
 pub const MAX_FIELD_UM: f64 = 1_000_000.0;
 
 /// Most by which an arc leaves its circle, micrometres. Arcs are where an offset goes around a corner.
-const ARC_ERROR_UM: f64 = 0.5;
+pub(super) const ARC_ERROR_UM: f64 = 0.5;
+
+/// Longest offset by the library, micrometres. Moved by less than the distance from one corner to the next, edges cross few others; the
+/// crossings of a rough border of many corners, moved far, once took a hundred times the memory of the border.
+const LIBRARY_STEP_UM: f64 = 10.0;
+
+/// Share of the first of two steps. With unlike steps, what touches after the whole distance seldom touches after a part of it.
+const FIRST_STEP: f64 = 0.6;
 
 /// Pieces with a smaller area are rounding errors, square nanometres: a thousandth of a square micrometre.
 pub(super) const LEAST_AREA_NM2: u64 = 1000;
@@ -83,26 +90,36 @@ impl Area {
     /// The points within a distance of the area, or, for a negative distance, those farther than that from its border. Corners are
     /// rounded, so no spikes appear. What gets too narrow vanishes, and a shape may fall apart.
     pub(super) fn offset(&self, distance_um: f64) -> Self {
+        self.offset_within(distance_um, ARC_ERROR_UM)
+    }
+
+    /// As [`Area::offset`]. Arcs leave their circles by at most `error_um`.
+    fn offset_within(&self, distance_um: f64, error_um: f64) -> Self {
         let radius_um = distance_um.abs();
         if self.is_empty() || radius_um < 5e-4 {
             return self.clone();
         }
         if let Some(ring) = self.convex_ring() {
             let nm = radius_um * 1000.0;
-            let ring = if distance_um < 0.0 { inset(ring, nm) } else { outset(ring, nm, ARC_ERROR_UM * 1000.0) };
+            let ring = if distance_um < 0.0 { inset(ring, nm) } else { outset(ring, nm, error_um * 1000.0) };
             let is_left = doubled_area_nm2(&ring) > 2 * LEAST_AREA_NM2 as i64;
             return Self { shapes: if is_left { vec![vec![ring]] } else { Vec::new() } };
         }
-        if let Some(shapes) = trim::offset(self, distance_um * 1000.0, ARC_ERROR_UM * 1000.0) {
+        if let Some(shapes) = trim::offset(self, distance_um * 1000.0, error_um * 1000.0) {
             return Self { shapes };
         }
-        self.library_offset(distance_um)
+        if radius_um <= LIBRARY_STEP_UM {
+            return self.library_offset(distance_um, error_um);
+        }
+        // In two steps nothing may touch. They add their errors.
+        let [first_um, second_um] = [FIRST_STEP, 1.0 - FIRST_STEP].map(|share| distance_um * share);
+        self.offset_within(first_um, error_um / 2.0).offset_within(second_um, error_um / 2.0)
     }
 
-    /// As [`Area::offset`], by the library.
-    pub(super) fn library_offset(&self, distance_um: f64) -> Self {
+    /// As [`Area::offset_within`], by the library. It takes memory for each crossing of moved edges: for small distances only.
+    pub(super) fn library_offset(&self, distance_um: f64, error_um: f64) -> Self {
         let radius_um = distance_um.abs();
-        let step = 2.0 * (1.0 - ARC_ERROR_UM / radius_um).clamp(-1.0, 1.0).acos();
+        let step = 2.0 * (1.0 - error_um / radius_um).clamp(-1.0, 1.0).acos();
         let arc = ArcOptions { max_step: angle(step), ..ArcOptions::default() };
         let style = IntOutlineStyle::new((distance_um * 1000.0).round() as i32)
             .line_join(IntLineJoin::Round(arc))

@@ -39,6 +39,11 @@ pub(super) struct Visit {
 }
 
 impl Stops {
+    /// No stops, and room for this many stops and ways.
+    pub(super) fn with_capacity(stops: usize, ways: usize) -> Self {
+        Self { ways: Vec::with_capacity(ways), ends: Vec::with_capacity(stops), turns: Vec::with_capacity(stops) }
+    }
+
     /// Adds a stop with at least one way. `turns`: ways 0 and 1, 2 and 3 and so on are reverses of each other, or each way ends where it
     /// begins.
     pub(super) fn push(&mut self, ways: impl IntoIterator<Item = Way>, turns: bool) {
@@ -58,6 +63,11 @@ impl Stops {
         begin as usize..self.ends[stop as usize] as usize
     }
 
+    /// Number of ways of all stops.
+    pub(super) fn way_count(&self) -> usize {
+        self.ways.len()
+    }
+
     /// The ways of a stop.
     fn ways(&self, stop: u32) -> &[Way] {
         &self.ways[self.range(stop)]
@@ -75,20 +85,15 @@ impl Stops {
         self.turns[visit.stop as usize].then_some(Visit { way, ..visit })
     }
 
-    /// The tour in the order in which the stops were added, each by its first way.
-    pub(super) fn as_added(&self) -> Vec<Visit> {
-        (0..self.len() as u32).map(|stop| Visit { stop, way: 0 }).collect()
+    /// Length of all jumps to the first stop and from stop to stop, micrometres. `at` is where the laser is before, if that is known.
+    pub(super) fn jump_um(&self, at: Option<[i32; 2]>, tour: &[Visit]) -> f64 {
+        let first = at.zip(tour.first()).map_or(0.0, |(at, first)| distance_um(at, self.way(*first)[0]));
+        first + tour.windows(2).map(|pair| distance_um(self.way(pair[0])[1], self.way(pair[1])[0])).sum::<f64>()
     }
 
-    /// Length of all jumps from stop to stop, micrometres.
-    pub(super) fn jump_um(&self, tour: &[Visit]) -> f64 {
-        tour.windows(2).map(|pair| distance_um(self.way(pair[0])[1], self.way(pair[1])[0])).sum()
-    }
-
-    /// Greedy: begins with the stop nearest to the field's low corner, and goes on to the nearest one by any of its ways.
-    fn greedy(&self, tree: &mut Tree<'_>) -> Vec<Visit> {
+    /// Greedy: begins with the stop nearest to a point, and goes on to the nearest one by any of its ways.
+    fn greedy(&self, mut at: [i32; 2], tree: &mut Tree<'_>) -> Vec<Visit> {
         let mut tour = Vec::with_capacity(self.len());
-        let mut at = [0, 0];
         while let Some(visit) = tree.take_nearest(at) {
             at = self.way(visit)[1];
             tour.push(visit);
@@ -96,10 +101,10 @@ impl Stops {
         tour
     }
 
-    /// A short tour through all stops.
-    pub(super) fn ordered(&self) -> Vec<Visit> {
+    /// A short tour through all stops. `at` is where the laser is before; if that is not known, the tour begins near the field's low corner.
+    pub(super) fn ordered(&self, at: Option<[i32; 2]>) -> Vec<Visit> {
         let mut tree = Tree::new(self);
-        let greedy = self.greedy(&mut tree);
+        let greedy = self.greedy(at.unwrap_or_default(), &mut tree);
         tree.put_back();
         let mut tour = Tour::new(self, greedy);
         let near = tour.near(&tree);
@@ -109,16 +114,18 @@ impl Stops {
             }
         }
         let mut visits = tour.into_visits();
-        self.choose_ways(&mut visits);
+        self.choose_ways(at, &mut visits);
         visits
     }
 
-    /// Chooses the best ways for an order of stops: the shortest path through all ways, from the first stop to the last.
-    fn choose_ways(&self, visits: &mut [Visit]) {
+    /// Chooses the best ways for an order of stops: the shortest path through all ways, from the laser's place, if it is known, to the
+    /// last stop.
+    fn choose_ways(&self, at: Option<[i32; 2]>, visits: &mut [Visit]) {
         let Some(first) = visits.first() else { return };
-        let mut costs: Vec<f64> = vec![0.0; self.ways(first.stop).len()];
+        let to_first = |way: &Way| at.map_or(0.0, |at| distance_um(at, way[0]));
+        let mut costs: Vec<f64> = self.ways(first.stop).iter().map(to_first).collect();
         // For each way of each stop but the first, the way of the stop before.
-        let mut came_from: Vec<u32> = Vec::new();
+        let mut came_from: Vec<u32> = Vec::with_capacity(self.ways.len());
         let mut begins = Vec::with_capacity(visits.len());
         for pair in visits.windows(2) {
             begins.push(came_from.len());

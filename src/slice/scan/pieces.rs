@@ -1,10 +1,9 @@
-//! What a region is marked with, before it is put in order. `layer_plan` makes it for each region, `fill` collects it.
+//! What a region is marked with, before it is put in order. `layer_plan` makes it for each region, `fill` collects it, and `pen` writes it.
 
-use crate::layer::{HatchFrame, HatchLine, MarkClass, Vectors};
+use crate::layer::{HatchFrame, HatchLine, MarkClass};
 
-use super::counts::ScanCounts;
-use super::hatch::{Ground, Hatcher, Part};
-use super::order::{Stops, Visit, Way, distance_um};
+use super::hatch::{Hatcher, Hatches};
+use super::order::Way;
 use super::path::simplify;
 
 /// At how many points of a ring the order may begin it while it is searched for, so that the work for a ring is bounded. In the end
@@ -20,19 +19,28 @@ pub(super) struct Pieces {
     pieces: Vec<Piece>,
     points: Vec<[i32; 2]>,
     lines: Vec<HatchLine>,
+    /// Number of ways through all pieces.
+    way_count: usize,
 }
 
+/// Memory of this many pieces, points and hatches, bytes. Vectors take as much.
+pub(super) fn bytes([pieces, points, lines]: [usize; 3]) -> u64 {
+    (pieces * size_of::<Piece>() + points * size_of::<[i32; 2]>() + lines * size_of::<HatchLine>()) as u64
+}
+
+/// A piece; [`Pieces`] has its points or hatches.
 #[derive(Clone, Copy, Debug)]
-struct Piece {
-    class: MarkClass,
-    kind: Kind,
+pub(super) struct Piece {
+    pub(super) class: MarkClass,
+    pub(super) kind: Kind,
     /// Where it begins in `points`, or in `lines`.
     begin: usize,
     count: usize,
 }
 
+/// What a piece consists of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Kind {
+pub(super) enum Kind {
     /// Connected points, or one point. A ring repeats its first.
     Path,
     /// Hatches of a frame, by its number in the layer.
@@ -41,7 +49,7 @@ enum Kind {
 
 impl Piece {
     /// Whether it can be marked backwards.
-    fn turns(&self) -> bool {
+    pub(super) fn turns(&self) -> bool {
         match self.kind {
             Kind::Path => true,
             Kind::Part { goes_both_ways, .. } => goes_both_ways,
@@ -50,9 +58,24 @@ impl Piece {
 }
 
 impl Pieces {
-    /// Number of pieces.
-    pub(super) fn len(&self) -> usize {
-        self.pieces.len()
+    /// The pieces, in the order in which they were added.
+    pub(super) fn all(&self) -> &[Piece] {
+        &self.pieces
+    }
+
+    /// A piece, by its number.
+    pub(super) fn piece(&self, number: u32) -> &Piece {
+        &self.pieces[number as usize]
+    }
+
+    /// Number of ways through all pieces.
+    pub(super) fn way_count(&self) -> usize {
+        self.way_count
+    }
+
+    /// Memory, bytes.
+    pub(super) fn memory_bytes(&self) -> u64 {
+        bytes([self.pieces.capacity(), self.points.capacity(), self.lines.capacity()])
     }
 
     /// Adds a path, rounded to whole micrometres. What rounds to a single point is a timed point.
@@ -75,33 +98,42 @@ impl Pieces {
         self.push_path(class, &ring_um);
     }
 
-    /// Adds the hatches of some ground. `frame` is the number of the hatcher's first frame in the layer.
-    pub(super) fn push_hatches(
-        &mut self,
-        class: MarkClass,
-        (hatcher, frame): (&Hatcher, u8),
-        ground: &Ground<'_>,
-        counts: &mut ScanCounts,
-    ) {
+    /// Adds hatches. `frame` is the number of the hatcher's first frame in the layer.
+    pub(super) fn push_hatches(&mut self, class: MarkClass, (hatcher, frame): (&Hatcher, u8), hatches: &Hatches) {
         let mut begin = self.lines.len();
-        let mut parts: Vec<Part> = Vec::new();
-        hatcher.fill(ground, &mut self.lines, &mut parts, counts);
-        for part in parts {
+        self.reserve([hatches.parts.len(), 0, hatches.lines.len()]);
+        self.lines.extend_from_slice(&hatches.lines);
+        for part in &hatches.parts {
             let kind = Kind::Part { frame: frame + u8::from(part.turned), goes_both_ways: hatcher.goes_both_ways() };
-            self.end(class, kind, begin, begin + part.count);
-            begin += part.count;
+            self.end(class, kind, begin, begin + part.count as usize);
+            begin += part.count as usize;
         }
     }
 
     fn end(&mut self, class: MarkClass, kind: Kind, begin: usize, end: usize) {
         if begin < end {
-            self.pieces.push(Piece { class, kind, begin, count: end - begin });
+            let piece = Piece { class, kind, begin, count: end - begin };
+            self.way_count += self.ways_of(&piece);
+            self.pieces.push(piece);
         }
+    }
+
+    /// Number of pieces, of points of paths, and of hatches.
+    pub(super) fn sizes(&self) -> [usize; 3] {
+        [self.pieces.len(), self.points.len(), self.lines.len()]
+    }
+
+    /// Makes room for as many more, so that adding them does not take more memory than they need.
+    pub(super) fn reserve(&mut self, [pieces, points, lines]: [usize; 3]) {
+        self.pieces.reserve_exact(pieces);
+        self.points.reserve_exact(points);
+        self.lines.reserve_exact(lines);
     }
 
     /// Adds those of another region behind the others.
     pub(super) fn append(&mut self, other: &Self) {
         let (points, lines) = (self.points.len(), self.lines.len());
+        self.way_count += other.way_count;
         self.points.extend_from_slice(&other.points);
         self.lines.extend_from_slice(&other.lines);
         self.pieces.extend(other.pieces.iter().map(|piece| {
@@ -110,40 +142,39 @@ impl Pieces {
         }));
     }
 
-    /// Writes all pieces in a short order, and counts jumps and marks.
-    pub(super) fn write(&self, frames: &[HatchFrame], out: &mut Vectors, counts: &mut ScanCounts) {
-        let mut stops = Stops::default();
-        for piece in &self.pieces {
-            stops.push(self.ways(piece, frames), piece.turns());
-        }
-        let before_um = stops.jump_um(&stops.as_added());
-        let visits = stops.ordered();
-        let after_um = stops.jump_um(&visits);
-        let written = out.mark_count();
-        self.write_visits(&visits, &stops, frames, out);
-        let (jump_um, mark_um) = lengths_um(out, written);
-        counts.jump_um += jump_um;
-        counts.mark_um += mark_um;
-        // Within pieces the jumps are the same.
-        counts.unordered_jump_um += jump_um - after_um + before_um;
-    }
-
-    fn path(&self, piece: &Piece) -> &[[i32; 2]] {
+    /// The points of a path.
+    pub(super) fn path(&self, piece: &Piece) -> &[[i32; 2]] {
         &self.points[piece.begin..piece.begin + piece.count]
     }
 
-    /// The ways to mark a piece. See [`Stops::push`].
-    fn ways(&self, piece: &Piece, frames: &[HatchFrame]) -> Vec<Way> {
+    /// The hatches of a part, as they were found.
+    pub(super) fn hatches(&self, piece: &Piece) -> &[HatchLine] {
+        &self.lines[piece.begin..piece.begin + piece.count]
+    }
+
+    /// Number of ways to mark a piece.
+    pub(super) fn ways_of(&self, piece: &Piece) -> usize {
+        match piece.kind {
+            Kind::Path => match ring(self.path(piece)) {
+                Some(ring) => ring.len().div_ceil(ring_step(ring)),
+                None => 2,
+            },
+            Kind::Part { goes_both_ways: true, .. } => 4,
+            Kind::Part { goes_both_ways: false, .. } => 2.min(piece.count),
+        }
+    }
+
+    /// The ways to mark a piece. See [`Stops::push`](super::order::Stops::push).
+    pub(super) fn ways(&self, piece: &Piece, frames: &[HatchFrame]) -> Vec<Way> {
         let Kind::Part { frame, goes_both_ways } = piece.kind else {
             let points = self.path(piece);
             let [first, last] = [points[0], points[points.len() - 1]];
-            if first != last || points.len() == 1 {
-                return vec![[first, last], [last, first]];
-            }
-            let step = (points.len() - 1).div_ceil(MAX_RING_STARTS);
-            return points[1..].iter().step_by(step).map(|point| [*point; 2]).collect();
+            return match ring(points) {
+                Some(ring) => ring.iter().step_by(ring_step(ring)).map(|point| [*point; 2]).collect(),
+                None => vec![[first, last], [last, first]],
+            };
         };
-        let lines = &self.lines[piece.begin..piece.begin + piece.count];
+        let lines = self.hatches(piece);
         let frame = &frames[usize::from(frame)];
         let (first, last) = (lines[0], lines[lines.len() - 1]);
         let ends = |line: HatchLine| [line.from_um, line.to_um].map(|along_um| frame.point_um(line.line, along_um));
@@ -158,78 +189,29 @@ impl Pieces {
         }
     }
 
-    fn write_visits(&self, visits: &[Visit], stops: &Stops, frames: &[HatchFrame], out: &mut Vectors) {
-        let mut at = None;
-        let mut path = Vec::new();
-        let mut hatches = Vec::new();
-        for (number, visit) in visits.iter().enumerate() {
-            let piece = &self.pieces[visit.stop as usize];
-            let Kind::Part { frame, .. } = piece.kind else {
-                let next = visits.get(number + 1).map(|next| stops.way(*next)[0]);
-                path.clear();
-                self.lay_path(piece, visit.way, at, next, &mut path);
-                out.push_path(piece.class, &path);
-                at = path.last().copied();
-                continue;
-            };
-            hatches.clear();
-            self.lay_part(piece, visit.way, &mut hatches);
-            out.push_hatches(piece.class, frames[usize::from(frame)], &hatches);
-            at = Some(stops.way(*visit)[1]);
-        }
+    /// Number of points and of hatches of a piece.
+    pub(super) fn counts(piece: &Piece) -> [usize; 2] {
+        if piece.kind == Kind::Path { [piece.count, 0] } else { [0, piece.count] }
     }
 
-    /// A path from where it is entered. A ring begins where that costs least between the laser's place and the next stop's.
-    fn lay_path(
-        &self,
-        piece: &Piece,
-        way: u32,
-        at: Option<[i32; 2]>,
-        next: Option<[i32; 2]>,
-        path: &mut Vec<[i32; 2]>,
-    ) {
-        let points = self.path(piece);
-        let [first, last] = [points[0], points[points.len() - 1]];
-        if first != last || points.len() == 1 {
-            path.extend_from_slice(points);
-            if way == 1 {
-                path.reverse();
+    /// Where a piece is entered by its first way.
+    pub(super) fn place(&self, piece: &Piece, frames: &[HatchFrame]) -> [i32; 2] {
+        match piece.kind {
+            Kind::Path => self.path(piece)[0],
+            Kind::Part { frame, .. } => {
+                let HatchLine { line, from_um, .. } = self.hatches(piece)[0];
+                frames[usize::from(frame)].point_um(line, from_um)
             }
-            return;
-        }
-        let ring = &points[1..];
-        let far = |from: [i32; 2], to: Option<[i32; 2]>| to.map_or(0.0, |to| distance_um(from, to));
-        let cost = |point: [i32; 2]| far(point, at) + far(point, next);
-        let best = (0..ring.len()).min_by(|a, b| cost(ring[*a]).total_cmp(&cost(ring[*b]))).unwrap_or(0);
-        path.extend_from_slice(&ring[best..]);
-        path.extend_from_slice(&ring[..=best]);
-    }
-
-    /// The hatches of a part, in the order and the direction of a way.
-    fn lay_part(&self, piece: &Piece, way: u32, hatches: &mut Vec<HatchLine>) {
-        hatches.extend_from_slice(&self.lines[piece.begin..piece.begin + piece.count]);
-        let flip = |line: &mut HatchLine| std::mem::swap(&mut line.from_um, &mut line.to_um);
-        if piece.turns() {
-            // Ways 2 and 3 begin at the high end of the first line.
-            hatches.iter_mut().skip(usize::from(way < 2)).step_by(2).for_each(flip);
-            if way % 2 == 1 {
-                hatches.reverse();
-                hatches.iter_mut().for_each(flip);
-            }
-        } else if way == 1 {
-            hatches.reverse();
         }
     }
 }
 
-/// Length of the jumps and of the marks from a vector on, micrometres.
-fn lengths_um(vectors: &Vectors, first: u64) -> (f64, f64) {
-    let mut at = None;
-    let (mut jump_um, mut mark_um) = (0.0, 0.0);
-    for mark in vectors.marks().skip(usize::try_from(first).unwrap_or(usize::MAX)) {
-        jump_um += at.map_or(0.0, |at| distance_um(at, mark.from_um));
-        mark_um += distance_um(mark.from_um, mark.to_um);
-        at = Some(mark.to_um);
-    }
-    (jump_um, mark_um)
+/// The points of a path that is a ring, each once; `None` if it is a line or a point.
+pub(super) fn ring(path: &[[i32; 2]]) -> Option<&[[i32; 2]]> {
+    (path.len() > 1 && path.first() == path.last()).then(|| &path[1..])
+}
+
+/// Every how many points of a ring it may be begun.
+fn ring_step(ring: &[[i32; 2]]) -> usize {
+    ring.len().div_ceil(MAX_RING_STARTS)
 }

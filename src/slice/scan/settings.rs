@@ -1,5 +1,7 @@
 //! How regions are filled. `pipeline` makes it from a recipe. `slice/scan` uses it.
 
+use crate::layer::MarkClass;
+
 /// How the regions of a layer are marked. All lengths are micrometres.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScanSettings {
@@ -90,6 +92,17 @@ impl ScanSettings {
     /// Whether the filling depends on the layers above and below.
     pub fn has_skins(&self) -> bool {
         self.up_skin.is_some() || self.down_skin.is_some()
+    }
+
+    /// The classes that vectors may have, in the order of their numbers.
+    pub fn classes(&self) -> Vec<MarkClass> {
+        let occurs = |class: &MarkClass| match class {
+            MarkClass::Hatch => self.hatch.is_some(),
+            MarkClass::UpSkin => self.up_skin.is_some(),
+            MarkClass::DownSkin => self.down_skin.is_some(),
+            MarkClass::Contour | MarkClass::Thin | MarkClass::Point => true,
+        };
+        MarkClass::ALL.into_iter().filter(occurs).collect()
     }
 
     /// Whether all lengths can be used.

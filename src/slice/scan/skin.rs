@@ -1,40 +1,44 @@
 //! Where nothing lies above or below a region. `layer_plan` uses it.
 
-use super::offset::{Area, Point};
+use super::offset::{Area, Point, to_nm};
 use super::region::Region;
 
 /// Cells of the index along each axis. A layer of 50,000 regions has 50 in a cell.
 const CELLS: i32 = 32;
 
+/// Low and high corner.
+type Corners = [Point; 2];
+
 /// The regions of a neighbouring layer, found by place.
 pub(super) struct Cover {
-    areas: Vec<(Area, [Point; 2])>,
-    low: Point,
-    /// Size of a cell, nanometres, at least 1.
-    cell_nm: [i32; 2],
+    areas: Vec<(Area, Corners)>,
+    grid: Grid,
     /// Numbers of the areas whose bounds touch each cell.
     cells: Vec<Vec<u32>>,
 }
 
-impl Cover {
-    /// Indexes the regions of a layer.
-    pub(super) fn new(regions: &[Region]) -> Self {
-        let areas: Vec<(Area, [Point; 2])> =
-            regions.iter().map(Area::of).filter_map(|area| area.bounds_nm().map(|bounds| (area, bounds))).collect();
-        let low = areas.iter().map(|(_, [low, _])| *low).reduce(|a, b| Point::new(a.x.min(b.x), a.y.min(b.y)));
-        let high = areas.iter().map(|(_, [_, high])| *high).reduce(|a, b| Point::new(a.x.max(b.x), a.y.max(b.y)));
-        let (low, high) = (low.unwrap_or(Point::new(0, 0)), high.unwrap_or(Point::new(0, 0)));
-        let cell_nm = [(high.x - low.x) / CELLS + 1, (high.y - low.y) / CELLS + 1];
-        let mut cover = Self { areas, low, cell_nm, cells: vec![Vec::new(); (CELLS * CELLS) as usize] };
-        for number in 0..cover.areas.len() {
-            for cell in cover.cells_of(&cover.areas[number].1) {
-                cover.cells[cell].push(number as u32);
-            }
-        }
-        cover
+/// Where cells are.
+#[derive(Clone, Copy)]
+struct Grid {
+    low: Point,
+    /// Size of a cell, nanometres, at least 1.
+    cell_nm: [i32; 2],
+}
+
+impl Grid {
+    /// Around everything with these bounds.
+    fn around(bounds: impl Iterator<Item = Corners>) -> Self {
+        let around = |[low, high]: Corners, [other_low, other_high]: Corners| {
+            [
+                Point::new(low.x.min(other_low.x), low.y.min(other_low.y)),
+                Point::new(high.x.max(other_high.x), high.y.max(other_high.y)),
+            ]
+        };
+        let [low, high] = bounds.reduce(around).unwrap_or([Point::new(0, 0); 2]);
+        Self { low, cell_nm: [(high.x - low.x) / CELLS + 1, (high.y - low.y) / CELLS + 1] }
     }
 
-    fn cells_of(&self, [low, high]: &[Point; 2]) -> impl Iterator<Item = usize> + use<> {
+    fn cells_of(&self, [low, high]: &Corners) -> impl Iterator<Item = usize> + use<> {
         // In 64 bits: bounds of another layer may lie far outside.
         let cell = |nm: i32, low_nm: i32, cell_nm: i32| {
             ((i64::from(nm) - i64::from(low_nm)) / i64::from(cell_nm)).clamp(0, i64::from(CELLS) - 1) as i32
@@ -43,25 +47,73 @@ impl Cover {
         let rows = cell(low.y, self.low.y, self.cell_nm[1])..=cell(high.y, self.low.y, self.cell_nm[1]);
         rows.flat_map(move |row| columns.clone().map(move |column| (row * CELLS + column) as usize))
     }
+}
+
+impl Cover {
+    /// Indexes the regions of a layer.
+    pub(super) fn new(regions: &[Region]) -> Self {
+        let areas: Vec<(Area, Corners)> =
+            regions.iter().map(Area::of).filter_map(|area| area.bounds_nm().map(|bounds| (area, bounds))).collect();
+        let grid = Grid::around(areas.iter().map(|(_, bounds)| *bounds));
+        let mut cells = vec![Vec::new(); (CELLS * CELLS) as usize];
+        for (number, (_, bounds)) in areas.iter().enumerate() {
+            for cell in grid.cells_of(bounds) {
+                cells[cell].push(number as u32);
+            }
+        }
+        Self { areas, grid, cells }
+    }
+
+    /// The most memory that the index of these regions takes, bytes. Lists grow by doubling.
+    pub(super) fn bytes(regions: &[Region]) -> u64 {
+        let bounds = || regions.iter().filter_map(bounds_nm);
+        let grid = Grid::around(bounds());
+        let touched: usize = bounds().map(|bounds| grid.cells_of(&bounds).count()).sum();
+        let (rings, points) = regions
+            .iter()
+            .flat_map(Region::rings)
+            .fold((0, 0), |(rings, points), ring| (rings + 1, points + ring.len()));
+        let of_areas = points * size_of::<Point>() + (rings + regions.len()) * size_of::<Vec<Point>>();
+        let of_lists = 3 * regions.len() * size_of::<(Area, Corners)>() + 3 * touched * size_of::<u32>();
+        // A list begins with room for four.
+        let of_cells = (CELLS * CELLS) as usize * (size_of::<Vec<u32>>() + 4 * size_of::<u32>());
+        (of_areas + of_lists + of_cells) as u64
+    }
 
     /// The areas whose bounds meet other bounds.
-    fn near(&self, bounds: &[Point; 2]) -> Area {
-        let mut found: Vec<u32> = self.cells_of(bounds).flat_map(|cell| self.cells[cell].iter().copied()).collect();
+    fn near(&self, bounds: &Corners) -> impl Iterator<Item = &Area> {
+        let mut found: Vec<u32> =
+            self.grid.cells_of(bounds).flat_map(|cell| self.cells[cell].iter().copied()).collect();
         found.sort_unstable();
         found.dedup();
-        let [low, high] = bounds;
-        let meets = |[other_low, other_high]: &[Point; 2]| {
+        let [low, high] = *bounds;
+        let meets = move |[other_low, other_high]: &Corners| {
             other_low.x <= high.x && other_high.x >= low.x && other_low.y <= high.y && other_high.y >= low.y
         };
-        let areas = found.iter().map(|number| &self.areas[*number as usize]).filter(|(_, bounds)| meets(bounds));
-        Area::from_shapes(areas.flat_map(|(area, _)| area.shapes().iter().cloned()).collect())
+        let areas = found.into_iter().map(|number| &self.areas[number as usize]);
+        areas.filter(move |(_, bounds)| meets(bounds)).map(|(area, _)| area)
     }
+
+    /// Number of points of the areas whose bounds meet those of a region.
+    pub(super) fn points_near(&self, region: &Region) -> u64 {
+        let Some(bounds) = bounds_nm(region) else { return 0 };
+        self.near(&bounds).flat_map(Area::rings).map(Vec::len).sum::<usize>() as u64
+    }
+}
+
+/// The corners of a region.
+fn bounds_nm(region: &Region) -> Option<Corners> {
+    let points = region.outer.iter().map(|point| to_nm(*point));
+    points.map(|point| [point; 2]).reduce(|[low, high], [point, _]| {
+        [Point::new(low.x.min(point.x), low.y.min(point.y)), Point::new(high.x.max(point.x), high.y.max(point.y))]
+    })
 }
 
 /// The part of an area that the neighbouring layer does not cover. Strips narrower than a beam are left out: each layer of a slope has one.
 pub(super) fn exposed(area: &Area, cover: &Cover, beam_um: f64) -> Area {
     let Some(bounds) = area.bounds_nm() else { return Area::default() };
-    let open = area.subtract(&cover.near(&bounds));
+    let near = cover.near(&bounds).flat_map(|near| near.shapes().iter().cloned());
+    let open = area.subtract(&Area::from_shapes(near.collect()));
     open.offset(-beam_um / 2.0).offset(beam_um / 2.0)
 }
 

@@ -12,12 +12,12 @@ use super::path::ring_edges;
 /// border bends by less than a ten thousandth of a degree, because a corner then looks like a straight line.
 const TOUCH_NM: f64 = 4.0;
 
-/// What is left of an edge that was moved, or of an arc around its end.
+/// What is left of an edge that was moved, or of an arc around its end. There may be two for each edge of a large region, so it is small.
 pub(super) struct Piece {
     pub(super) from: Vector,
     pub(super) to: Vector,
-    /// Centre and unit vectors of an arc.
-    pub(super) arc: Option<(Vector, [Vector; 2])>,
+    /// Number of an arc; [`NONE`] for a line.
+    pub(super) arc: u32,
     /// Whether it begins or ends where the line or arc does.
     pub(super) is_whole: [bool; 2],
     /// Number of the line or arc, and of the next one on the ring.
@@ -26,8 +26,21 @@ pub(super) struct Piece {
     pub(super) next: u32,
 }
 
-/// No piece, yet.
+/// No piece yet, or no arc.
 pub(super) const NONE: u32 = u32::MAX;
+
+/// What is left of an arc.
+pub(super) struct Arc {
+    pub(super) centre: Vector,
+    /// Unit vectors from the centre to its ends.
+    pub(super) ends: [Vector; 2],
+}
+
+/// All pieces of one offset.
+pub(super) struct Pieces {
+    pub(super) pieces: Vec<Piece>,
+    pub(super) arcs: Vec<Arc>,
+}
 
 /// What the pieces of one offset have in common. Lengths are nanometres.
 pub(super) struct Stitcher {
@@ -43,13 +56,13 @@ pub(super) struct Stitcher {
 
 impl Stitcher {
     /// The shapes, each an outer ring and its holes. `None` if the pieces do not fit together.
-    pub(super) fn shapes(&self, mut pieces: Vec<Piece>) -> Option<Vec<Vec<Contour>>> {
+    pub(super) fn shapes(&self, Pieces { mut pieces, arcs }: Pieces) -> Option<Vec<Vec<Contour>>> {
         link(&mut pieces)?;
-        nest(self.rings(&pieces))
+        nest(self.rings(&pieces, &arcs))
     }
 
     /// The rings that the pieces make.
-    fn rings(&self, pieces: &[Piece]) -> Vec<Contour> {
+    fn rings(&self, pieces: &[Piece], arcs: &[Arc]) -> Vec<Contour> {
         let least = least_cosine(self.radius, self.error);
         let mut rings = Vec::new();
         let mut is_done = vec![false; pieces.len()];
@@ -67,7 +80,7 @@ impl Stitcher {
                 if !std::mem::take(&mut is_begun) {
                     points.push(piece.from);
                 }
-                if let Some((centre, [begin, end])) = piece.arc {
+                if let Some(&Arc { centre, ends: [begin, end] }) = arcs.get(piece.arc as usize) {
                     let corner = if follows && is_followed { self.corner(begin, end) } else { None };
                     if let Some(corner) = corner {
                         points.pop();

@@ -20,7 +20,7 @@ use super::offset::{Area, Point, to_um};
 use super::path::{distance_um, length_um, ring_edges, simplify};
 
 /// By how much farther than its radius the disc reaches. It keeps rounding and the polygons of arcs from leaving slivers along borders.
-const REACH: f64 = 1.1;
+pub(super) const REACH: f64 = 1.1;
 
 /// What a region consists of.
 #[derive(Debug, Default)]

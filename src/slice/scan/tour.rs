@@ -68,7 +68,8 @@ impl<'a> Tour<'a> {
 
     /// The stops near the two ends of each stop.
     pub(super) fn near(&self, tree: &Tree<'_>) -> Near {
-        let mut near = Near { stops: Vec::with_capacity(2 * MAX_NEAR * self.visits.len()), ends: Vec::new() };
+        let count = self.visits.len();
+        let mut near = Near { stops: Vec::with_capacity(2 * MAX_NEAR * count), ends: Vec::with_capacity(count) };
         let mut found = Vec::with_capacity(2 * MAX_NEAR);
         for stop in 0..self.visits.len() as u32 {
             let [enter, leave] = self.ways[self.places[stop as usize] as usize];

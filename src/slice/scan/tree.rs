@@ -41,13 +41,15 @@ impl<'a> Tree<'a> {
     pub(super) fn new(stops: &'a Stops) -> Self {
         let visits = (0..stops.len() as u32)
             .flat_map(|stop| (0..stops.range(stop).len() as u32).map(move |way| Visit { stop, way }));
-        let points: Vec<Entry> = visits.map(|visit| Entry { at: stops.way(visit)[0], visit }).collect();
+        let mut points: Vec<Entry> = Vec::with_capacity(stops.way_count());
+        points.extend(visits.map(|visit| Entry { at: stops.way(visit)[0], visit }));
         let mut tree = Self {
             stops,
             leaves: vec![0; points.len()],
             places: vec![0; points.len()],
             points,
-            boxes: Vec::new(),
+            // A box that is divided has more than LEAF_POINTS points, so none has less than half as many.
+            boxes: Vec::with_capacity(4 * stops.way_count() / LEAF_POINTS + 1),
             taken: vec![false; stops.len()],
         };
         if !tree.points.is_empty() {

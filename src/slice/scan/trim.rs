@@ -8,7 +8,7 @@ use super::border::{
     Border, Bounds, CircleCut, Edge, Spans, Vector, along, circle_in_capsule, cross, dot, line_in_capsule,
 };
 use super::offset::{Area, Contour};
-use super::stitch::{NONE, Piece, Stitcher};
+use super::stitch::{Arc, NONE, Piece, Pieces, Stitcher};
 
 /// The area offset inwards (negative distance) or outwards, nanometres. `None` if trimming cannot tell.
 pub(super) fn offset(area: &Area, distance_nm: f64, error_nm: f64) -> Option<Vec<Vec<Contour>>> {
@@ -40,13 +40,16 @@ impl Trimmer<'_> {
         cross(edge.along, next.along) * self.side > 0.0
     }
 
-    fn pieces(&self) -> Option<Vec<Piece>> {
+    fn pieces(&self) -> Option<Pieces> {
         let edges = &self.border.edges;
         let mut before = vec![NONE; edges.len()];
         for (number, edge) in edges.iter().enumerate() {
             before[edge.next as usize] = number as u32;
         }
-        let mut pieces = Vec::with_capacity(2 * edges.len());
+        let arc_count = edges.iter().filter(|edge| !self.turns_in(edge)).count();
+        // More are needed only where other edges cut lines in two.
+        let (pieces, arcs) = (Vec::with_capacity(edges.len() + arc_count), Vec::with_capacity(arc_count));
+        let mut found = Pieces { pieces, arcs };
         let mut spans = Spans::default();
         let mut near = Vec::new();
         for first in (0..edges.len()).step_by(GROUP_EDGES) {
@@ -59,14 +62,14 @@ impl Trimmer<'_> {
             });
             for number in group {
                 self.trim_line(number as u32, before[number], &near, &mut spans);
-                self.add_line(number as u32, &spans, &mut pieces);
+                self.add_line(number as u32, &spans, &mut found.pieces);
                 if !self.turns_in(&edges[number]) {
                     self.trim_arc(number as u32, &near, &mut spans)?;
-                    self.add_arc(number as u32, &spans, &mut pieces);
+                    self.add_arc(number as u32, &spans, &mut found);
                 }
             }
         }
-        Some(pieces)
+        Some(found)
     }
 
     /// Box of the line and the arc of an edge.
@@ -111,7 +114,7 @@ impl Trimmer<'_> {
         pieces.extend(spans.left.iter().map(|[low, high]| Piece {
             from: along(from, edge.along, *low),
             to: along(from, edge.along, *high),
-            arc: None,
+            arc: NONE,
             is_whole: [*low == 0.0, *high == edge.length],
             place: 2 * number,
             after,
@@ -165,22 +168,23 @@ impl Trimmer<'_> {
         Some(())
     }
 
-    fn add_arc(&self, number: u32, spans: &Spans, pieces: &mut Vec<Piece>) {
+    fn add_arc(&self, number: u32, spans: &Spans, found: &mut Pieces) {
         let edge = &self.border.edges[number as usize];
         let [begin, end] = self.arc_ends(edge);
         let whole = self.turn(begin, end).min(2.0);
         let centre = edge.end();
         for [low, high] in &spans.left {
             let ends = [*low, *high].map(|turn| if turn == whole { end } else { self.turned(begin, turn) });
-            pieces.push(Piece {
+            found.pieces.push(Piece {
                 from: along(centre, ends[0], self.radius),
                 to: along(centre, ends[1], self.radius),
-                arc: Some((centre, ends)),
+                arc: found.arcs.len() as u32,
                 is_whole: [*low == 0.0, *high == whole],
                 place: 2 * number + 1,
                 after: 2 * edge.next,
                 next: NONE,
             });
+            found.arcs.push(Arc { centre, ends });
         }
     }
 
@@ -246,7 +250,7 @@ mod tests {
 
     /// Checks that trimming gives the area of the library, but for what arcs and whole nanometres take along the border.
     fn assert_alike(area: &Area, distance_um: f64) -> Option<Area> {
-        let expected = area.library_offset(distance_um);
+        let expected = area.library_offset(distance_um, ERROR_UM);
         let found = Area::from_shapes(offset(area, distance_um * 1000.0, ERROR_UM * 1000.0)?);
         let only_um2 = found.subtract(&expected).area_um2() + expected.subtract(&found).area_um2();
         let length_um: f64 = [&found, &expected].map(border_um).iter().sum();

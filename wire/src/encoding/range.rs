@@ -48,6 +48,11 @@ impl<'a> RangeEncoder<'a> {
         Self { bytes, low: 0, range: u32::MAX }
     }
 
+    /// Number of bytes so far.
+    pub(super) fn written_bytes(&self) -> usize {
+        self.bytes.len()
+    }
+
     /// Writes a bit with the given probability, which adapts.
     pub(super) fn put(&mut self, bit: bool, probability: &mut Probability) {
         let share = probability.share(self.range);

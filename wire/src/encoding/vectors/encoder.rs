@@ -127,6 +127,11 @@ impl<'a> VectorEncoder<'a> {
         Ok(())
     }
 
+    /// Number of bytes so far; up to four more hold what was written last.
+    pub fn written_bytes(&self) -> usize {
+        self.symbols.written_bytes()
+    }
+
     /// Ends the layer. Returns what a device computes of the vectors, too.
     pub fn finish(mut self) -> LayerSum {
         self.symbols.put(Field::Head { after: self.track.after }, command::END);

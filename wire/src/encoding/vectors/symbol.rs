@@ -82,6 +82,13 @@ impl<'a> SymbolWriter<'a> {
         }
     }
 
+    pub(super) fn written_bytes(&self) -> usize {
+        match self {
+            Self::Plain(bytes) => bytes.len(),
+            Self::Coded(coder, _) => coder.written_bytes(),
+        }
+    }
+
     pub(super) fn finish(self) {
         if let Self::Coded(coder, _) = self {
             coder.finish();
