@@ -10,8 +10,11 @@ const JUNCTION_UM: f64 = 10.0;
 const PLANNED: usize = 15;
 /// Length of the mark that stands for a point, micrometres.
 const POINT_UM: f64 = 40.0;
-/// Bytes of a line for one move, about.
-const LINE_BYTES: f64 = 25.0;
+/// Bytes of a line for a mark and for a jump, about.
+const MARK_BYTES: f64 = 26.0;
+const JUMP_BYTES: f64 = 17.0;
+/// Lines in the receive buffer behind those that are planned: grbl 1.1 has room for 127 bytes.
+const LINES_KEPT: usize = 5;
 
 /// What decides how long axes take.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,10 +36,12 @@ struct Move {
     /// Square of the greatest speed, and the acceleration along it.
     speed_2: f64,
     acceleration: f64,
+    is_jump: bool,
 }
 
-/// Memory that the moves of a mark take while their time is computed, bytes: a jump and a mark, in lists that grow by doubling.
-pub const BYTES_PER_MARK: u64 = 6 * size_of::<Move>() as u64 + 64;
+/// Memory that the moves of a mark take while their time is computed, bytes: a jump and a mark, each with its corner and three times, in
+/// lists that grow by doubling.
+pub const BYTES_PER_MARK: u64 = 6 * (size_of::<Move>() + 4 * size_of::<f64>()) as u64 + 64;
 
 /// How long the laser is on, and how long marking takes, microseconds, from `from_um`, if that is known. The laser's time is what it would be
 /// at full speed: its power follows the speed. Delays of scanners do not apply. The formulas of corners are those of grbl's planner (Jeon
@@ -48,8 +53,7 @@ pub(super) fn times_us(
     from_um: Option<[i32; 2]>,
 ) -> (f64, f64) {
     let (moves, laser_us) = moves(vectors, lasers, motion, from_um);
-    let line_us = LINE_BYTES * 10.0 * 1e6 / f64::from(motion.baud.max(1));
-    (laser_us, (planned_s(&moves) * 1e6).max(moves.len() as f64 * line_us))
+    (laser_us, planned_s(&moves, motion.baud) * 1e6)
 }
 
 /// The moves of a layer, jumps included, and how long the laser is on at full speed, microseconds.
@@ -95,6 +99,7 @@ impl Move {
             direction,
             speed_2: speed_um_s.min(motion.max_speed_um_s / steepest).powi(2),
             acceleration: motion.acceleration_um_s2 / steepest,
+            is_jump: speed_um_s.is_infinite(),
         })
     }
 
@@ -111,42 +116,70 @@ impl Move {
     }
 }
 
-/// How long the moves take from rest to rest, seconds.
-fn planned_s(moves: &[Move]) -> f64 {
-    let ahead_um: Vec<f64> = windows_um(moves);
-    // Squares of the speeds at which moves begin; the last entry is the end.
-    let mut begin_2 = vec![0.0; moves.len() + 1];
-    for (place, pair) in moves.windows(2).enumerate() {
-        let acceleration = pair[0].acceleration.min(pair[1].acceleration);
-        // Behind the last planned move, the controller must be able to stand.
-        let stop_2 = 2.0 * acceleration * ahead_um[place + 1];
-        begin_2[place + 1] = pair[0].corner_2(&pair[1], acceleration).min(stop_2);
+/// How long the moves take from rest to rest, seconds, when their lines come at this rate.
+fn planned_s(moves: &[Move], baud: u32) -> f64 {
+    let mut lines = Lines::new(baud);
+    // Squares of the greatest speeds at which moves may begin.
+    let corners_2: Vec<f64> = std::iter::once(0.0)
+        .chain(moves.windows(2).map(|pair| pair[0].corner_2(&pair[1], pair[0].acceleration.min(pair[1].acceleration))))
+        .collect();
+    let (mut now_s, mut begin_2) = (0.0, 0.0);
+    for (place, move_) in moves.iter().enumerate() {
+        // It plans again with each line that comes before it must brake.
+        let known = lines.known(place, moves, now_s + move_.time_s(begin_2, 0.0) / 2.0);
+        now_s = f64::max(now_s, lines.taken_s[place]);
+        // Behind the last move that it knows, the controller must be able to stand.
+        let mut end_2 = 0.0;
+        for next in (place + 1..known).rev() {
+            end_2 = f64::min(corners_2[next], end_2 + moves[next].reach_2());
+        }
+        end_2 = end_2.min(begin_2 + move_.reach_2());
+        now_s += move_.time_s(begin_2, end_2);
+        lines.done_s.push(now_s);
+        begin_2 = end_2;
     }
-    let reach = |move_: &Move| 2.0 * move_.acceleration * move_.length_um;
-    for place in (0..moves.len()).rev() {
-        begin_2[place] = f64::min(begin_2[place], begin_2[place + 1] + reach(&moves[place]));
-    }
-    for place in 0..moves.len() {
-        begin_2[place + 1] = f64::min(begin_2[place + 1], begin_2[place] + reach(&moves[place]));
-    }
-    moves.iter().zip(begin_2.windows(2)).map(|(move_, ends)| move_.time_s(ends[0], ends[1])).sum()
+    now_s
 }
 
-/// For each move the length of those that are planned when the one before it runs: itself, and the moves behind it.
-fn windows_um(moves: &[Move]) -> Vec<f64> {
-    let mut windows_um = vec![0.0; moves.len()];
-    let mut sum_um = 0.0;
-    for place in (0..moves.len()).rev() {
-        sum_um += moves[place].length_um;
-        if let Some(beyond) = moves.get(place + PLANNED - 1) {
-            sum_um -= beyond.length_um;
-        }
-        windows_um[place] = sum_um;
+/// When the lines of moves arrive. A controller takes a line when its planner has room, and keeps some bytes of those behind it.
+struct Lines {
+    byte_s: f64,
+    /// When each line has come, and when the planner has taken it, seconds.
+    come_s: Vec<f64>,
+    taken_s: Vec<f64>,
+    /// When each move is done.
+    done_s: Vec<f64>,
+}
+
+impl Lines {
+    fn new(baud: u32) -> Self {
+        Self { byte_s: 10.0 / f64::from(baud.max(1)), come_s: Vec::new(), taken_s: Vec::new(), done_s: Vec::new() }
     }
-    windows_um
+
+    /// The number of moves that the controller knows at a time, when all before `place` are done; at least up to this one.
+    fn known(&mut self, place: usize, moves: &[Move], now_s: f64) -> usize {
+        // With so many before it, the planner is full.
+        while self.taken_s.len() < moves.len().min(place + PLANNED) {
+            let number = self.taken_s.len();
+            let bytes = if moves[number].is_jump { JUMP_BYTES } else { MARK_BYTES };
+            let has_room_s = number.checked_sub(LINES_KEPT).map_or(0.0, |before| self.taken_s[before]);
+            let free_s = self.come_s.last().copied().unwrap_or(0.0);
+            let come_s = f64::max(has_room_s, free_s) + bytes * self.byte_s;
+            let planned_s = number.checked_sub(PLANNED).map_or(0.0, |before| self.done_s[before]);
+            self.come_s.push(come_s);
+            self.taken_s.push(come_s.max(planned_s));
+        }
+        let known = self.taken_s[place..].iter().take_while(|taken_s| **taken_s <= now_s).count();
+        place + known.max(1)
+    }
 }
 
 impl Move {
+    /// By how much the square of its speed may change along it.
+    fn reach_2(&self) -> f64 {
+        2.0 * self.acceleration * self.length_um
+    }
+
     /// How long it takes between these squares of speeds, seconds.
     fn time_s(&self, begin_2: f64, end_2: f64) -> f64 {
         let peak_2 = (0.5 * (begin_2 + end_2) + self.acceleration * self.length_um).min(self.speed_2);
@@ -173,30 +206,31 @@ mod tests {
 
     #[test]
     fn a_line_from_rest_to_rest() {
-        // 100 mm at 100 mm/s, and 0.1 s for each of the two ramps, of which half is lost.
-        assert_eq!(mark_ms(&[[0, 0], [100_000, 0]], 100_000), 1_100);
+        // 100 mm at 100 mm/s, and 0.1 s for each of the two ramps, of which half is lost. The line of the first move takes 2 ms.
+        assert_eq!(mark_ms(&[[0, 0], [100_000, 0]], 100_000), 1_102);
         // Never at full speed: 10 mm with 1 m/s².
-        assert_eq!(mark_ms(&[[0, 0], [10_000, 0]], 200_000), 200);
+        assert_eq!(mark_ms(&[[0, 0], [10_000, 0]], 200_000), 202);
     }
 
     #[test]
     fn corners_slow_down_and_turns_stop() {
         let straight = mark_ms(&[[0, 0], [50_000, 0], [100_000, 0]], 100_000);
-        assert_eq!(straight, 1_100);
+        assert_eq!(straight, 1_102);
         let corner = mark_ms(&[[0, 0], [50_000, 0], [50_000, 50_000]], 100_000);
         let turn = mark_ms(&[[0, 0], [50_000, 0], [0, 0]], 100_000);
-        assert_eq!(turn, 1_200);
+        assert_eq!(turn, 1_202);
         assert!(straight < corner && corner < turn, "{straight} {corner} {turn}");
     }
 
     #[test]
     fn short_moves_are_limited_by_what_is_planned_ahead_and_by_the_line() {
-        // 14 moves of 100 µm: room to stop from 53 mm/s.
-        let short: Vec<[i32; 2]> = (0..=1000).map(|place| [place * 100, 0]).collect();
+        // 14 moves of 200 µm: room to stop from 75 mm/s, on a line that is fast enough for that.
+        let short: Vec<[i32; 2]> = (0..=1000).map(|place| [place * 200, 0]).collect();
         let short_ms = mark_ms(&short, 200_000);
-        assert!((1_890..2_250).contains(&short_ms), "{short_ms}");
-        // 1000 lines of 25 bytes at 11,520 bytes a second.
-        let tiny: Vec<[i32; 2]> = (0..=1000).map(|place| [place * 20, 0]).collect();
-        assert_eq!(mark_ms(&tiny, 200_000), 2_170);
+        assert!((2_660..2_900).contains(&short_ms), "{short_ms}");
+        // 1000 lines of 26 bytes at 11,520 bytes a second.
+        let tiny: Vec<[i32; 2]> = (0..=1000).map(|place| [place * 40, 0]).collect();
+        let tiny_ms = mark_ms(&tiny, 200_000);
+        assert!((2_250..2_350).contains(&tiny_ms), "{tiny_ms}");
     }
 }

@@ -4,6 +4,7 @@
 mod bench;
 #[path = "../grbl_model/mod.rs"]
 mod grbl_model;
+mod lockstep;
 mod misfortunes;
 #[path = "../support/mod.rs"]
 mod support;

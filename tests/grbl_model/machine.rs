@@ -35,7 +35,7 @@ pub(super) enum Busy {
 }
 
 /// A controller on a machine. Time never goes back between calls.
-pub(super) struct Machine {
+pub(crate) struct Machine {
     pub(super) options: Options,
     pub(super) facts: Facts,
     pub(super) beam: Beam,
@@ -76,7 +76,7 @@ pub(super) struct Machine {
 }
 
 impl Machine {
-    pub(super) fn new(options: Options) -> Self {
+    pub(crate) fn new(options: Options) -> Self {
         let deviation = options.settings.get(&11).copied().unwrap_or(0.01);
         let trouble = Trouble::new(&options.faults);
         let mut systems = [[0.0; AXES]; 6];
@@ -122,19 +122,19 @@ impl Machine {
     }
 
     /// The facts up to now.
-    pub(super) fn facts(&mut self) -> Facts {
+    pub(crate) fn facts(&mut self) -> Facts {
         self.beam.account(self.now_us, &mut self.facts);
         self.facts.position_mm = self.true_place(self.stepped(self.motion.at(self.now_us).0));
         self.facts.clone()
     }
 
     /// Bytes for the host since the last call.
-    pub(super) fn take_output(&mut self) -> Vec<u8> {
+    pub(crate) fn take_output(&mut self) -> Vec<u8> {
         std::mem::take(&mut self.output)
     }
 
     /// A byte comes out of the line.
-    pub(super) fn receive(&mut self, now_us: u64, byte: u8) {
+    pub(crate) fn receive(&mut self, now_us: u64, byte: u8) {
         self.advance(now_us);
         self.facts.received_bytes += 1;
         let Some(byte) = self.trouble.on_line(byte) else { return };
@@ -152,7 +152,7 @@ impl Machine {
     }
 
     /// Lets time pass.
-    pub(super) fn advance(&mut self, to_us: u64) {
+    pub(crate) fn advance(&mut self, to_us: u64) {
         loop {
             self.work();
             let next_us = [self.motion.ends_us(), self.busy_until()].into_iter().flatten().min();

@@ -16,5 +16,6 @@ mod system;
 mod trouble;
 
 pub use facts::{Facts, Jump, Mark};
+pub(crate) use machine::Machine;
 pub use options::{Fault, Firmware, Options};
 pub use port::GrblModel;

@@ -30,6 +30,8 @@ pub(super) struct Running {
     moved_us: u64,
     /// Reports in a row of a beam that is beside its way.
     astray: u32,
+    /// Whether the controller homes, and may answer nothing for minutes.
+    is_homing: bool,
 }
 
 /// What is done.
@@ -90,7 +92,7 @@ impl Running {
 impl Firmware {
     /// Whether the controller may answer nothing for minutes: grbl 1.1 is deaf while it homes.
     pub(in crate::link::grbl) fn is_deaf(&self) -> bool {
-        self.running.as_ref().is_some_and(|running| matches!(running.act, Act::Home) && running.stage == Stage::Lines)
+        self.running.as_ref().is_some_and(|running| running.is_homing)
     }
 
     /// Begins an act. None is under way.
@@ -108,17 +110,23 @@ impl Firmware {
         };
         let stage = match &act {
             Act::Mark(_) => Stage::Preparing,
-            Act::Home => Stage::Lines,
             Act::Move(_) => Stage::Naming,
-            Act::Recoat => Stage::Resting(None),
+            Act::Home | Act::Recoat => Stage::Resting(None),
         };
-        self.push_lines(&act);
+        let is_homing = self.push_lines(&act);
         if !matches!(act, Act::Mark(_)) {
             self.recoated = false;
         }
         let now_us = self.now_us;
-        self.running =
-            Some(Running { number: Some(number), act, stage, watch_us: now_us, moved_us: now_us, astray: 0 });
+        self.running = Some(Running {
+            number: Some(number),
+            act,
+            stage,
+            watch_us: now_us,
+            moved_us: now_us,
+            astray: 0,
+            is_homing,
+        });
         Ok(())
     }
 
@@ -157,8 +165,8 @@ impl Firmware {
         Ok(Marking::new(layer, (from_vector, broken), deadline_us, field_um, self.power()))
     }
 
-    /// The lines of an act; of a marking, those before its way begins.
-    fn push_lines(&mut self, act: &Act) {
+    /// The lines of an act; of a marking, those before its way begins. Returns whether the first one homes.
+    fn push_lines(&mut self, act: &Act) -> bool {
         let homes = self.controller.as_ref().is_some_and(|controller| controller.homes);
         let is_homing = homes && matches!(act, Act::Home);
         if is_homing {
@@ -181,7 +189,8 @@ impl Firmware {
                 self.push(gcode::name_plate(-travel.position_um - z_um));
                 // The name must not outlast the move.
                 self.is_prepared = false;
-                return self.push(gcode::OFFSETS);
+                self.push(gcode::OFFSETS);
+                return false;
             }
             Act::Recoat => {
                 for line in self.machine.recoat_gcode.clone() {
@@ -193,6 +202,7 @@ impl Firmware {
             Act::Mark(_) => self.push(gcode::LASER),
         }
         self.push(gcode::SYNC);
+        is_homing
     }
 
     fn push(&mut self, line: impl Into<String>) {
@@ -203,6 +213,7 @@ impl Firmware {
     pub(super) fn act_answered(&mut self, kind: Kind) {
         let Some(running) = &mut self.running else { return };
         running.moved_us = self.now_us;
+        running.is_homing = false;
         if let (Kind::Beam, Act::Mark(marking)) = (kind, &mut running.act) {
             marking.answered();
         }
@@ -213,7 +224,6 @@ impl Firmware {
         running.watch_us = self.now_us;
         match &mut running.stage {
             Stage::Resting(since_us) => *since_us = Some(self.now_us),
-            stage if matches!(running.act, Act::Home) => *stage = Stage::Resting(Some(self.now_us)),
             Stage::Naming => self.move_named(),
             _ => {}
         }

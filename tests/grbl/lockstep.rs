@@ -1,0 +1,266 @@
+//! A session and the model of a controller in virtual time: each byte takes its time on the line, and nothing depends on the host's speed.
+
+use std::collections::VecDeque;
+
+use layerd::device::{AxesMotion, ScanTimes, encoding};
+use layerd::layer::{LaserParameters, MarkClass, Vectors};
+use layerd::link::grbl::{GrblMachine, GrblSession};
+use layerd::link::message::{
+    DeviceMessage, Encoding, ExposureId, Fault as DeviceFault, HostMessage, PowderReply, PowderRequest, Refusal, Reply,
+    Report, Request,
+};
+use layerd::link::session::HostEvent;
+use layerd_wire::encoding::VectorEncoding;
+
+use crate::grbl_model::{Facts, Fault, Firmware, Machine, Options};
+
+const FIELD_UM: [u32; 2] = [40_000, 40_000];
+const BAUD: u32 = 115_200;
+/// How often both sides are looked at, microseconds.
+const TICK_US: u64 = 200;
+/// How long a byte takes on the line, microseconds.
+const BYTE_US: f64 = 10.0 * 1e6 / BAUD as f64;
+/// No layer here takes so long, microseconds: a host would give up.
+const PATIENCE_US: u64 = 30_000_000;
+/// The layer's depth, micrometres.
+const DEPTH_UM: i32 = 300;
+
+/// How a layer ended.
+#[derive(Debug, PartialEq)]
+enum End {
+    Marked,
+    Refused(Refusal),
+    Fault(DeviceFault),
+    Lost,
+    TooLong,
+}
+
+/// A host that has one layer marked, and the machine.
+struct Lockstep {
+    session: GrblSession,
+    machine: Machine,
+    now_us: u64,
+    /// Bytes on the line, with the time of their arrival, microseconds.
+    line: VecDeque<(u64, u8)>,
+    line_free_us: f64,
+    waiting: VecDeque<Request>,
+    layer: Vec<u8>,
+    /// The request under way, and how it was answered.
+    number: u32,
+    end: Option<End>,
+}
+
+fn grbl_machine() -> GrblMachine {
+    GrblMachine {
+        field_um: FIELD_UM,
+        max_power_mw: 5_000,
+        layer_height_um: [50, 200],
+        max_position_um: 50_000,
+        max_speed_um_s: 100_000,
+        acceleration_um_s2: 500_000,
+        recoat_gcode: vec!["M8".into(), "G4P0.5".into(), "M9".into()],
+    }
+}
+
+fn lasers() -> [LaserParameters; MarkClass::ALL.len()] {
+    MarkClass::ALL.map(|class| LaserParameters {
+        power_mw: if class == MarkClass::Contour { 2_000 } else { 3_000 },
+        mark_speed_um_s: if class == MarkClass::Contour { 40_000 } else { 60_000 },
+        jump_speed_um_s: 100_000,
+        point_time_us: 2_000,
+        ..LaserParameters::default()
+    })
+}
+
+/// Two rings, a zigzag, and some points.
+fn vectors() -> Vectors {
+    let mut vectors = Vectors::default();
+    for centre_um in [[10_000.0, 10_000.0], [14_000.0, 10_000.0]] {
+        let corner = |place: i32| {
+            let angle = f64::from(place % 40) / 40.0 * std::f64::consts::TAU;
+            [centre_um[0] + 1500.0 * angle.cos(), centre_um[1] + 1500.0 * angle.sin()].map(|um: f64| um.round() as i32)
+        };
+        vectors.push_path(MarkClass::Contour, &(0..=40).map(corner).collect::<Vec<_>>());
+    }
+    for line in 0..24 {
+        let (left_um, right_um, y_um) = (9_000, 11_000, 9_000 + 80 * line);
+        let ends =
+            if line % 2 == 0 { [[left_um, y_um], [right_um, y_um]] } else { [[right_um, y_um], [left_um, y_um]] };
+        vectors.push_path(MarkClass::Hatch, &ends);
+    }
+    for point in 0..4 {
+        vectors.push_path(MarkClass::Point, &[[20_000 + 500 * point, 20_000]]);
+    }
+    vectors
+}
+
+impl Lockstep {
+    fn new(options: Options) -> Self {
+        let (mut layer, vectors) = (Vec::new(), vectors());
+        let sum = encoding::encode_vectors(&vectors, VectorEncoding::Plain, FIELD_UM, &lasers(), &mut layer)
+            .expect("encodes");
+        let id = ExposureId::first_pass(7, 0);
+        let begin = Request::LayerBegin {
+            slot: 0,
+            id,
+            encoding: Encoding::Vectors,
+            encoded_bytes: layer.len() as u32,
+            decoded_crc32: sum.crc32,
+        };
+        let acts = [
+            PowderRequest::Home,
+            PowderRequest::Move { position_um: DEPTH_UM, speed_um_s: 5_000 },
+            PowderRequest::Recoat,
+            PowderRequest::Mark { id, from_vector: 0, most_ms: 50_000 },
+        ];
+        Self {
+            session: GrblSession::new(1, 2, grbl_machine(), 0),
+            machine: Machine::new(options),
+            now_us: 0,
+            line: VecDeque::new(),
+            line_free_us: 0.0,
+            waiting: std::iter::once(begin).chain(acts.map(Request::Powder)).collect(),
+            layer,
+            number: 0,
+            end: None,
+        }
+    }
+
+    /// Runs until the layer has ended, and the machine stands.
+    fn run(mut self) -> (End, Facts) {
+        while self.end.is_none() {
+            self.tick();
+            if self.now_us > PATIENCE_US {
+                self.end = Some(End::TooLong);
+            }
+        }
+        for _ in 0..3_000_000 / TICK_US {
+            self.tick();
+        }
+        let facts = self.machine.facts();
+        (self.end.take().unwrap_or(End::TooLong), facts)
+    }
+
+    fn tick(&mut self) {
+        self.now_us += TICK_US;
+        let now_us = self.now_us;
+        self.session.handle_timeout(now_us);
+        while self.line_free_us <= now_us as f64
+            && let Some(bytes) = self.session.transmit(now_us)
+        {
+            self.line_free_us = self.line_free_us.max(now_us as f64);
+            for byte in bytes {
+                self.line_free_us += BYTE_US;
+                self.line.push_back((self.line_free_us as u64, byte));
+            }
+        }
+        while self.line.front().is_some_and(|(at_us, _)| *at_us <= now_us) {
+            if let Some((at_us, byte)) = self.line.pop_front() {
+                self.machine.receive(at_us, byte);
+            }
+        }
+        self.machine.advance(now_us);
+        let said = self.machine.take_output();
+        if !said.is_empty() {
+            self.session.receive(&said, now_us);
+        }
+        while let Some(event) = self.session.event() {
+            self.hear(event);
+        }
+    }
+
+    fn hear(&mut self, event: HostEvent) {
+        match event {
+            HostEvent::Connected { .. } => self.next(),
+            HostEvent::Message(DeviceMessage::Reply { number, reply }) if number == self.number => match reply {
+                Reply::Powder(PowderReply::Marked { .. }) => self.ended(End::Marked),
+                Reply::Refused(refusal) => self.ended(End::Refused(refusal)),
+                _ => self.next(),
+            },
+            HostEvent::Message(DeviceMessage::Report(Report::Fault(Some(fault)))) => self.ended(End::Fault(fault)),
+            HostEvent::Lost(_) | HostEvent::Refused(_) => self.ended(End::Lost),
+            HostEvent::Message(_) | HostEvent::UrgentDone { .. } => {}
+        }
+    }
+
+    fn ended(&mut self, end: End) {
+        self.end.get_or_insert(end);
+    }
+
+    fn next(&mut self) {
+        let Some(request) = self.waiting.pop_front() else { return };
+        self.number += 1;
+        let data = matches!(request, Request::LayerBegin { .. })
+            .then(|| HostMessage::LayerData(std::mem::take(&mut self.layer)));
+        for message in std::iter::once(HostMessage::Request { number: self.number, request }).chain(data) {
+            self.session.send(&message).expect("connected");
+        }
+    }
+}
+
+/// What the machine marked, in steps: from, to, `S` and feed.
+fn marked(facts: &Facts) -> Vec<[i64; 6]> {
+    let steps = |mm: f64| (mm * 250.0).round() as i64;
+    let of = |mark: &crate::grbl_model::Mark| {
+        let [from, to] = [mark.from_mm, mark.to_mm].map(|point| [steps(point[0]), steps(point[1])]);
+        [from[0], from[1], to[0], to[1], mark.s.round() as i64, mark.feed_mm_per_min.round() as i64]
+    };
+    facts.marks.iter().map(of).collect()
+}
+
+#[test]
+fn a_layer_takes_the_time_that_was_computed() {
+    let motion = AxesMotion { max_speed_um_s: 100_000.0, acceleration_um_s2: 500_000.0, baud: BAUD };
+    let computed_ms = u64::from(ScanTimes::of(&vectors(), &lasers(), Some(&motion)).mark_ms);
+    for firmware in [Firmware::Grbl11, Firmware::GrblHal] {
+        let (end, facts) = Lockstep::new(Options::new(firmware)).run();
+        assert_eq!(end, End::Marked);
+        assert_eq!(facts.marks.len(), 80 + 24 + 4);
+        let took_ms = (facts.marks[facts.marks.len() - 1].ended_us - facts.marks[0].began_us) / 1000;
+        assert!(took_ms.abs_diff(computed_ms) * 20 <= took_ms, "{firmware:?}: {took_ms} ms, computed {computed_ms} ms");
+    }
+}
+
+/// Every byte of a print is lost or changed once, each in a print of its own. There is no checksum, so not all of it can be noticed. But
+/// the plate never leaves its way, the laser never burns at rest, and what is not noticed is one mark in the wrong way or with the wrong
+/// power, not more.
+#[test]
+fn a_byte_that_is_lost_or_changed_is_noticed_or_does_little() {
+    let (end, right) = Lockstep::new(Options::new(Firmware::Grbl11)).run();
+    assert_eq!(end, End::Marked);
+    let (bytes, right) = (right.received_bytes, marked(&right));
+    let (mut harmless, mut noticed, mut unnoticed) = (0, 0, 0);
+    let stride = 11;
+    for (round, nth) in (1..=bytes).step_by(stride).enumerate() {
+        let fault = match round % 2 {
+            0 => Fault::LoseByte { nth },
+            _ => Fault::FlipByte { nth, mask: 1 << (round / 2 % 7) },
+        };
+        let (end, facts) = Lockstep::new(Options::new(Firmware::Grbl11).fault(fault.clone())).run();
+        let what = format!("{fault:?}: {end:?}");
+        assert!(facts.longest_at_rest_lit_us <= 30_000 && !facts.is_lit, "{what}");
+        for jump in &facts.jumps {
+            let depth_mm = -jump.to_mm[2];
+            assert!(
+                (-0.02..=f64::from(DEPTH_UM) / 1000.0 + 0.02).contains(&depth_mm),
+                "{what}: the plate went to {depth_mm} mm"
+            );
+        }
+        let found = marked(&facts);
+        match end {
+            End::Marked if found == right => harmless += 1,
+            End::Marked => {
+                let wrong = right.iter().filter(|mark| !found.contains(mark)).count();
+                assert!(wrong <= 2 && found.len().abs_diff(right.len()) <= 1, "{what}: {wrong} marks are wrong");
+                unnoticed += 1;
+            }
+            // The host limits the time of every act. Here it is the recoater's.
+            End::TooLong | End::Refused(_) | End::Fault(_) | End::Lost => noticed += 1,
+        }
+    }
+    println!(
+        "of {} bytes: {harmless} did nothing, {noticed} were noticed, {unnoticed} were not",
+        harmless + noticed + unnoticed
+    );
+    assert!(noticed > unnoticed, "{noticed} noticed, {unnoticed} not");
+}
