@@ -9,6 +9,9 @@ use crate::text::mm_text;
 /// A plate this far below the clear height still counts as clear, micrometres: axes report positions to some ten micrometres.
 pub(crate) const CLEAR_TOLERANCE_UM: i32 = 100;
 
+/// How deep a plate may be that counts as level with the working plane, micrometres: a few steps of an axis. A single layer is deeper.
+pub(crate) const LEVEL_TOLERANCE_UM: i32 = 5;
+
 /// Signs kept for a job. A device shows a handful, and few devices are connected one after the other.
 pub(crate) const MAX_SIGNS: usize = 64;
 
@@ -140,7 +143,7 @@ pub(crate) fn text(signs: &[Sign], job: u32) -> String {
     };
     let signs: Vec<_> = signs.iter().filter(is_new).map(ToString::to_string).collect();
     format!(
-        "waits for an empty plate: look at plate and vat, take out what is there, then `layerctl resume {job}`. Why: {}",
+        "waits for an empty plate: look at the machine, take out what is there, then `layerctl resume {job}`. Why: {}",
         signs.join("; ")
     )
 }

@@ -10,7 +10,7 @@ use crate::config::Kind;
 use crate::daemon::background::Background;
 use crate::daemon::jobs::Account;
 use crate::daemon::jobs::job::{Job, TakeUp};
-use crate::daemon::jobs::sign::{CLEAR_TOLERANCE_UM, Seen, Sign, text, traces};
+use crate::daemon::jobs::sign::{CLEAR_TOLERANCE_UM, LEVEL_TOLERANCE_UM, Seen, Sign, text, traces};
 use crate::daemon::machine::idle::Idle;
 use crate::job::{Event, Trace};
 use crate::link::message::DeviceState;
@@ -47,7 +47,7 @@ impl Printer {
                 let is_low = position_um < clear_um - CLEAR_TOLERANCE_UM;
                 is_low.then_some(Sign::Low { position_um, clear_um, boot_id })
             }
-            Kind::Slm => (position_um > CLEAR_TOLERANCE_UM).then_some(Sign::Deep { position_um, boot_id }),
+            Kind::Slm => (position_um > LEVEL_TOLERANCE_UM).then_some(Sign::Deep { position_um, boot_id }),
         }
     }
 
