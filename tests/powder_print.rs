@@ -93,6 +93,9 @@ fn a_print_marks_every_layer_once_and_melts_what_was_sliced() {
     let layers = bench.printed(id);
     assert!(layers >= 20, "{layers}");
     assert_eq!(assert_marked_once(&bench, layers), 0);
+    for words in [bench.ok(&["status"]), bench.ok(&["jobs"]), bench.ok(&["log", &id.to_string()])] {
+        assert!(!words.contains("resin") && !words.contains("vat"), "a laser machine has no resin: {words}");
+    }
     let (covered, beside) = coverage(&bench, layers);
     assert!(covered > 0.97 && beside < 0.03, "covered {covered}, beside {beside}");
     let (computed, measured) = marking_ms(&bench);

@@ -104,7 +104,7 @@ pub enum LogRecord {
         /// How.
         order: EndOrder,
     },
-    /// The machine rests: the plate was lifted clear of the resin at the end.
+    /// The machine rests, and the part is safe: in a vat, the plate was lifted clear of the resin at the end.
     Parked,
     /// The last record was damaged when the journal was opened to be continued, and was dropped.
     Dropped {

@@ -69,7 +69,7 @@ Examples:
   layerctl resume 7 --in-doubt exposed     the layer in doubt was exposed: go on with the next
   layerctl resume 7 --in-doubt repeat      it was not: expose it again
 
-Look at plate and vat, and take out what is there, before you confirm that the plate is empty: the plate goes down onto whatever is \
+Look at the machine, and take out what is there, before you confirm that the plate is empty: the plate goes down onto whatever is \
 left. A layer is in doubt when its exposure was commanded, but neither the journal nor the device can tell whether it ran. Layers \
 are numbered from 0, as their files are.")]
 pub(super) struct ResumeArgs {

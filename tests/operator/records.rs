@@ -145,7 +145,7 @@ fn the_log_of_a_job_tells_layers_pauses_orders_and_the_end() {
     bench.wait_for(id, &["stopped"]);
     let told = story(&bench, &["1"]);
     assert_eq!(told[5], "resumed");
-    for words in ["ordered to stop", "the plate is lifted clear of the resin"] {
+    for words in ["ordered to stop", "parked: the machine rests, and the part is where it is safe"] {
         assert!(told.iter().any(|line| line == words), "`{words}` is not in {told:?}");
     }
     assert!(told.last().expect("an end").starts_with("ended: stopped: stopped by the operator"), "{told:?}");

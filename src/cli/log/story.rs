@@ -130,7 +130,7 @@ impl Story {
                 format!("ordered to {}", order.verb())
             }
             LogRecord::Dropped { what } => plain_line(what),
-            LogRecord::Parked => "the plate is lifted clear of the resin".into(),
+            LogRecord::Parked => "parked: the machine rests, and the part is where it is safe".into(),
             LogRecord::Ended { state, reason } => {
                 self.runs = false;
                 let word = if *state == JobState::Interrupted { "interrupted" } else { "ended" };

@@ -4,7 +4,7 @@ use super::past::Past;
 use super::resin::Resin;
 use super::sign::{MAX_SIGNS, Sign};
 use crate::api::JobView;
-use crate::config::{Machine, Recipe};
+use crate::config::{Kind, Machine, Recipe};
 use crate::daemon::handle::Reply;
 use crate::job::{
     Command, EndOrder, Entry as JournalEntry, Forgotten, History, JobDirectory, JobState, Journal, LEFTOVER_MS,
@@ -153,6 +153,12 @@ impl Job {
         let mut job = Self { unconfirmed_ms, made_for, ..Self::new(directory, key, view, past, awaits_plate) };
         resin.into_iter().for_each(|resin| job.set_resin(resin));
         job
+    }
+
+    /// Whether it is still to be found out how much resin its part takes: only machines with a vat take resin.
+    pub(crate) fn is_unsampled(&self) -> bool {
+        let has_vat = self.made_for.as_ref().is_some_and(|made_for| made_for.0.kind() == Kind::Dlp);
+        has_vat && self.resin.is_none() && !self.view.state.is_final()
     }
 
     /// Notes about how much resin its part takes.

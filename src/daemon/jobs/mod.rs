@@ -106,8 +106,7 @@ impl Jobs {
 
     /// The parts of jobs that are not over and whose resin is not estimated.
     pub(crate) fn unsampled(&self) -> impl Iterator<Item = &JobDirectory> {
-        let jobs = self.jobs.values().filter(|job| !job.view.state.is_final() && job.view.resin_ml.is_none());
-        jobs.map(|job| &job.directory)
+        self.jobs.values().filter(|job| job.is_unsampled()).map(|job| &job.directory)
     }
 
     /// The jobs that are over, and what must stay known of each when its record is deleted.

@@ -54,7 +54,9 @@ impl Printer {
     pub(crate) fn accepted(&mut self, result: Result<Box<Job>, OrderError>, jobs_ended: u64, reply: Reply) {
         let answer = result.map(|job| {
             let id = job.directory.id;
-            self.sampler.want(&job.directory);
+            if job.is_unsampled() {
+                self.sampler.want(&job.directory);
+            }
             self.jobs.accept(*job);
             // The operator has seen the plate only if this job is next, no job ended while it arrived, and the client still waits
             // for the answer. A job needs a confirmation otherwise.

@@ -56,7 +56,7 @@ impl Printer {
             self.notice(format!("the journal of job {id} can be read again: the job is {}", job.view.state));
             if job.view.state.is_final() {
                 self.jobs_ended += 1;
-            } else if job.view.resin_ml.is_none() {
+            } else if job.is_unsampled() {
                 self.sampler.want(&job.directory);
             }
             self.jobs.add(job);
