@@ -4,9 +4,14 @@
 //! of 20 µm on one thread. Every hundredth is written as PNG too, of the same depth: zlib level 9 and, for each picture, the
 //! shortest of the five filters and of libpng's way to choose one for each row. Speeds are means over the print, of processor
 //! time, so that other work on the machine counts little.
+//!
+//! Then 20 layers of scan vectors of the same lattice, upright, from z = 30 mm on: contours and zigzag hatches of a beam of 60 µm.
 //! Looks for the file in `$LAYERD_DATA`, default `../shared/data`; without it there is nothing to measure.
 
 mod cpu_time;
+#[path = "../tests/scan_samples/mod.rs"]
+mod scan_samples;
+mod spot_contours;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -18,12 +23,15 @@ use cpu_time::cpu_time;
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
 use layerd::buildfile::BuildFile;
-use layerd::device::encoding::encode;
-use layerd::layer::{Bitmap, Depth, Mirror, Raster};
+use layerd::device::encoding::{encode, encode_vectors};
+use layerd::layer::{Bitmap, Depth, LaserParameters, MarkClass, Mirror, Raster, Vectors};
 use layerd::link::message::Encoding;
+use layerd::slice::scan::{Fill, HatchStrategy, Neighbours};
 use layerd::slice::{BodySource, SlicePlan, Slicer};
 use layerd::stream::MemoryBudget;
-use layerd_wire::encoding::Decoder;
+use layerd_wire::encoding::{Decoder, VectorDecoder, VectorEncoding};
+use scan_samples::settings;
+use spot_contours::FIELD_UM;
 
 const RASTER: Raster = Raster {
     width_px: 3840,
@@ -37,6 +45,8 @@ const LAYER_HEIGHT_UM: f64 = 20.0;
 const LAYERS_PER_PNG: u32 = 100;
 /// As they come from the line.
 const PIECE_BYTES: usize = 1000;
+/// How often the layers of vectors are encoded: once takes a tenth of a second.
+const VECTOR_ROUNDS: usize = 10;
 
 fn main() {
     let default = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
@@ -71,6 +81,57 @@ fn main() {
             megapixels / sum.decoding.as_secs_f64(),
         );
     }
+    println!("encoding | vectors | bytes a vector | encode Mvectors/s | decode Mvectors/s");
+    let layers = scan_layers();
+    for encoding in [VectorEncoding::Plain, VectorEncoding::Coded] {
+        print_vectors(&layers, encoding);
+    }
+}
+
+/// The vectors of some layers.
+fn scan_layers() -> Vec<Vectors> {
+    let budget = MemoryBudget::new(1 << 30);
+    let settings = settings(HatchStrategy::Zigzag);
+    let Some((header, source)) = spot_contours::lattice(true) else { return Vec::new() };
+    let mut contours = spot_contours::contours(&header, &source, settings.simplify_tolerance_um, 1, &budget);
+    let mut fill = Fill::new(settings, 1, &budget).expect("good settings");
+    let layer = |_| {
+        let regions = contours.next_layer().expect("a layer").expect("a layer");
+        let mut vectors = Vectors::default();
+        fill.layer(regions.layer(), regions.regions(), Neighbours::default(), &mut vectors).expect("it fits");
+        vectors
+    };
+    (0..spot_contours::LAYERS).map(layer).collect()
+}
+
+/// Encodes and decodes layers, and prints how fast.
+fn print_vectors(layers: &[Vectors], encoding: VectorEncoding) {
+    let lasers = [LaserParameters::default(); MarkClass::ALL.len()];
+    let (mut bytes, mut byte_count, mut count) = (Vec::new(), 0, 0);
+    let (mut encoded, mut decoded) = (Duration::ZERO, Duration::ZERO);
+    for vectors in layers.iter().cycle().take(VECTOR_ROUNDS * layers.len()) {
+        let start = cpu_time();
+        let sum = encode_vectors(vectors, encoding, FIELD_UM, &lasers, &mut bytes).expect("it lies in the field");
+        encoded += cpu_time() - start;
+        byte_count += bytes.len();
+        count += vectors.mark_count();
+        let start = cpu_time();
+        let mut decoder = VectorDecoder::new(encoding, FIELD_UM, bytes.len() as u32);
+        for mut piece in bytes.chunks(PIECE_BYTES) {
+            while decoder.next(&mut piece).expect("its own bytes").is_some() {}
+        }
+        assert_eq!(decoder.finish().expect("a whole layer"), sum);
+        decoded += cpu_time() - start;
+    }
+    let mega = |time: Duration| count as f64 / 1e6 / time.as_secs_f64();
+    println!(
+        "{:<8} | {:>7} | {:>14.2} | {:>17.1} | {:>17.1}",
+        format!("{encoding:?}"),
+        count / VECTOR_ROUNDS as u64,
+        byte_count as f64 / count as f64,
+        mega(encoded),
+        mega(decoded)
+    );
 }
 
 #[derive(Default)]

@@ -6,11 +6,14 @@ use std::fs;
 use std::path::Path;
 use std::process::Output;
 
-use layerd::device::encoding::{best, encode, encode_shortest};
+use layerd::config::{Folder, Machine, Recipe, find};
+use layerd::device::encoding::{BEST_VECTORS, best, encode, encode_shortest};
 use layerd::layer::{Bitmap, Depth};
 use layerd::link::message::Encoding;
+use layerd::pipeline::{Placed, Resolution, default_threads};
 use layerd::solid::reference::beam_field;
 use layerd::solid::{Beam, Cap, ISOVALUE};
+use layerd::stream::MemoryBudget;
 use serde_json::Value;
 use support::{Bench, Setup, layerctl};
 
@@ -136,6 +139,57 @@ fn the_daemon_needs_what_check_says() {
 }
 
 /// A chessboard of single pixels is shorter as it is than in Group 4, so a print sends it raw. So does the estimate.
+#[test]
+fn check_computes_all_layers_of_a_laser_and_names_the_budget_that_the_largest_needs() {
+    let dir = tempfile::tempdir().expect("a directory");
+    let lattice =
+        ["generate", "bcc", "--struts", "5000", "--box", "22,22,0.7", "--radius", "0.12", "-o", "part.layerd"];
+    assert!(layerctl(dir.path(), &lattice).status.success());
+    // High layers, so that there are few.
+    let shipped = find(Folder::Recipes, "slm-demo").expect("it is shipped").text;
+    let recipe = shipped.replace("layer_height_um = 30.0", "layer_height_um = 100.0");
+    fs::write(dir.path().join("recipe.toml"), &recipe).expect("written");
+    let laser = ["--machine", "sim-slm", "--recipe", "recipe.toml", "--json", "--budget"];
+    let check =
+        |budget: u64| layerctl(dir.path(), &[&["check", "part.layerd"], &laser[..], &[&budget.to_string()]].concat());
+    let roomy = check(1 << 30);
+    let found = json(&roomy);
+    assert!(roomy.status.success(), "{}", stderr(&roomy));
+    let figure = |found: &Value, name: &str| found[name].as_u64().unwrap_or_else(|| panic!("no {name} in {found}"));
+    let need_bytes = figure(&found, "largest_layer_budget_bytes");
+    assert!(need_bytes > figure(&found, "memory_needed_bytes"), "the layers are what needs most: {found}");
+    assert_eq!((&found["unfit_layers"], figure(&found, "unmarked_parts")), (&Value::from(Vec::<u32>::new()), 0));
+
+    // That budget is enough for a print, and a mebibyte less is not.
+    let machine = find(Folder::Machines, "sim-slm").expect("it is shipped");
+    let machine = Machine::parse(&machine.path, &machine.text).expect("a machine");
+    let recipe = Recipe::parse(Path::new("recipe.toml"), &recipe).expect("a recipe");
+    let print = |limit_bytes: u64| -> Result<(), String> {
+        let placed = Placed::open(&dir.path().join("part.layerd"), &Resolution::of(&machine, &recipe));
+        let placed = placed.map_err(|error| error.to_string())?;
+        let memory = placed.memory(default_threads(), limit_bytes);
+        let budget = MemoryBudget::new(limit_bytes);
+        // As the queue that a print has.
+        let _queue = budget.charge("the queue", memory.queue_bytes(limit_bytes)).map_err(|error| error.to_string())?;
+        let part = placed.fit(default_threads(), limit_bytes).map_err(|error| error.to_string())?;
+        let mut layers = part.encoded_layers(0, BEST_VECTORS, &budget).map_err(|error| error.to_string())?;
+        layers.try_for_each(|layer| layer.map(|_| ()).map_err(|error| error.to_string()))
+    };
+    // The budget that is named is in whole mebibytes.
+    assert_eq!(print(need_bytes.div_ceil(1 << 20) << 20), Ok(()));
+    let too_small = print(need_bytes - (1 << 20)).expect_err("it does not fit");
+    let largest = figure(&found, "largest_layer");
+    assert!(too_small.contains("too complex") && too_small.contains("are free"), "{too_small}");
+
+    let short = check(need_bytes - (1 << 20));
+    let told = stderr(&short);
+    assert_eq!(short.status.code(), Some(1), "{told}");
+    let remedy = format!("memory_budget = \"{}MiB\"", need_bytes.div_ceil(1 << 20));
+    assert!(told.contains(&format!("layer {largest} needs")) && told.contains(&remedy), "{told}");
+    let unfit: Vec<[u64; 2]> = serde_json::from_value(json(&short)["unfit_layers"].clone()).expect("ranges");
+    assert!(unfit.iter().any(|[first, last]| (*first..=*last).contains(&largest)), "{unfit:?}");
+}
+
 #[test]
 fn check_measures_the_bytes_that_a_print_sends() {
     let dir = bench("", &[]);

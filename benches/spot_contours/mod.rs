@@ -52,6 +52,7 @@ pub(crate) fn contours(
 }
 
 /// The steps of contours, and the time that each took between two readings.
+#[allow(dead_code, reason = "the bench of encodings measures no contours")]
 pub(crate) fn steps(before: ContourTimes, after: ContourTimes) -> [(&'static str, Duration); 4] {
     [
         ("field", after.field - before.field),

@@ -1,6 +1,9 @@
 //! `layerctl check`: whether a print would run well. Size and memory come from header and index alone, at once. Times, and whether
-//! the bottom holds to the plate, come from layers computed here, which takes some seconds.
+//! the bottom holds to the plate, come from layers computed here, which takes some seconds. For a laser all layers are computed, because
+//! what one takes of memory is known only then: that takes minutes, a small share of the print.
 //! `tests/check.rs` compares it with the daemon.
+
+mod rehearsal;
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -13,10 +16,11 @@ use crate::buildfile::Header;
 use crate::config::{MIN_BUDGET_BYTES, Machine, Recipe, byte_size};
 use crate::device::encoding::{self, Choice};
 use crate::job::Process;
-use crate::pipeline::{Part, PartError, Placed, Resolution, ScanReport, default_threads};
+use crate::pipeline::{Part, PartError, Placed, Resolution, default_threads};
 use crate::slice::{Footing, SlicePlan};
 use crate::stream::MemoryBudget;
 use crate::text::{count_text, size_text};
+use rehearsal::{Rehearsal, rehearse, roomy};
 
 /// Check before a print whether a part fits the machine, the memory and the line, and holds to the plate.
 #[derive(Debug, clap::Args)]
@@ -99,18 +103,7 @@ struct Times {
     late_layers: Vec<[u32; 2]>,
     /// Of layers of scan vectors.
     #[serde(flatten)]
-    marking: Option<Marking>,
-}
-
-/// What a laser does for the layers computed here.
-#[derive(Debug, Serialize)]
-struct Marking {
-    vectors_mean: u64,
-    mark_ms_mean: f64,
-    /// Parts of these layers in which nothing is marked.
-    unmarked_parts: u64,
-    /// Of the whole print, if the device never waits.
-    print_time_s: u64,
+    rehearsal: Option<Rehearsal>,
 }
 
 /// One layer computed and encoded.
@@ -120,7 +113,6 @@ struct Sample {
     line_ms: f64,
     device_ms: f64,
     bytes: usize,
-    scan: Option<ScanReport>,
 }
 
 /// Runs the command.
@@ -195,21 +187,25 @@ fn judge(
         }
         Err(error) => return Err(error.into()),
     };
-    let encoding = match recipe {
-        Recipe::Dlp(_) => encoding::best(plan.depth),
-        Recipe::Slm(_) => encoding::BEST_VECTORS,
+    let (encoding, rehearsal, sample_budget) = match recipe {
+        Recipe::Dlp(_) => (encoding::best(plan.depth), None, MemoryBudget::new(budget)),
+        Recipe::Slm(_) => {
+            let rest_ms = process.layers_ms(0..plan.layer_count);
+            let encoding = encoding::BEST_VECTORS;
+            (encoding, Some(rehearse(&part, &memory, budget, encoding, rest_ms)?), roomy(budget))
+        }
     };
-    let samples = measure(&part, encoding, budget, &process, f64::from(machine.link().baud))?;
+    let samples = measure(&part, encoding, &sample_budget, &process, f64::from(machine.link().baud))?;
     let late_layers = late_layers(&samples, plan.layer_count);
     let footing = part.footing(recipe, budget)?;
     let dark = if let Footing::Dark { layers } = footing { layers } else { 0 };
     let late = (!late_layers.is_empty()).then(|| late_text(&late_layers));
     let loose = footing.problem(plan.layer_count);
-    let fits = loose.is_none();
-    let problems: Vec<_> = loose.into_iter().chain(late).chain(warnings).collect();
-    let marking = marking(&samples, process.layers_ms(0..plan.layer_count), plan.layer_count);
-    let problems: Vec<_> = marking.iter().filter_map(Marking::warning).chain(problems).collect();
-    let times = Times { marking, ..times(&samples, dark, late_layers) };
+    let unfit = rehearsal.as_ref().and_then(|rehearsal| rehearsal.problem(budget));
+    let fits = loose.is_none() && unfit.is_none();
+    let unmarked = rehearsal.as_ref().and_then(Rehearsal::warning);
+    let problems = unfit.into_iter().chain(loose).chain(unmarked).chain(late).chain(warnings).collect();
+    let times = Times { rehearsal, ..times(&samples, dark, late_layers) };
     Ok(Findings { fits, problems, size: Some(size), times: Some(times) })
 }
 
@@ -252,38 +248,20 @@ fn times(samples: &[Sample], dark_bottom_layers: u32, late_layers: Vec<[u32; 2]>
         line_ms_max: most(samples, |sample| sample.line_ms),
         dark_bottom_layers,
         late_layers,
-        marking: None,
-    }
-}
-
-/// What the samples say of marking; `rest_ms` is the time of all layers without it.
-fn marking(samples: &[Sample], rest_ms: f64, layer_count: u32) -> Option<Marking> {
-    samples.first()?.scan?;
-    let of = |value: fn(&ScanReport) -> f64| mean(samples, |sample| sample.scan.as_ref().map_or(0.0, value));
-    let mark_ms_mean = of(|scan| f64::from(scan.times.mark_ms));
-    Some(Marking {
-        vectors_mean: of(|scan| f64::from(scan.times.vectors)) as u64,
-        mark_ms_mean,
-        unmarked_parts: samples.iter().filter_map(|sample| sample.scan).map(|scan| scan.counts.unmarked).sum(),
-        print_time_s: ((rest_ms + mark_ms_mean * f64::from(layer_count)) / 1e3) as u64,
-    })
-}
-
-impl Marking {
-    fn warning(&self) -> Option<String> {
-        (self.unmarked_parts > 0).then(|| {
-            format!(
-                "nothing is marked in {} of the sampled layers, which are smaller than the beam: `layerctl slice --format svg` shows them",
-                count_text(self.unmarked_parts, "part")
-            )
-        })
+        rehearsal: None,
     }
 }
 
 /// Computes and encodes layers spread evenly over the part, each in a sweep of its own, as a print would send them to a device that
 /// reads every encoding. The time of the sweep's second layer counts: the first one includes reading the chunks, which a print
 /// does once.
-fn measure(part: &Part, encoding: Choice, budget: u64, process: &Process, baud: f64) -> anyhow::Result<Vec<Sample>> {
+fn measure(
+    part: &Part,
+    encoding: Choice,
+    budget: &MemoryBudget,
+    process: &Process,
+    baud: f64,
+) -> anyhow::Result<Vec<Sample>> {
     let mut samples = Vec::new();
     let count = MAX_SAMPLES.min(part.layer_count());
     let began = Instant::now();
@@ -296,7 +274,7 @@ fn measure(part: &Part, encoding: Choice, budget: u64, process: &Process, baud: 
             break;
         }
         let layer = (u64::from(part.layer_count()) * u64::from(2 * index + 1) / u64::from(2 * count)) as u32;
-        let mut layers = part.encoded_layers(layer.saturating_sub(1), encoding, &MemoryBudget::new(budget))?;
+        let mut layers = part.encoded_layers(layer.saturating_sub(1), encoding, budget)?;
         if layer > 0 {
             layers.next().transpose()?;
         }
@@ -305,9 +283,8 @@ fn measure(part: &Part, encoding: Choice, budget: u64, process: &Process, baud: 
         let compute_ms = start.elapsed().as_secs_f64() * 1e3;
         let bytes = encoded.bytes.len();
         let line_ms = bytes as f64 * LINE_BITS / baud * 1e3;
-        let scan = encoded.scan;
-        let device_ms = process.layer_ms(layer, scan.map(|scan| scan.times));
-        samples.push(Sample { layer, compute_ms, line_ms, device_ms, bytes, scan });
+        let device_ms = process.layer_ms(layer, encoded.scan.map(|scan| scan.times));
+        samples.push(Sample { layer, compute_ms, line_ms, device_ms, bytes });
     }
     samples.sort_by_key(|sample| sample.layer);
     Ok(samples)
@@ -389,9 +366,9 @@ fn verdict_text(findings: &Findings) -> String {
             times.compute_ms_mean, times.compute_ms_max
         ));
         lines.push(format!("line            {:.1} ms a layer, at most {:.1}", times.line_ms_mean, times.line_ms_max));
-        if let Some(Marking { vectors_mean, mark_ms_mean, print_time_s, .. }) = times.marking {
-            lines.push(format!("marking         {mark_ms_mean:.1} ms a layer, {}", count_text(vectors_mean, "vector")));
-            lines.push(time_line(print_time_s));
+        if let Some(rehearsal) = &times.rehearsal {
+            lines.extend(rehearsal.lines());
+            lines.push(time_line(rehearsal.print_time_s));
         }
     }
     // The first problem of a print that does not fit is reported as the command's error.
@@ -403,6 +380,9 @@ fn verdict_text(findings: &Findings) -> String {
             format!("verdict         fits{but}; the device will wait for some layers")
         }
         (true, _) => format!("verdict         fits{but}; the device never waits"),
+        (false, Some(Times { rehearsal: Some(rehearsal), .. })) if !rehearsal.unfit_layers.is_empty() => {
+            "verdict         does not fit the memory budget".into()
+        }
         (false, Some(_)) => "verdict         would not hold to the plate".into(),
         (false, None) => "verdict         does not fit".into(),
     });

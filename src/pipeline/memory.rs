@@ -100,7 +100,7 @@ impl PrintMemory {
     }
 
     /// Size of the queue of computed layers within a budget that is enough, bytes.
-    pub(super) fn queue_bytes(&self, limit_bytes: u64) -> u64 {
+    pub fn queue_bytes(&self, limit_bytes: u64) -> u64 {
         let rest_bytes = limit_bytes.saturating_sub(self.need_bytes());
         let more_bytes = if self.is_vectors { rest_bytes / VECTORS_QUEUE_SHARE } else { rest_bytes };
         (self.min_queue_bytes + more_bytes).min(MAX_QUEUE_BYTES.max(self.min_queue_bytes))
@@ -116,5 +116,20 @@ impl PrintMemory {
     pub fn max_bytes(&self, limit_bytes: u64) -> u64 {
         let queue_bytes = self.queue_bytes(limit_bytes);
         self.slicer_bytes + self.buffers(queue_bytes) + queue_bytes
+    }
+
+    /// The least budget with which a print computes a layer of scan vectors that took `peak_bytes`, together with the buffers of a budget of
+    /// `limit_bytes`.
+    pub fn budget_of_layer(&self, peak_bytes: u64, limit_bytes: u64) -> u64 {
+        let layer_bytes = peak_bytes.saturating_sub(self.buffer_bytes(limit_bytes));
+        let mut budget_bytes = self.need_bytes();
+        // A larger budget has a larger queue, by a small share, so this ends soon.
+        loop {
+            let taken_bytes = layer_bytes + self.buffer_bytes(budget_bytes) + self.queue_bytes(budget_bytes);
+            if taken_bytes <= budget_bytes {
+                return budget_bytes;
+            }
+            budget_bytes = taken_bytes;
+        }
     }
 }

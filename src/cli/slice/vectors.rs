@@ -114,9 +114,10 @@ fn summary(layers: u64, vectors: u64, counts: &ScanCounts, output: &Path) -> Str
     let mut lines = vec![
         format!("{} in {}", count_text(layers, "layer"), output.display()),
         format!(
-            "vectors         {vectors}, {:.2} m of marks and {:.2} m of jumps",
+            "vectors         {vectors}, {:.2} m of marks and {:.2} m of jumps ({:.2} m as the regions were found)",
             metres(counts.mark_um),
-            metres(counts.jump_um)
+            metres(counts.jump_um),
+            metres(counts.unordered_jump_um)
         ),
         format!(
             "narrow parts    {} as centre lines, {} as points, {} as contours only",

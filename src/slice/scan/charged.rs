@@ -38,6 +38,14 @@ impl<T: Copy> Charged<T> {
         Ok(())
     }
 
+    /// Makes room for this many items in all.
+    ///
+    /// # Errors
+    /// As [`Charged::push`].
+    pub(super) fn reserve(&mut self, items: usize) -> Result<(), BudgetExceeded> {
+        self.make_room(items.saturating_sub(self.items.len()))
+    }
+
     /// Removes all items.
     pub(super) fn clear(&mut self) {
         self.items.clear();

@@ -221,6 +221,9 @@ impl Contours {
     /// Simplifies the rings, each on any thread.
     fn simplify(&mut self) -> Result<(), BudgetExceeded> {
         let Rings { crossings, spans } = &mut self.rings;
+        // Any thread may simplify the longest ring: what is charged does not depend on which one does.
+        let longest = spans.iter().map(|span| (span.end - span.start) as usize).max().unwrap_or(0);
+        self.kept.iter_mut().try_for_each(|(kept, _)| kept.reserve(longest))?;
         let mut rest: &mut [_] = crossings;
         let rings = spans.iter_mut().map(|span| {
             let (ring, others) = std::mem::take(&mut rest).split_at_mut((span.end - span.start) as usize);
