@@ -10,6 +10,8 @@ const SECOND_US: u64 = 1_000_000;
 const BUSY_US: [u64; 3] = [32 * SECOND_US, 18 * SECOND_US, 15 * SECOND_US];
 /// The same for a laser machine.
 const LASER_BUSY_US: [u64; 3] = [60 * SECOND_US, 36 * SECOND_US, 28 * SECOND_US];
+/// Longest wait for light: a layer is lowered and recoated in less.
+pub(crate) const MAX_DARK_US: u64 = 12 * SECOND_US;
 /// Seeds from here on have a laser machine, those below a vat. So a seed means the same run as before there were laser machines.
 pub(crate) const LASER_SEEDS: u64 = 1_000_000_000;
 
@@ -29,7 +31,16 @@ pub(crate) struct Plan {
 #[derive(Clone, Debug)]
 pub(crate) struct Planned {
     pub(crate) at_us: u64,
+    /// It waits until there was light for so long, but at most [`MAX_DARK_US`].
+    pub(crate) lit_us: Option<u64>,
     pub(crate) what: What,
+}
+
+impl Planned {
+    /// What happens at a time, whatever the machine does then.
+    pub(crate) fn at(at_us: u64, what: What) -> Self {
+        Self { at_us, lit_us: None, what }
+    }
 }
 
 /// What happens.
@@ -273,13 +284,7 @@ impl Plan {
     pub(crate) fn calm(seed: u64) -> Self {
         let what = What::Order(Wish::Submit { part: 0 });
         let kind = Self::kind(seed);
-        Self {
-            seed,
-            kind,
-            character: Character::Honest,
-            confirms_plate: true,
-            events: vec![Planned { at_us: 10_000, what }],
-        }
+        Self { seed, kind, character: Character::Honest, confirms_plate: true, events: vec![Planned::at(10_000, what)] }
     }
 
     /// Draws a run.
@@ -289,7 +294,7 @@ impl Plan {
         let part = rng.pick(&[0, 1, 2, 2, 2, 2]);
         let first = What::Order(Wish::Submit { part });
         let busy_us = if kind.is_laser() { LASER_BUSY_US[part] } else { BUSY_US[part] };
-        let mut events = vec![Planned { at_us: rng.range(10_000..=2 * SECOND_US), what: first }];
+        let mut events = vec![Planned::at(rng.range(10_000..=2 * SECOND_US), first)];
         let mut character = Character::Honest;
         if rng.chance(0.4) {
             let characters = characters(kind);
@@ -306,7 +311,7 @@ impl Plan {
             let at_us = rng.below(busy_us);
             if let What::Machine(Incident::InterlockOpens(interlock)) = what {
                 let closes = What::Machine(Incident::InterlockCloses(interlock));
-                events.push(Planned { at_us: at_us + rng.range(10_000..=5 * SECOND_US), what: closes });
+                events.push(Planned::at(at_us + rng.range(10_000..=5 * SECOND_US), closes));
             }
             if let What::DiskUnreadable { for_us, .. } = what {
                 // A daemon reads most when it starts, and when it takes in a part or opens a job.
@@ -317,20 +322,26 @@ impl Plan {
                     2 => What::Order(Wish::Again { pick: 0 }),
                     _ => What::Order(Wish::Resume { pick: 0 }),
                 };
-                events.push(Planned { at_us: within_us, what: reads });
+                events.push(Planned::at(within_us, reads));
             }
-            events.push(Planned { at_us, what });
+            events.push(Planned::at(at_us, what));
         }
         for _ in 0..rng.below(6) {
             let at_us = rng.below(busy_us);
-            events.push(Planned { at_us, what: What::Order(wish(&mut rng)) });
+            events.push(Planned::at(at_us, What::Order(wish(&mut rng))));
             if rng.chance(0.3) {
                 // Several operators at once.
                 let at_us = at_us + rng.below(3_000);
-                events.push(Planned { at_us, what: What::Order(wish(&mut rng)) });
+                events.push(Planned::at(at_us, What::Order(wish(&mut rng))));
             }
         }
         events.sort_by_key(|event| event.at_us);
+        if kind.is_laser() {
+            // Most of the time powder is spread; most of what can go wrong goes wrong while a layer is marked.
+            for event in &mut events[1..] {
+                event.lit_us = rng.chance(0.5).then(|| rng.below(2 * SECOND_US));
+            }
+        }
         // Nobody looks at the plate of a machine that changes plates by itself: such a machine must be honest.
         let confirms_plate = character != Character::Honest || rng.chance(0.7);
         Self { seed, kind, character, confirms_plate, events }

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use crate::parts::{Filling, Kind};
 use crate::plan::{LASER_SEEDS, Plan, characters, fault_names};
 use crate::truth::{INVARIANTS, Violation, invariants};
-use crate::world::{EFFECTS, Report, run};
+use crate::world::{EFFECTS, LASER_EFFECTS, Report, run};
 
 /// A search of so many seeds with a vat machine must have met every kind of fault.
 const COMPLETE_SEEDS: u64 = 2_000;
@@ -66,7 +66,9 @@ impl Summary {
         ];
         for (kind, seeds, complete_seeds) in kinds {
             let lies = characters(kind).into_iter().map(|(name, _)| name).filter(|name| *name != "honest");
-            let mut kinds: Vec<_> = fault_names(kind).into_iter().chain(lies).chain(EFFECTS).collect();
+            let own: &[_] = if kind.is_laser() { &LASER_EFFECTS } else { &[] };
+            let effects = EFFECTS.iter().chain(own).copied();
+            let mut kinds: Vec<_> = fault_names(kind).into_iter().chain(lies).chain(effects).collect();
             kinds.retain(|name| self.count(name) == 0);
             let is_complete = seeds >= complete_seeds;
             if is_complete {

@@ -39,7 +39,7 @@ fn a_search_in_which_nothing_goes_wrong_fails() {
 
 /// Runs what a search found, made smaller.
 fn holds(seed: u64, character: Character, events: Vec<(u64, What)>) {
-    let events = events.into_iter().map(|(at_us, what)| Planned { at_us, what }).collect();
+    let events = events.into_iter().map(|(at_us, what)| Planned::at(at_us, what)).collect();
     let report = run(&Plan { seed, kind: Plan::kind(seed), character, confirms_plate: true, events }, true);
     if let Some(violation) = report.violation {
         panic!("{}: {}\n{}", violation.invariant, violation.text, report.trace.join("\n"));

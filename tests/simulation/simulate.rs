@@ -74,7 +74,8 @@ fn one(seed: u64, shrinks: bool, calm: bool) -> bool {
     }
     println!("seed {seed}: {:?}, {:?}", plan.kind, plan.character);
     for event in &plan.events {
-        println!("  planned at {:>10} µs: {:?}", event.at_us, event.what);
+        let lit = event.lit_us.map_or_else(String::new, |lit_us| format!(", after {lit_us} µs of light"));
+        println!("  planned at {:>10} µs{lit}: {:?}", event.at_us, event.what);
     }
     let report = run(&plan, true);
     report.trace.iter().for_each(|line| println!("{line}"));

@@ -18,7 +18,7 @@ use crate::line::Line;
 use crate::machine::Character;
 use crate::operators::Answers;
 use crate::parts::BAUD;
-use crate::plan::Plan;
+use crate::plan::{MAX_DARK_US, Plan, Planned};
 use crate::rng::Rng;
 use crate::truth::{Truth, Violation};
 use patient::Patient;
@@ -28,13 +28,20 @@ const SECOND_US: u64 = 1_000_000;
 /// Turns of the loop in a whole run: a run that is longer turns in circles.
 const MAX_TURNS: u64 = 3_000_000;
 /// What faults came to, counted.
-pub(crate) const EFFECTS: [&str; 6] = [
+pub(crate) const EFFECTS: &[&str] = &[
     "effect: a write found no room",
     "effect: a write failed",
     "effect: a read failed",
     "effect: unflushed bytes lost",
     "effect: unflushed names lost",
     "effect: lies told",
+];
+/// The same of laser machines.
+pub(crate) const LASER_EFFECTS: [&str; 4] = [
+    "effect: a vector was interrupted",
+    "effect: a layer went on",
+    "effect: a layer was decided by an operator",
+    "effect: a layer streamed",
 ];
 
 /// What came of a run.
@@ -254,7 +261,7 @@ impl World {
             self.end(end);
         }
         while let Some(event) = self.plan.events.get(self.next_event)
-            && event.at_us <= now_us
+            && self.due_us(event) <= now_us
         {
             let what = event.what.clone();
             self.next_event += 1;
@@ -277,11 +284,19 @@ impl World {
         self.be_patient();
     }
 
+    /// When something that is planned happens, as far as that is known now.
+    fn due_us(&self, event: &Planned) -> u64 {
+        let Some(lit_us) = event.lit_us else { return event.at_us };
+        let latest_us = event.at_us + MAX_DARK_US;
+        let lit = self.stations[self.connected].lit;
+        lit.map_or(latest_us, |lit| latest_us.min(event.at_us.max(lit.since_us + lit_us)))
+    }
+
     /// The next time at which something happens by itself.
     fn next_us(&self) -> u64 {
         let line = self.shared.line().next_us(self.now_us);
         let machines = self.stations.iter().filter_map(|station| station.machine.next_timeout_us());
-        let event = self.plan.events.get(self.next_event).map(|event| event.at_us);
+        let event = self.plan.events.get(self.next_event).map(|event| self.due_us(event));
         let work =
             self.host.as_ref().filter(|_| self.frozen_until_us.is_none()).and_then(|_| self.shared.next_work_us());
         let patient = self.patient.since_us.filter(|_| self.frozen_until_us.is_none()).map(|_| self.patient.look_us);

@@ -7,7 +7,7 @@ use layerd::api::{InDoubt, JobView};
 use layerd::daemon::handle::Answer;
 use layerd::job::JobState;
 
-use super::{Pause, World};
+use super::{LASER_EFFECTS, Pause, World};
 use crate::operators::{Ask, Decided, Given, asks_for_empty_plate, give, number};
 use crate::plan::Wish;
 
@@ -117,7 +117,8 @@ impl World {
                     && error.status != 500
                     && let Some(count) = self.promises.going.get_mut(id)
                 {
-                    *count -= 1;
+                    // It may have been given in a spool that was moved away since.
+                    *count = count.saturating_sub(1);
                 }
                 if error.message.contains("restart layerd")
                     && let Some(host) = &self.host
@@ -173,6 +174,9 @@ impl World {
                 }
             }
             Ask::Resume(_, Some((layer, choice))) => {
+                if self.plan.kind.is_laser() {
+                    self.happen(LASER_EFFECTS[2]);
+                }
                 let key = self.key_of(id);
                 if let Some(printed) = key.and_then(|key| self.truth.printed.get_mut(&key)) {
                     match choice {

@@ -1,6 +1,8 @@
 //! The machines, what is on their plates, and what their facts mean.
 
-use super::{SECOND_US, World};
+use layerd::link::message::{MachineCapabilities, PowderRequest, Request};
+
+use super::{LASER_EFFECTS, SECOND_US, World};
 use crate::machine::{Character, Fact, FactKind, KnownLayer, Machine};
 use crate::parts::{BAUD, CLEAR_UM, Kind, Layer};
 use crate::truth::{Bed, VECTOR_MS};
@@ -111,6 +113,7 @@ impl World {
         {
             self.truth.exposed_unseen(*id);
         }
+        self.count_effects(&fact.what);
         // Nobody knows how far a layer is marked that went on on another machine.
         let if_honest = self.is_honest(index) && self.stations.len() == 1;
         let is_laser = self.plan.kind.is_laser();
@@ -119,6 +122,22 @@ impl World {
         // The host asks for the state every half second.
         station.bed.is_told = station.bed.pushed_us.is_none_or(|us| us.max(disturbed_us) + 3 * SECOND_US / 2 < now_us);
         self.truth.fact(fact, &mut station.part_um, is_laser.then_some(&mut station.bed), if_honest);
+    }
+
+    /// Counts what faults came to on a laser machine.
+    fn count_effects(&mut self, fact: &FactKind) {
+        let [interrupted, went_on, _, streamed] = LASER_EFFECTS;
+        match fact {
+            FactKind::Vector { is_whole: false, .. } => self.happen(interrupted),
+            FactKind::Asked(Request::Powder(PowderRequest::Mark { from_vector: 1.., .. })) => self.happen(went_on),
+            FactKind::Asked(Request::LayerBegin { encoded_bytes, .. }) => {
+                let MachineCapabilities::Powder(powder) = self.plan.kind.capabilities().machine else { return };
+                if *encoded_bytes > powder.buffer_bytes {
+                    self.happen(streamed);
+                }
+            }
+            _ => {}
+        }
     }
 
     /// How long light that was commanded may last: a laser may end its vector.
