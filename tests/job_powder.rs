@@ -350,6 +350,56 @@ fn a_daemon_that_ends_lets_the_laser_stop_at_the_end_of_its_vector() {
 }
 
 #[test]
+fn a_recoater_that_still_works_for_the_session_before_is_waited_for() {
+    let mut world = World { mute: Some(2), lie: Some((3, Outcome::Refused(Refusal::Busy))), ..World::new() };
+    world.run();
+    world.engine.handle(Event::LineLost("unplugged".into()), world.now_us);
+    world.connect();
+    assert_eq!(world.acts[2..], [PowderAct::Recoat; 2], "it is refused: the first still runs");
+    for is_recoated in [false, false, true] {
+        assert!(world.end.is_none() && world.marks().is_empty(), "{:?}", world.end);
+        world.device.powder = Some(PowderState { recoated: is_recoated, ..PowderState::default() });
+        world.tell(Event::State(world.device.clone()));
+        world.now_us += SECOND_US / 2;
+        if is_recoated {
+            world.mute = None;
+        }
+        world.tell(Event::Timeout);
+    }
+    assert_eq!(world.ended(), (JobState::Completed, ""));
+    let recoats = world.acts.iter().filter(|act| matches!(act, PowderAct::Recoat)).count();
+    assert_eq!((recoats, world.marks().len()), (LAYERS as usize + 1, LAYERS as usize));
+}
+
+#[test]
+fn a_device_that_stays_busy_is_not_waited_for_without_end() {
+    let mut world = World { mute: Some(2), lie: Some((3, Outcome::Refused(Refusal::Busy))), ..World::new() };
+    world.run();
+    world.engine.handle(Event::LineLost("unplugged".into()), world.now_us);
+    world.connect();
+    world.lie = Some((4, Outcome::Refused(Refusal::Busy)));
+    world.mute = None;
+    world.now_us += SECOND_US / 2;
+    world.tell(Event::Timeout);
+    let (state, reason) = world.ended();
+    assert!(state != JobState::Completed && reason.contains("busy with something"), "{state} {reason}");
+    assert!(world.acts.len() == 5 && world.now_us < 60 * SECOND_US, "{:?}", world.acts);
+}
+
+#[test]
+fn a_layer_without_powder_interrupts_the_job_until_the_recoater_was_looked_at() {
+    let mut world = World { lie: Some((3, Outcome::Refused(Refusal::NotRecoated))), ..World::new() };
+    world.run();
+    let (state, reason) = world.ended();
+    assert!(state == JobState::Interrupted && reason.contains("no powder was spread"), "{state} {reason}");
+    world.device.powder = Some(PowderState::default());
+    let start = History::replay(&world.journal).expect("a journal").start(ResumeChoice::None).expect("no doubt");
+    let mut next = World::resumed(start, world.device.clone(), world.journal.clone());
+    next.run();
+    assert_eq!((next.ended(), next.marks()), ((JobState::Completed, ""), vec![(0, 0), (1, 0), (2, 0)]));
+}
+
+#[test]
 fn no_layer_is_marked_after_an_end_that_came_while_powder_was_spread() {
     let recoating = || {
         let mut world = World { mute: Some(2), ..World::new() };

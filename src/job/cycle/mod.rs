@@ -326,6 +326,14 @@ impl Cycle {
         }
     }
 
+    /// The device refused the act under way because it is busy. Returns a wait, if it may be busy with an act of the session before.
+    pub(super) fn busy(&mut self) -> Option<Step> {
+        match self {
+            Self::Vat(_) => None,
+            Self::Powder(powder) => powder.busy(),
+        }
+    }
+
     /// A [`Step::Wait`] is over.
     pub(super) fn waited(&mut self) -> Step {
         match self {

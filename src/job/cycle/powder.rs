@@ -12,6 +12,7 @@
 //! - A part rests in its powder: with the laser off it is safe where it is. So nothing moves for a pause or an end.
 //! - The plate only goes down while there may be a part. Homing raises it, so it is homed only while it is bare.
 //! - A plate that is not where it was sent, or an act that ends sooner than it can, ends the print.
+//! - A recoater goes on when its session is lost, and no state shows it. A device that is busy then is waited for.
 //! - A layer that was marked in part goes on with the vector that the device names. It is neither lowered nor recoated again, unless the
 //!   device no longer knows that it was recoated.
 
@@ -34,6 +35,8 @@ use crate::text::mm_text;
 const MARK_MARGIN_MS: u32 = 5_000;
 /// Longest time in which a laser ends the vector that it is on, once its session has ended, milliseconds. Devices refuse longer ones.
 pub const LEFTOVER_MS: u32 = 10_000;
+/// Time between two looks at a device that is busy with an act of the session before, microseconds: states come twice a second.
+const BUSY_WAIT_US: u64 = 500_000;
 /// Layers whose times are kept: those of a device's slots ([`MAX_SLOTS`](crate::link::codec::MAX_SLOTS)).
 const MAX_KNOWN: usize = 16;
 
@@ -51,6 +54,8 @@ pub(in crate::job) struct PowderCycle {
     known: Vec<(u32, ScanTimes)>,
     /// The first vector of the next layer that is not marked.
     from_vector: u32,
+    /// How often to wait, in this session, for an act of the session before.
+    busy_waits: u64,
 }
 
 /// What the machine is doing.
@@ -61,6 +66,8 @@ enum Stage {
     /// On its way to this depth, micrometres.
     Lowering(i32),
     Recoating,
+    /// The device is busy with an act of the session before: waits until that has spread the powder.
+    Busy,
     Settling,
     /// At rest for a pause or an end.
     Parked,
@@ -78,11 +85,13 @@ impl PowderCycle {
             recoated: false,
             known: Vec::new(),
             from_vector,
+            busy_waits: 0,
         }
     }
 
     pub(super) fn greeted(&mut self, max_position_um: i32, max_exposure_ms: u32) {
         (self.max_position_um, self.max_mark_ms) = (max_position_um, max_exposure_ms);
+        self.busy_waits = self.recoat_limit_us() / BUSY_WAIT_US;
     }
 
     pub(super) fn check_fit(&self, layer_count: u32) -> Result<(), String> {
@@ -103,6 +112,9 @@ impl PowderCycle {
     }
 
     pub(super) fn moved(&mut self, state: &DeviceState) -> Option<String> {
+        if self.stage == Stage::Busy && state.powder.is_some_and(|powder| powder.recoated) {
+            self.recoated = true;
+        }
         let left_um = self.plan.positions().moved(&mut self.position_um, state)?;
         let found = self
             .position_um
@@ -169,11 +181,23 @@ impl PowderCycle {
         self.stage = Stage::Recoating;
         let recoat_us = u64::from(self.plan.recoat_ms) * 1000;
         // A recoater that was set faster at the machine is not at fault.
-        Step::Act {
-            act: Act::Powder(PowderAct::Recoat),
-            most_us: 2 * recoat_us + ACT_MARGIN_US,
-            least_us: recoat_us / 2,
+        Step::Act { act: Act::Powder(PowderAct::Recoat), most_us: self.recoat_limit_us(), least_us: recoat_us / 2 }
+    }
+
+    /// Longest time that the recoater may take.
+    fn recoat_limit_us(&self) -> u64 {
+        2 * u64::from(self.plan.recoat_ms) * 1000 + ACT_MARGIN_US
+    }
+
+    /// The device refused an act because it is busy. After a lost session its recoater may still be at work, which no state shows.
+    /// Returns the wait for it; `None` if that cannot be the reason.
+    pub(super) fn busy(&mut self) -> Option<Step> {
+        if self.stage != Stage::Recoating {
+            return None;
         }
+        self.busy_waits = self.busy_waits.checked_sub(1)?;
+        self.stage = Stage::Busy;
+        Some(Step::Wait { us: BUSY_WAIT_US, may_break_off: true })
     }
 
     fn settle(&mut self) -> Step {
@@ -287,9 +311,18 @@ impl PowderCycle {
     }
 
     pub(super) fn waited(&mut self) -> Step {
-        let ready = self.stage == Stage::Settling;
+        let stage = self.stage;
         self.break_off();
-        if ready { Step::Ready } else { Step::Free }
+        match stage {
+            Stage::Settling => Step::Ready,
+            Stage::Busy if self.recoated => self.settle(),
+            Stage::Busy if self.busy_waits > 0 => {
+                self.busy_waits -= 1;
+                self.stage = stage;
+                Step::Wait { us: BUSY_WAIT_US, may_break_off: true }
+            }
+            _ => Step::Free,
+        }
     }
 
     /// The step under way ends here, if there is one: the line was lost, the act was withdrawn, or the job ends.

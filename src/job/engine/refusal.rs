@@ -17,7 +17,12 @@ impl Engine {
     }
 
     /// The device refused an act of the cycle.
-    pub(super) fn on_act_refused(&mut self, refusal: Refusal) {
+    pub(super) fn on_act_refused(&mut self, refusal: Refusal, now_us: u64) {
+        let busy = if refusal == Refusal::Busy { self.cycle.busy() } else { None };
+        if let Some(step) = busy {
+            self.deadline = None;
+            return self.take(step, now_us);
+        }
         let remedy = self.cycle.remedy(Requested::Act, refusal);
         self.end_unparked(format!("the device refused to move: {remedy}"));
     }
@@ -55,7 +60,11 @@ impl Engine {
                 self.uploads.release(layer);
             }
             _ => {
-                let state = if refusal == Refusal::NotReady { JobState::Interrupted } else { JobState::Failed };
+                let state = match refusal {
+                    // The operator can do something about it.
+                    Refusal::NotReady | Refusal::NotRecoated | Refusal::WrongVector => JobState::Interrupted,
+                    _ => JobState::Failed,
+                };
                 let remedy = self.cycle.remedy(Requested::Act, refusal);
                 self.intent.add_end(state, format!("the device refused to expose layer {layer}: {remedy}"));
             }

@@ -89,7 +89,7 @@ impl Engine {
         }
         match outcome {
             Outcome::TakenBack => return self.withdraw(now_us),
-            Outcome::Refused(refusal) => return self.on_act_refused(refusal),
+            Outcome::Refused(refusal) => return self.on_act_refused(refusal, now_us),
             _ => {}
         }
         let goal = if self.intent == Intent::Print { Goal::Print } else { Goal::Park };

@@ -18,6 +18,10 @@ pub(crate) struct Bed {
     pub(crate) pushed_us: Option<u64>,
     /// Whether powder was spread since the plate moved, and the machine can know it.
     is_spread: bool,
+    /// Whether the host can know that: the machine said so in the welcome, or answered an order of this session.
+    is_spread_known: bool,
+    /// Whether this session has ordered powder.
+    is_asked: bool,
     /// Whether somebody moved the plate since the machine was asked to spread powder.
     is_disturbed: bool,
     /// Whether the host can know where the plate is.
@@ -26,6 +30,13 @@ pub(crate) struct Bed {
     dark_us: Option<u64>,
     /// Since when no vector may begin: the host is silent, or has begun another session.
     ending_us: Option<u64>,
+}
+
+impl Bed {
+    /// Powder that was spread does not count any more.
+    fn spoil(&mut self) {
+        (self.is_spread, self.is_spread_known) = (false, false);
+    }
 }
 
 /// How far a layer is marked.
@@ -43,19 +54,33 @@ impl Truth {
     pub(super) fn powder_fact(&mut self, fact: &Fact, bed: &mut Bed, has_part: bool, if_honest: bool) {
         let at_us = fact.at_us;
         match &fact.what {
-            FactKind::PlateLeaves { .. } => bed.is_spread = false,
-            FactKind::PlateAt { um, .. } => (bed.plate_um, bed.is_spread, bed.pushed_us) = (*um, false, None),
-            FactKind::PlatePushed { to_um, .. } => {
-                (bed.plate_um, bed.is_spread, bed.is_disturbed, bed.pushed_us) = (*to_um, false, true, Some(at_us));
+            FactKind::PlateLeaves { .. } => bed.spoil(),
+            FactKind::PlateAt { um, .. } => {
+                bed.spoil();
+                (bed.plate_um, bed.pushed_us) = (*um, None);
             }
-            FactKind::Recoated => bed.is_spread = !bed.is_disturbed,
-            FactKind::Started { .. } => (bed.is_spread, bed.dark_us) = (false, Some(at_us)),
+            FactKind::PlatePushed { to_um, .. } => {
+                bed.spoil();
+                (bed.plate_um, bed.is_disturbed, bed.pushed_us) = (*to_um, true, Some(at_us));
+            }
+            FactKind::Recoated => {
+                bed.is_spread = !bed.is_disturbed;
+                bed.is_spread_known = bed.is_spread && bed.is_asked;
+            }
+            FactKind::Started { .. } => {
+                bed.spoil();
+                bed.dark_us = Some(at_us);
+            }
             FactKind::Fault(Some(_))
             | FactKind::PowerOff
             | FactKind::Urgent { urgent: Urgent::Abort | Urgent::LightOff, obeyed: true, .. } => {
                 bed.dark_us = Some(at_us);
             }
-            FactKind::HostSilent | FactKind::Hello { .. } => bed.ending_us = Some(at_us),
+            FactKind::HostSilent => bed.ending_us = Some(at_us),
+            FactKind::Hello { .. } => {
+                bed.ending_us = Some(at_us);
+                (bed.is_spread_known, bed.is_asked) = (bed.is_spread, false);
+            }
             FactKind::LightOn { id: Some(id), .. } => {
                 (bed.dark_us, bed.ending_us) = (None, None);
                 if if_honest {
@@ -92,11 +117,12 @@ impl Truth {
             }
             PowderRequest::Recoat => {
                 if if_honest {
-                    self.check("fresh powder", at_us, !bed.is_spread, || {
+                    self.check("fresh powder", at_us, !bed.is_spread_known, || {
                         format!("powder is to be spread twice, with the plate {} µm deep", bed.plate_um)
                     });
                 }
-                (bed.is_spread, bed.is_disturbed) = (false, false);
+                bed.spoil();
+                (bed.is_disturbed, bed.is_asked) = (false, true);
             }
             PowderRequest::Mark { id, most_ms, .. } => {
                 let scanned = self.scanned(id);

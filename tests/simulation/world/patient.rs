@@ -117,6 +117,12 @@ impl World {
             JobState::Interrupted if job.reason.as_ref().is_some_and(|reason| reason.contains("Abort it")) => {
                 Some(Ask::Abort(Some(id)))
             }
+            // The machine does not know any more where the part is.
+            JobState::Interrupted
+                if job.reason.as_ref().is_some_and(|reason| reason.contains("ake the part out and")) =>
+            {
+                Some(Ask::Abort(Some(id)))
+            }
             // Somebody moved the plate, and brings it back.
             JobState::Interrupted if job.reason.as_ref().is_some_and(|reason| reason.contains("bring it back")) => {
                 let to_um = (job.layers_done as i32 + 1) * LAYER_UM;

@@ -51,7 +51,7 @@ pub(in crate::job::cycle) fn remedy_of_act(refusal: Refusal) -> &'static str {
         Refusal::NotHomed => "it does not know where its plate is; take the part out and start again",
         Refusal::NotRecoated => "it says that no powder was spread; look at the recoater, then resume",
         Refusal::WrongVector => {
-            "it does not agree on how far the layer was marked; look at the layer, then resume with --in-doubt"
+            "it does not agree on how far the layer was marked; look at layer and device, then resume, or abort the job"
         }
         Refusal::CutShort => "it was ended early by an interlock or at the machine; look at the device, then resume",
         Refusal::Unknown => UNKNOWN,
