@@ -6,7 +6,7 @@ use crate::line::LineFault;
 use crate::machine::character::Asked;
 use crate::machine::{Character, Incident, Lie};
 use crate::parts::{Filling, Kind, Layer};
-use crate::plan::{Plan, Planned, What, Wish};
+use crate::plan::{LASER_SEEDS, Plan, Planned, What, Wish};
 use crate::search::{Search, plan};
 use crate::world::run;
 
@@ -358,6 +358,41 @@ fn a_job_that_fails_while_it_is_opened_warns_who_ended_it() {
                 (8_500_000, What::Kill { after_calls: None, down_us: 300_000 }),
             ],
         );
+    }
+}
+
+/// A plate was moved by hand while powder was spread. The daemon did not compare where it was, and the layer was marked at another depth.
+#[test]
+fn a_plate_that_is_moved_while_powder_is_spread_stops_the_print() {
+    for later_ms in [0, 800, 1_600, 2_400, 3_200, 4_000] {
+        for to_um in [22, 160, 6_891] {
+            holds(
+                LASER_SEEDS + later_ms,
+                Character::Honest,
+                vec![
+                    (1_000_000, What::Order(Wish::Submit { part: 2 })),
+                    (7_000_000 + 1_000 * later_ms, What::Machine(Incident::PlateMovedByHand { to_um })),
+                ],
+            );
+        }
+    }
+}
+
+/// The line was lost while powder was spread. The recoater went on, the order to spread powder was refused in the next session because
+/// the machine was busy, and the print was interrupted.
+#[test]
+fn a_line_lost_while_powder_is_spread_interrupts_no_print() {
+    for later_ms in [0, 900, 1_800, 2_700, 3_600, 4_500] {
+        let events = [
+            (1_000_000, What::Order(Wish::Submit { part: 2 })),
+            (2_500_000 + 1_000 * later_ms, What::Line(LineFault::Unplugged { for_us: 300_000 })),
+        ];
+        let events = events.map(|(at_us, what)| Planned::at(at_us, what)).into();
+        let seed = LASER_SEEDS + later_ms;
+        let plan = Plan { seed, kind: Plan::kind(seed), character: Character::Honest, confirms_plate: true, events };
+        let report = run(&plan, true);
+        let told = report.trace.join("\n");
+        assert!(report.violation.is_none() && !told.contains(" interrupted "), "{told}");
     }
 }
 

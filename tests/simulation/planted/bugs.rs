@@ -219,42 +219,6 @@ pub(crate) const BUGS: &[Bug] = &[
         was: "(Fate::Partly { broken: Some(why), .. }, _) if choice != ResumeChoice::Repeat => {",
         becomes: "(Fate::Partly { broken: Some(why), .. }, _) if choice == ResumeChoice::AssumeExposed => {",
     },
-    Bug {
-        name: "powder is spread again after a reconnection",
-        file: "src/job/cycle/powder.rs",
-        was: "self.recoated = state.powder.is_some_and(|powder| powder.recoated);",
-        becomes: "self.recoated = false;",
-    },
-    Bug {
-        name: "a layer goes on without powder after a reset",
-        file: "src/job/cycle/powder.rs",
-        was: "self.recoated = state.powder.is_some_and(|powder| powder.recoated);",
-        becomes: "self.recoated |= state.powder.is_some_and(|powder| powder.recoated);",
-    },
-    Bug {
-        name: "the room in the device's buffer is ignored",
-        file: "src/device/driver/upload.rs",
-        was: "let data = upload.next_data(room_bytes.min(credit_bytes), now_us)?;",
-        becomes: "let data = upload.next_data(room_bytes.max(credit_bytes.min(1)), now_us)?;",
-    },
-    Bug {
-        name: "a laser may mark twice as long",
-        file: "src/job/cycle/powder.rs",
-        was: "let most_ms = mark_ms.saturating_add(mark_ms / 10 + MARK_MARGIN_MS).min(self.max_mark_ms);",
-        becomes: "let most_ms = 2 * mark_ms.saturating_add(mark_ms / 10 + MARK_MARGIN_MS).min(self.max_mark_ms);",
-    },
-    Bug {
-        name: "a plate that lost its position in the powder is homed",
-        file: "src/job/cycle/powder.rs",
-        was: "None if part_possible => Step::Halt(POSITION_LOST.into()),",
-        becomes: "None if part_possible && self.recoated => Step::Halt(POSITION_LOST.into()),",
-    },
-    Bug {
-        name: "a plate that is too deep is raised with its part",
-        file: "src/job/cycle/powder.rs",
-        was: "Some(position_um) if position_um > to_um => Step::Halt(format!(",
-        becomes: "Some(position_um) if position_um > to_um + 1_000_000 => Step::Halt(format!(",
-    },
     // Layers on their way.
     Bug {
         name: "a sweep begins one layer too late",
