@@ -378,6 +378,27 @@ fn a_plate_that_is_moved_while_powder_is_spread_stops_the_print() {
     }
 }
 
+/// A paused job was resumed while the disk hung, and its next move waited for the record of that. Somebody pushed the plate meanwhile.
+/// Nobody compared its position, and the move drove it back, with its part.
+#[test]
+fn a_plate_that_is_moved_while_a_move_waits_for_the_disk_stops_the_print() {
+    for later_ms in [0, 300, 700, 1_200, 1_800, 2_500] {
+        for first in [0, LASER_SEEDS] {
+            holds(
+                first + later_ms,
+                Character::Honest,
+                vec![
+                    (1_000_000, What::Order(Wish::Submit { part: 2 })),
+                    (12_000_000, What::Order(Wish::Pause { pick: 0 })),
+                    (24_000_000, What::Order(Wish::Resume { pick: 0 })),
+                    (24_000_400, What::DiskHangs { for_us: 4_000_000 }),
+                    (25_000_000 + 1_000 * later_ms, What::Machine(Incident::PlateMovedByHand { to_um: 8_125 })),
+                ],
+            );
+        }
+    }
+}
+
 /// The line was lost while powder was spread. The recoater went on, the order to spread powder was refused in the next session because
 /// the machine was busy, and the print was interrupted.
 #[test]

@@ -35,6 +35,7 @@ impl Engine {
             Phase::Checking { .. } if self.part.is_possible() && !at_once => {}
             Phase::Checking { .. } | Phase::Resting if is_to_end => self.end(),
             Phase::Commanding if is_to_end && at_once => self.withdraw(now_us),
+            Phase::Acting if is_to_end && at_once && self.out.act.is_some() => self.withdraw(now_us),
             Phase::Exposing { .. } if is_to_end && at_once && self.out.act.is_some() => self.withdraw(now_us),
             _ => {}
         }

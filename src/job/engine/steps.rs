@@ -148,7 +148,8 @@ impl Engine {
             Standing { .. } | WarmingUp | Waiting { .. } | Commanding | Exposing { .. } | Confirming => {
                 self.cycle.moved(state)
             }
-            Acting if self.cycle.plate_rests() => self.cycle.moved(state),
+            // An act that still waits for the disk has not begun.
+            Acting if self.out.act.is_some() || self.cycle.plate_rests() => self.cycle.moved(state),
             _ => None,
         };
         if let Some(text) = moved {
