@@ -39,6 +39,10 @@ pub struct PrintMemory {
     is_vectors: bool,
 }
 
+/// By how much the peak of a layer may differ from one time to the next, bytes: threads do not always hold their lists at the same time.
+/// Twenty times what was seen.
+const THREADS_VARY_BYTES: u64 = 1 << 20;
+
 impl PrintMemory {
     /// Of a part on a raster, computed by as many of `max_threads` threads as `limit_bytes` allow: each takes memory of its
     /// own, and a host with many cores is to print what one with few can.
@@ -121,7 +125,7 @@ impl PrintMemory {
     /// The least budget with which a print computes a layer of scan vectors that took `peak_bytes`, together with the buffers of a budget of
     /// `limit_bytes`.
     pub fn budget_of_layer(&self, peak_bytes: u64, limit_bytes: u64) -> u64 {
-        let layer_bytes = peak_bytes.saturating_sub(self.buffer_bytes(limit_bytes));
+        let layer_bytes = peak_bytes.saturating_sub(self.buffer_bytes(limit_bytes)) + THREADS_VARY_BYTES;
         let mut budget_bytes = self.need_bytes();
         // A larger budget has a larger queue, by a small share, so this ends soon.
         loop {
