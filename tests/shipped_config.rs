@@ -257,11 +257,25 @@ fn axes_belong_to_grbl_controllers_and_their_mistakes_are_told() {
             assert!(message.contains(word), "`{word}` is not in: {message}");
         }
     }
-    for line in ["S5", "M3", "g1 x5 m4", "M04", "G1Z1", "$H", "", "G1X1;", &"G4P0.001".repeat(10)] {
+    for line in [
+        "S5",
+        "M3",
+        "g1 x5 m4",
+        "M04",
+        "M004",
+        "G28",
+        "G10L2P1X5",
+        "G1Z1",
+        "$H",
+        "",
+        "G1X",
+        "G1X1;",
+        &"G4P0.001".repeat(10),
+    ] {
         let message = parse(&format!("{axes}recoat_gcode = [{line:?}]\n"), "grbl").unwrap_err().to_string();
         assert!(message.contains("axes.recoat_gcode"), "{line}: {message}");
     }
-    parse(&format!("{axes}recoat_gcode = [\"G1 Y90 F3000\", \"M30\", \"M48\"]\n"), "grbl").unwrap();
+    parse(&format!("{axes}recoat_gcode = [\"G1 Y90 F3000\", \"M8\", \"G4P1.5\", \"M9\"]\n"), "grbl").unwrap();
     let dlp =
         std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("config/machines/sim-dlp.toml")).unwrap();
     let message =

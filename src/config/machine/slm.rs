@@ -60,8 +60,11 @@ pub struct Axes {
 
 /// Most lines that spread powder, so that they fit into a queue.
 const MAX_RECOAT_LINES: usize = 8;
-/// Longest of these lines, bytes: a controller has room for 80, its end included.
-const MAX_GCODE_BYTES: usize = 79;
+/// Longest of these lines, bytes: with its end, it is to be below 80.
+const MAX_GCODE_BYTES: usize = 78;
+/// Words that may spread powder: moves, pauses, absolute and relative positions; outputs. G28 and G30 would raise the plate.
+const RECOAT_G: [f64; 5] = [0.0, 1.0, 4.0, 90.0, 91.0];
+const RECOAT_M: [f64; 8] = [5.0, 7.0, 8.0, 9.0, 62.0, 63.0, 64.0, 65.0];
 
 fn thirty() -> f64 {
     30.0
@@ -165,17 +168,26 @@ impl SlmMachine {
 fn recoat_fault(line: &str) -> Option<&'static str> {
     let is_plain = |letter: char| letter.is_ascii_alphanumeric() || matches!(letter, ' ' | '.' | '-');
     if line.is_empty() || line.len() > MAX_GCODE_BYTES || !line.chars().all(is_plain) {
-        return Some("1 to 79 letters, digits, spaces, points and minus signs");
+        return Some("1 to 78 letters, digits, spaces, points and minus signs");
     }
-    let words = line.to_ascii_uppercase().replace(' ', "");
-    let lights = words.contains('S') || ["M3", "M4", "M03", "M04"].iter().any(|word| has_word(&words, word));
-    if lights {
-        return Some("no word that lights the laser (S, M3, M4)");
+    let text = line.to_ascii_uppercase().replace(' ', "");
+    let mut rest = text.as_str();
+    while let Some(letter) = rest.chars().next() {
+        let after = &rest[1..];
+        let end = after.find(|next: char| next.is_ascii_alphabetic()).unwrap_or(after.len());
+        let value = after[..end].parse::<f64>();
+        let is_allowed = match (letter, &value) {
+            ('G', Ok(number)) => RECOAT_G.contains(number),
+            ('M', Ok(number)) => RECOAT_M.contains(number),
+            ('X' | 'Y' | 'A' | 'B' | 'C' | 'F' | 'P' | 'Q' | 'E', Ok(_)) => true,
+            _ => false,
+        };
+        if !is_allowed {
+            return Some(
+                "words G0, G1, G4, G90, G91, M5, M7 to M9, M62 to M65, X, Y, A, B, C, F, P, Q and E, each with a number",
+            );
+        }
+        rest = &after[end..];
     }
-    words.contains('Z').then_some("no word that moves the plate (Z)")
-}
-
-/// Whether a line has this word, and not only one that begins like it.
-fn has_word(line: &str, word: &str) -> bool {
-    line.match_indices(word).any(|(at, _)| !line[at + word.len()..].starts_with(|next: char| next.is_ascii_digit()))
+    None
 }

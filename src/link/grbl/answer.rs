@@ -23,6 +23,8 @@ pub(super) enum Answer {
     Options(u32, u32),
     /// Of `$#`: the offset of the coordinate system G54, micrometres.
     Offset([i32; 3]),
+    /// Of `$G`: the modes.
+    Modes(String),
     /// Of `$#`: the offset that G92 has set, micrometres.
     Shift([i32; 3]),
     /// A message that needs no reaction.
@@ -140,6 +142,7 @@ impl Answer {
             }
             "G54" => Self::Offset(position_um(value)?),
             "G92" => Self::Shift(position_um(value)?),
+            "GC" => Self::Modes(value.into()),
             _ => Self::Other,
         })
     }
@@ -172,11 +175,11 @@ impl Status {
     }
 }
 
-/// Three or more numbers in millimetres, as micrometres; `None` if they are not, or a number is beyond 1 km.
+/// Three or more numbers in millimetres, as micrometres; `None` if they are not, or a number is beyond 100 m.
 fn position_um(text: &str) -> Option<[i32; 3]> {
     let mut numbers = text.split(',').map(|number| {
         let mm: f64 = number.parse().ok()?;
-        (mm.abs() < 1e6).then(|| (mm * 1000.0).round() as i32)
+        (mm.abs() < 1e5).then(|| (mm * 1000.0).round() as i32)
     });
     Some([numbers.next()??, numbers.next()??, numbers.next()??])
 }

@@ -29,6 +29,8 @@ const FAULT_US: u64 = 2_000_000;
 const FAULT_CONTROLLER: u16 = 1;
 /// Most requests for the state that wait for the controller's status. A driver has four open.
 const MAX_QUESTIONS: usize = 16;
+/// Most messages that wait for the host: each request causes one or two, and each status answers at most [`MAX_QUESTIONS`].
+const MAX_MESSAGES: usize = 256;
 /// A text of a fault has at most so many bytes on the line; a host cuts longer ones off.
 const MAX_FAULT_BYTES: usize = 400;
 
@@ -68,6 +70,10 @@ pub(super) struct Firmware {
     /// Sum of all offsets, and what G92 has set of it, micrometres, as last reported.
     offset_um: Option<[i32; 3]>,
     shift_um: Option<[i32; 3]>,
+    /// Whether the beam may have moved in a recoating whose end was not seen.
+    beam_unseen: bool,
+    /// What the controller told of its modes.
+    modes: String,
     /// Whether modes and offsets are set since the controller was reset.
     is_prepared: bool,
     /// Whether the controller must be unlocked before it moves.
@@ -88,7 +94,7 @@ pub(super) struct Firmware {
 }
 
 impl Firmware {
-    /// Of a machine that nothing is known of. `boot_id` tells it from that of an earlier process.
+    /// Before the first session, of a machine whose state is not known. `boot_id` tells it from that of an earlier process.
     pub(super) fn new(machine: GrblMachine, boot_id: u32) -> Self {
         let capabilities = capabilities(&machine, "grbl");
         let buffer = match &capabilities.machine {
@@ -117,6 +123,8 @@ impl Firmware {
             unseen_to_um: None,
             offset_um: None,
             shift_um: None,
+            beam_unseen: false,
+            modes: String::new(),
             is_prepared: false,
             is_locked: false,
             running: None,
@@ -326,6 +334,9 @@ impl Firmware {
         self.now_us = now_us;
         if self.reset.is_none() {
             self.knows_position &= error != HOMING_REQUIRED;
+            if let Some(marking) = self.running.as_mut().and_then(Running::marking_mut) {
+                marking.refused();
+            }
             self.fail(error_text(error));
         }
     }
@@ -372,6 +383,21 @@ impl Firmware {
         self.go_on();
     }
 
+    /// The controller has told its modes.
+    pub(super) fn modes(&mut self, modes: String) {
+        self.modes = modes;
+    }
+
+    /// Whether a reset is under way.
+    pub(super) fn is_resetting(&self) -> bool {
+        self.reset.is_some()
+    }
+
+    /// Whether more messages wait than any controller causes.
+    pub(super) fn is_flooded(&self) -> bool {
+        self.messages.len() > MAX_MESSAGES
+    }
+
     /// The controller has told what G92 has set.
     pub(super) fn shifted(&mut self, shift_um: [i32; 3]) {
         self.shift_um = Some(shift_um);
@@ -388,7 +414,8 @@ impl Firmware {
     /// When [`Self::tick`] must be called.
     pub(super) fn next_timeout_us(&self) -> u64 {
         let reset_us = self.reset.as_ref().map(Reset::due_us);
-        let act_us = self.running.as_ref().map(Running::due_us);
+        // A reset has its own times.
+        let act_us = self.running.as_ref().filter(|_| self.reset.is_none()).map(Running::due_us);
         [reset_us, act_us, self.fault_ends_us].into_iter().flatten().min().unwrap_or(u64::MAX)
     }
 

@@ -5,7 +5,10 @@ use layerd_wire::encoding::{LaserParameters, Vector};
 
 /// Brings a controller that was reset to the modes and offsets that all lines here need: millimetres, absolute positions, G54 alone,
 /// and the laser off.
-pub(super) const PREAMBLE: [&str; 3] = ["G17G21G40G49G54G90G94", "G92.1", "M5"];
+pub(super) const PREAMBLE: [&str; 3] = ["G17G21G40G49G54G90G94", "G92.1", DARK];
+/// Asks for the modes, and those that a layer needs.
+pub(super) const MODES: &str = "$G";
+pub(super) const MARKING_MODES: [&str; 5] = ["G54", "G21", "G90", "G94", "M4"];
 /// Is answered when everything before it is done: a pause waits for all motion.
 pub(super) const SYNC: &str = "G4P0.01";
 /// The laser is on only while the beam moves, with power in proportion to its speed. `S` comes with the marks.
@@ -14,8 +17,8 @@ pub(super) const LASER: &str = "M4S0";
 pub(super) const OFFSETS: &str = "$#";
 /// The plate goes to its zero.
 pub(super) const PLATE_HOME: &str = "G0Z-0";
-/// The laser off.
-pub(super) const DARK: &str = "M5";
+/// The laser off, in two words: if one is lost or changed on the line, the other one holds.
+pub(super) const DARK: &str = "M5S0";
 
 /// Length of the mark by which a point is melted, micrometres: less than any beam. The laser is off while the beam stands still.
 const POINT_UM: i32 = 40;
@@ -65,9 +68,10 @@ pub(super) fn name_plate(way_um: i32) -> String {
     format!("G92Z{}", mm(-way_um))
 }
 
-/// The plate goes to the 0 that [`name_plate`] has set. No byte of it can be lost so that it goes elsewhere.
+/// The plate goes to the 0 that [`name_plate`] has set, with the laser off. No byte of it can be lost so that it goes elsewhere; if the
+/// digit is changed, it goes deeper, and its position shows that.
 pub(super) fn plate_to_zero(speed_um_s: u32) -> String {
-    format!("F{}G1Z-0", feed(speed_um_s))
+    format!("M5G1Z-0S0F{}", feed(speed_um_s))
 }
 
 /// Millimetres a minute.
@@ -107,7 +111,7 @@ mod tests {
         assert_eq!(mark([12_345, 500], &laser, POWER), "G1X12.345Y0.5F6000S500");
         assert_eq!(jump([100_000, 0]), "G0X100Y0");
         assert_eq!(name_plate(-30), "G92Z0.03");
-        assert_eq!(plate_to_zero(2_000), "F120G1Z-0");
+        assert_eq!(plate_to_zero(2_000), "M5G1Z-0S0F120");
         assert!(PREAMBLE.iter().all(|line| line.len() < 79));
     }
 

@@ -191,6 +191,13 @@ impl Marking {
         }
     }
 
+    /// The controller has refused a line. What came behind it, it may have carried out from another place.
+    pub(super) fn refused(&mut self) {
+        if let Some(way) = &mut self.way {
+            way.path.refused();
+        }
+    }
+
     /// Lines that waited were not sent.
     pub(super) fn withdraw(&mut self, count: usize) {
         if let Some(way) = &mut self.way {

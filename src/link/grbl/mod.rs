@@ -51,6 +51,10 @@ const ASK_US: u64 = 500_000;
 const ASK_EARLY_US: u64 = 200_000;
 /// Longest homing, microseconds. grbl 1.1 says nothing meanwhile.
 const DEAF_US: u64 = 300_000_000;
+/// A reset that is not answered is sent again after this time, microseconds.
+const PRESS_AGAIN_US: u64 = 1_000_000;
+/// A controller that starts more often while a session begins starts over and over.
+const MAX_BANNERS: u32 = 5;
 /// Longest piece of layer data, bytes.
 const PIECE_BYTES: usize = 2048;
 /// The questions about the controller: what it is, its settings, and the offsets of its coordinate systems.
@@ -90,6 +94,10 @@ pub struct GrblSession {
     urgents: VecDeque<(u32, Urgent)>,
     statistics: Statistics,
     garbage_before: u64,
+    /// Banners since the session began.
+    banners: u32,
+    /// Whether a status came that does not tell where the axes are.
+    lacks_position: bool,
     now_us: u64,
 }
 
@@ -109,6 +117,8 @@ impl GrblSession {
             urgents: VecDeque::new(),
             statistics: Statistics::default(),
             garbage_before: 0,
+            banners: 0,
+            lacks_position: false,
             now_us,
         };
         session.begin(session_id, now_us);
@@ -124,8 +134,9 @@ impl GrblSession {
         self.garbage_before = self.statistics.malformed_frames;
         (self.heard_us, self.now_us) = (now_us, now_us);
         self.enter(Phase::Listening, LISTEN_US);
-        // Who wants darkness does not wait until the controller has done what it has.
-        if self.urgents.iter().any(|(_, urgent)| is_dark(*urgent)) {
+        self.banners = 0;
+        // An abort does not wait for the controller to finish, nor does a reset that was not answered.
+        if self.firmware.is_resetting() || self.urgents.iter().any(|(_, urgent)| is_dark(*urgent)) {
             self.press_reset();
         }
     }
@@ -161,7 +172,11 @@ impl GrblSession {
     fn greet(&mut self, answer: Answer) {
         match (self.phase, answer) {
             // Nothing counts before the banner.
+            (_, Answer::Banner(_)) if self.banners >= MAX_BANNERS => {
+                self.lose(LostReason::NoAnswer { garbage_frames: 0 });
+            }
             (_, Answer::Banner(name)) => {
+                self.banners += 1;
                 self.firmware.started(self.now_us);
                 self.told = Told::of(name);
                 self.firmware.sender.set_room(MAX_LINE_BYTES);
@@ -172,7 +187,7 @@ impl GrblSession {
             (Phase::Asking(_), Answer::Setting(setting, value)) => self.told.note(setting, value),
             (Phase::Asking(_), Answer::Offset(offset_um)) => self.told.offset_um = Some(offset_um),
             (Phase::Asking(answered), Answer::Ok) => self.ask_about(answered + 1),
-            // It says less, which shows when its settings are checked.
+            // What it does not tell is missing when its settings are checked.
             (Phase::Asking(answered), Answer::Error(_)) => self.ask_about(answered + 1),
             (Phase::Locating, Answer::Status(status)) => self.open(&status),
             _ => {}
@@ -206,6 +221,11 @@ impl GrblSession {
         self.firmware.sender.heard_status();
         let controller = self.told.check(self.firmware.machine());
         let greeted = controller.and_then(|controller| self.firmware.greet(controller, status, self.now_us));
+        self.lacks_position = greeted == Err(GrblMisfit::NoPosition);
+        if self.lacks_position {
+            // A controller tells its offsets only now and then.
+            return;
+        }
         if let Err(misfit) = greeted {
             self.phase = Phase::Ended;
             return self.events.push_back(HostEvent::Refused(HelloRefusal::Grbl(misfit)));
@@ -237,6 +257,7 @@ impl GrblSession {
                 }
             }
             Answer::Shift(shift_um) => self.firmware.shifted(shift_um),
+            Answer::Modes(modes) => self.firmware.modes(modes),
             Answer::Setting(..) | Answer::Options(..) | Answer::Offset(_) | Answer::Other => {}
         }
     }
@@ -280,19 +301,31 @@ impl GrblSession {
         match self.phase {
             Phase::Ended => {}
             Phase::Open => {
-                if now_us >= self.silent_us() || !self.firmware.tick(now_us) {
+                if now_us >= self.silent_us() || self.firmware.is_flooded() || !self.firmware.tick(now_us) {
                     return self.lose(LostReason::Silent);
                 }
                 self.ask_status(ASK_US);
             }
             // It does not come to rest.
             Phase::Settling if now_us >= self.give_up_us => self.press_reset(),
+            Phase::Locating if now_us >= self.give_up_us && self.lacks_position => {
+                self.phase = Phase::Ended;
+                self.events.push_back(HostEvent::Refused(HelloRefusal::Grbl(GrblMisfit::NoPosition)));
+            }
             _ if now_us >= self.give_up_us => {
                 let garbage_frames = self.statistics.malformed_frames - self.garbage_before;
                 self.lose(LostReason::NoAnswer { garbage_frames });
             }
             Phase::Listening | Phase::Settling | Phase::Locating => self.ask_status(ASK_EARLY_US),
-            Phase::Resetting | Phase::Asking(_) => self.ask_us = u64::MAX,
+            // The first reset may have been lost.
+            Phase::Resetting if now_us >= self.ask_us => {
+                if self.ask_us > self.give_up_us - ANSWER_US {
+                    self.firmware.sender.reset();
+                }
+                self.ask_us = now_us + PRESS_AGAIN_US;
+            }
+            Phase::Resetting => {}
+            Phase::Asking(_) => self.ask_us = u64::MAX,
         }
     }
 

@@ -80,6 +80,11 @@ impl Path {
         length_um(stretch.from_um, stretch.to_um) > self.tolerance_um
     }
 
+    /// The controller has refused a move. Those behind it do not lie where they should.
+    pub(super) fn refused(&mut self) {
+        self.stretches.truncate(self.answered);
+    }
+
     /// The last moves were not sent after all.
     pub(super) fn withdraw(&mut self, count: usize) {
         let kept = self.stretches.len().saturating_sub(count);
@@ -179,6 +184,12 @@ impl Path {
             let (before, after) = (pair[0], pair[1]);
             after == before + 1 && length_um(self.stretches[before].to_um, at_um) <= 2.0 * self.tolerance_um
         });
+        // At a vector that is shorter than what positions can tell, nobody knows whether it was marked.
+        let is_short = |place: &usize| {
+            let stretch = &self.stretches[*place];
+            stretch.vector.is_some() && length_um(stretch.from_um, stretch.to_um) <= 2.0 * self.tolerance_um
+        };
+        let is_certain = is_certain && !on.iter().any(is_short);
         let last = if is_certain { on[on.len() - 1] } else { first };
         let stretch = &self.stretches[last];
         let is_begun = stretch.vector.is_some() && length_um(stretch.from_um, at_um) > self.tolerance_um;

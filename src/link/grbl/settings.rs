@@ -31,6 +31,8 @@ const MAX_MARK_MS: u32 = 12 * 3_600_000;
 pub(super) const MAX_LINE_BYTES: usize = 79;
 /// Most bytes that wait in the controller. More of them would not be faster, and after a lost line it would be less clear what was done.
 const MAX_USABLE_BYTES: usize = 1023;
+/// Blocks of grbl 1.1's planner: the fewest that there are.
+const MIN_PLANNER_BLOCKS: usize = 15;
 /// Most blocks that a planner is believed to have.
 const MAX_PLANNER_BLOCKS: usize = 1000;
 /// The tolerance of speed and acceleration: a controller rounds them to three decimals.
@@ -116,6 +118,8 @@ pub(super) struct Controller {
     pub(super) offset_um: [i32; 3],
     /// How far a reported position may lie beside the truth, micrometres.
     pub(super) tolerance_um: f64,
+    /// The same of the plate.
+    pub(super) plate_tolerance_um: u32,
     /// Greatest speed of the plate, micrometres a second.
     pub(super) max_plate_speed_um_s: f64,
 }
@@ -165,12 +169,15 @@ impl Told {
         Ok(Controller {
             name: self.name.clone(),
             usable_bytes,
-            planner_blocks: (blocks as usize).min(MAX_PLANNER_BLOCKS),
+            // Fewer are a byte that was lost: moves would count as done too early.
+            planner_blocks: (blocks as usize).clamp(MIN_PLANNER_BLOCKS, MAX_PLANNER_BLOCKS),
             max_s,
             homes: (self.settings.get(&22).copied().unwrap_or(0.0) as u32) & 1 == 1,
             offset_um: self.offset_um.ok_or(GrblMisfit::NoOffset)?,
             // Three steps, one of them at each end and one in between; at least a rounded coordinate and some.
             tolerance_um: (3000.0 / steps_mm).max(10.0),
+            // One and a half steps, and a rounded position.
+            plate_tolerance_um: (1500.0 / self.get(102, "steps/mm of z")?.max(1.0)).ceil() as u32 + 1,
             max_plate_speed_um_s: self.get(112, "greatest speed of z")? * 1000.0 / 60.0,
         })
     }
@@ -282,7 +289,8 @@ pub(super) mod tests {
     }
 
     fn told(changes: &[(u16, f64)]) -> Told {
-        let settings = [(13, 0.0), (22, 1.0), (30, 1000.0), (31, 0.0), (32, 1.0), (100, 250.0), (101, 250.0)];
+        let settings =
+            [(13, 0.0), (22, 1.0), (30, 1000.0), (31, 0.0), (32, 1.0), (100, 250.0), (101, 250.0), (102, 250.0)];
         let axes = [(110, 12_000.0), (111, 12_000.0), (112, 600.0), (120, 2000.0), (121, 2000.0)];
         let travel = [(130, 200.0), (131, 200.0), (132, 200.0)];
         let mut told = Told { name: "Grbl 1.1h".into(), options: Some((15, 128)), ..Told::default() };

@@ -9,14 +9,12 @@ use crate::link::grbl::path::length_um;
 use crate::link::grbl::sender::Kind;
 use crate::link::message::{ExposureId, PowderReply, PowderRequest, Refusal, Reply};
 
-/// The status is asked for this often during an act, microseconds.
-const WATCH_US: u64 = 100_000;
+/// The status is asked for this often during an act, microseconds. An axis that moves by a changed byte is stopped after that.
+const WATCH_US: u64 = 50_000;
 /// A beam or plate that does not move for this long, with lines before it, is stuck, microseconds.
 const STALL_US: u64 = 5_000_000;
 /// After its last line is done, a controller is at rest within this time, microseconds.
 const REST_US: u64 = 2_000_000;
-/// How far a plate may be from where it was sent, micrometres, besides the tolerance of its steps. The host of a print is stricter.
-const PLATE_TOLERANCE_UM: u32 = 20;
 
 /// An act under way.
 #[derive(Debug)]
@@ -32,6 +30,8 @@ pub(super) struct Running {
     astray: u32,
     /// Whether the controller homes, and may answer nothing for minutes.
     is_homing: bool,
+    /// Where the plate was at the start, micrometres in G54.
+    z_um: Option<i32>,
 }
 
 /// What is done.
@@ -103,6 +103,7 @@ impl Firmware {
                 self.check_move(position_um, speed_um_s)?;
                 Act::Move(Travel { position_um, speed_um_s })
             }
+            PowderRequest::Recoat if !self.knows_position => return Err(Refusal::NotHomed),
             PowderRequest::Recoat => Act::Recoat,
             PowderRequest::Mark { id, from_vector, most_ms } => {
                 Act::Mark(Box::new(self.new_marking(id, from_vector, most_ms)?))
@@ -113,6 +114,7 @@ impl Firmware {
             Act::Move(_) => Stage::Naming,
             Act::Home | Act::Recoat => Stage::Resting(None),
         };
+        let z_um = self.position_um.filter(|_| self.knows_position).map(|at_um| at_um[2]);
         let is_homing = self.push_lines(&act);
         if !matches!(act, Act::Mark(_)) {
             self.recoated = false;
@@ -126,6 +128,7 @@ impl Firmware {
             moved_us: now_us,
             astray: 0,
             is_homing,
+            z_um,
         });
         Ok(())
     }
@@ -199,7 +202,11 @@ impl Firmware {
                 // They are the operator's own.
                 self.is_prepared = false;
             }
-            Act::Mark(_) => self.push(gcode::LASER),
+            Act::Mark(_) => {
+                self.push(gcode::LASER);
+                self.modes.clear();
+                self.push(gcode::MODES);
+            }
         }
         self.push(gcode::SYNC);
         is_homing
@@ -220,7 +227,7 @@ impl Firmware {
         if !self.sender.is_empty() {
             return;
         }
-        // What is asked for now is answered after what was done.
+        // The next position is asked for at once: it shows what all these lines did.
         running.watch_us = self.now_us;
         match &mut running.stage {
             Stage::Resting(since_us) => *since_us = Some(self.now_us),
@@ -231,16 +238,18 @@ impl Firmware {
 
     /// The plate's place is named: its offset is now the place where the plate will go. If that is right, it goes there.
     fn move_named(&mut self) {
-        let tolerance_um = self.controller.as_ref().map_or(0.0, |controller| controller.tolerance_um);
+        let tolerance_um = self.plate_tolerance_um();
         let Some(running) = &mut self.running else { return };
         let Act::Move(Travel { position_um, speed_um_s }) = running.act else { return };
-        let is_right =
-            self.shift_um.is_some_and(|[_, _, z_um]| f64::from((-z_um).abs_diff(position_um)) <= tolerance_um);
+        let is_right = self.shift_um.is_some_and(|[_, _, z_um]| z_um.abs_diff(-position_um) <= tolerance_um);
         if !is_right {
-            let found = self.shift_um.map_or("nothing".into(), |[_, _, z_um]| gcode::mm(z_um));
+            let found = self.shift_um.map_or_else(
+                || "did not tell the offset of G92".into(),
+                |[_, _, z_um]| format!("has understood that the plate is to go to Z{}", gcode::mm(z_um)),
+            );
             return self.fail(format!(
-                "the controller has understood that the plate is to go to Z{found} instead of Z{}: bytes were lost or changed on the line. \
-                 The plate was not moved. Check the cable",
+                "the controller {found}; it is to go to Z{}. Bytes were lost or changed on the line. The plate was not moved. Check the \
+                 cable",
                 gcode::mm(-position_um)
             ));
         }
@@ -251,6 +260,10 @@ impl Firmware {
 
     /// Makes lines of what is to be marked.
     pub(super) fn make_lines(&mut self) {
+        // After a reset, nothing may follow: it would be carried out without the lines before it.
+        if self.reset.is_some() {
+            return;
+        }
         let Some(running) = self.running.as_mut().filter(|running| running.stage == Stage::Lines) else { return };
         let Act::Mark(marking) = &mut running.act else { return };
         match marking.make(&mut self.buffer, &mut self.sender, self.now_us) {
@@ -277,6 +290,10 @@ impl Firmware {
             State::Off => return self.fail("the controller sleeps, or only checks lines: reset it".into()),
             State::Idle | State::Moving | State::Alarm => {}
         }
+        if let Some(text) = self.plate_astray(at_um[2]) {
+            return self.fail(text);
+        }
+        let Some(running) = &self.running else { return };
         let is_idle = state == State::Idle;
         match running.stage {
             Stage::Preparing if is_idle && self.sender.is_empty() => self.begin_way(at_um),
@@ -286,7 +303,46 @@ impl Firmware {
         }
     }
 
+    /// What is wrong with the plate's height: an act of the beam must not move it, and a move must not lead beyond its target.
+    fn plate_astray(&self, z_um: i32) -> Option<String> {
+        let running = self.running.as_ref()?;
+        let from_um = running.z_um?;
+        let to_um = match &running.act {
+            Act::Home => return None,
+            Act::Move(travel) => -travel.position_um,
+            Act::Recoat | Act::Mark(_) => from_um,
+        };
+        let tolerance_um = i32::try_from(self.plate_tolerance_um()).unwrap_or(i32::MAX);
+        let (low_um, high_um) = (from_um.min(to_um) - tolerance_um, from_um.max(to_um) + tolerance_um);
+        (!(low_um..=high_um).contains(&z_um)).then(|| {
+            format!(
+                "the plate is at Z{}, between Z{} and Z{} it should be: bytes were lost or changed on the line. Check the cable and look at \
+                 the part",
+                gcode::mm(z_um),
+                gcode::mm(from_um),
+                gcode::mm(to_um)
+            )
+        })
+    }
+
+    fn plate_tolerance_um(&self) -> u32 {
+        self.controller.as_ref().map_or(0, |controller| controller.plate_tolerance_um)
+    }
+
+    /// The controller must have understood the modes, which no answer to a line shows.
+    fn has_modes(&self) -> bool {
+        let words: Vec<&str> = self.modes.split(' ').collect();
+        gcode::MARKING_MODES.iter().all(|mode| words.contains(mode))
+    }
+
     fn begin_way(&mut self, at_um: [i32; 3]) {
+        if !self.has_modes() {
+            return self.fail(format!(
+                "the controller has understood other modes than it was sent (`{}`): bytes were lost or changed on the line. Nothing was \
+                 marked. Check the cable",
+                crate::text::plain_line(&self.modes)
+            ));
+        }
         let (Some(running), Some(controller)) = (&mut self.running, &self.controller) else { return };
         if let Some(marking) = running.marking_mut() {
             marking.begin([at_um[0], at_um[1]], controller);
@@ -294,7 +350,7 @@ impl Firmware {
         }
     }
 
-    /// The beam must be on its way. Two reports in a row beside it are no chance.
+    /// The beam must be on its way. Two reports in a row beside it are not a coincidence.
     fn watch_beam(&mut self, at_um: [i32; 3]) {
         let Some(running) = &mut self.running else { return };
         let Some(marking) = running.marking_mut() else { return };
@@ -317,8 +373,8 @@ impl Firmware {
             Act::Move(travel) => Some(travel.position_um),
             Act::Recoat | Act::Mark(_) => None,
         };
-        let is_plate_right = plate_um
-            .is_none_or(|to_um| f64::from((-at_um[2]).abs_diff(to_um)) <= steps_um + f64::from(PLATE_TOLERANCE_UM));
+        let plate_tolerance_um = self.plate_tolerance_um();
+        let is_plate_right = plate_um.is_none_or(|to_um: i32| at_um[2].abs_diff(-to_um) <= plate_tolerance_um);
         let end_um = running.marking().filter(|marking| marking.stopping.is_none()).and_then(Marking::end_um);
         let is_beam_right = end_um.is_none_or(|end_um| length_um(end_um, [at_um[0], at_um[1]]) <= steps_um);
         if is_idle && is_plate_right && is_beam_right {
@@ -362,6 +418,7 @@ impl Firmware {
     /// Ends the act under way with this reply. A layer that was marked leaves its slot.
     pub(super) fn end_act(&mut self, reply: Reply) {
         let Some(running) = self.running.take() else { return };
+        self.sender.drop_waiting();
         if let Some(marking) = running.marking() {
             self.buffer.drop_layer(marking.slot);
         }
@@ -391,7 +448,11 @@ impl Firmware {
         let may_stall =
             matches!(running.act, Act::Recoat | Act::Home) || running.marking().is_some_and(Marking::is_starved);
         if !may_stall && now_us >= running.moved_us + STALL_US {
-            self.fail("the controller has taken no line and has not moved for 5 s: look at the machine, and at the controller's settings".into());
+            self.fail(
+                "the controller has taken no line and has not moved for 5 s: an `ok` may have been lost. Check the cable, and look at the \
+                 machine"
+                    .into(),
+            );
         }
     }
 
@@ -409,7 +470,7 @@ impl Firmware {
             match running.act {
                 Act::Move(travel) => self.unseen_to_um = Some(travel.position_um),
                 Act::Home => self.knows_position = false,
-                Act::Recoat => {}
+                Act::Recoat => self.beam_unseen = true,
                 Act::Mark(_) => self.interrupt(running),
             }
         }

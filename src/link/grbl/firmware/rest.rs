@@ -5,8 +5,10 @@ use super::acts::{Act, Running};
 use super::{Firmware, Readiness};
 use crate::link::grbl::answer::{State, Status};
 use crate::link::grbl::marking::{Cut, Marking};
+use crate::link::grbl::path::length_um;
 use crate::link::grbl::settings::{Controller, GrblMisfit};
 use crate::link::message::ExposureId;
+use layerd_wire::session::MAX_URGENTS;
 
 /// A reset that is not answered is sent again after this time, microseconds. grbl 1.1 says nothing for half a second if it moved, and
 /// would carry out a second reset after that.
@@ -72,7 +74,10 @@ impl Firmware {
             is_answered: false,
         });
         reset.fault = reset.fault.take().or(fault);
-        reset.urgents.extend(urgent);
+        // Those beyond are carried out in the next session.
+        if reset.urgents.len() < MAX_URGENTS {
+            reset.urgents.extend(urgent);
+        }
         self.press_reset();
     }
 
@@ -108,15 +113,15 @@ impl Firmware {
                 true
             }
             None => {
-                if let Some(mut running) = self.running.take() {
-                    // Its lines are void.
-                    if running.marking_mut().is_some() {
-                        self.interrupt(running);
-                    } else {
-                        self.act_broken(&running.act);
-                    }
-                    if let Some(interrupted) = &mut self.interrupted {
-                        interrupted.is_cut = true;
+                if let Some(running) = self.running.take() {
+                    match running.marking() {
+                        // No alarm came first, so it stood. The lines behind the reset were carried out with the laser off: the position
+                        // tells nothing.
+                        Some(marking) => {
+                            let (id, vectors, cut) = (marking.id, marking.vectors(), marking.cut_somewhere());
+                            self.note_cut(Ended { id, vectors, cut });
+                        }
+                        None => self.act_broken(&running.act),
                     }
                 }
                 false
@@ -171,12 +176,15 @@ impl Firmware {
     ) -> Result<(), GrblMisfit> {
         self.now_us = now_us;
         let fault = self.reset.as_mut().and_then(|reset| reset.fault.take());
-        let is_first = self.controller.is_none();
-        self.capabilities.name.clone_from(&controller.name);
-        self.sender.set_room(controller.usable_bytes);
-        let homes = controller.homes;
-        self.controller = Some(controller);
-        let at_um = self.locate(status).ok_or(GrblMisfit::NoPosition)?;
+        let (name, usable_bytes) = (controller.name.clone(), controller.usable_bytes);
+        let before = self.controller.replace(controller);
+        let is_first = before.is_none();
+        let Some(at_um) = self.locate(status) else {
+            self.controller = before;
+            return Err(GrblMisfit::NoPosition);
+        };
+        self.capabilities.name = name;
+        self.sender.set_room(usable_bytes);
         let state = status.state;
         self.reset = None;
         let was_known = self.position_um.filter(|_| self.knows_position);
@@ -186,12 +194,15 @@ impl Firmware {
             Some(before_um) => {
                 let to_um = self.unseen_to_um.map_or(before_um[2], |position_um| -position_um);
                 let (low_um, high_um) = (before_um[2].min(to_um), before_um[2].max(to_um));
-                (low_um - PLATE_SHIFT_UM..=high_um + PLATE_SHIFT_UM).contains(&at_um[2])
+                let is_there = (low_um - PLATE_SHIFT_UM..=high_um + PLATE_SHIFT_UM).contains(&at_um[2]);
+                // A move that a reset has broken off may have lost steps.
+                let was_broken = self.unseen_to_um.is_some() && self.is_locked;
+                is_there && !was_broken && !self.is_beam_elsewhere(before_um, at_um)
             }
-            // A controller that is locked may have lost its position, and so may one without switches that had lost it before.
-            None => !self.is_locked && (homes || is_first),
+            // Later, only homing tells. A controller that is locked may have lost its position.
+            None => is_first && !self.is_locked,
         };
-        self.unseen_to_um = None;
+        (self.unseen_to_um, self.beam_unseen) = (None, false);
         if was_known.is_some() && !self.knows_position {
             self.recoated = false;
         }
@@ -204,13 +215,20 @@ impl Firmware {
             self.note_cut(Ended { id: marking.id, vectors: marking.vectors(), cut });
         }
         (self.fault, self.fault_ends_us) = (None, None);
-        // What ended the session before is told in this one.
+        // A fault that ended the session before. The welcome carries it, so it is not reported as well.
         if let Some(text) = fault {
             self.report_fault(text);
             self.messages.clear();
         }
         self.readiness = Readiness::Ready;
         Ok(())
+    }
+
+    /// Whether the beam is not where it stood, although nothing was to move it.
+    fn is_beam_elsewhere(&self, before_um: [i32; 3], at_um: [i32; 3]) -> bool {
+        let tolerance_um = self.controller.as_ref().map_or(0.0, |controller| controller.tolerance_um);
+        let stands = self.interrupted.is_none() && !self.beam_unseen;
+        stands && length_um([before_um[0], before_um[1]], [at_um[0], at_um[1]]) > tolerance_um
     }
 
     /// A layer is marked to its end.
