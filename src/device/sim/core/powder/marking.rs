@@ -42,7 +42,7 @@ pub(super) struct Marking {
     ended: Option<MarkedVector>,
 }
 
-/// A vector that the laser was on, to its end or not. Only a device that [tells them](super::DeviceCore::telling_vectors) gives them.
+/// A vector that the laser was on, to its end or not. Only a device that [tells them](crate::device::sim::DeviceCore::telling_vectors) gives them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MarkedVector {
     /// The layer.
