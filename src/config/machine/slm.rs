@@ -58,6 +58,8 @@ pub struct Axes {
     pub recoat_gcode: Option<Vec<String>>,
 }
 
+/// Lowest rate of a line to a grbl controller, bits a second.
+const MIN_GRBL_BAUD: u32 = 57_600;
 /// Most lines that spread powder, so that they fit into a queue.
 const MAX_RECOAT_LINES: usize = 8;
 /// Longest of these lines, bytes: with its end, it is to be below 80.
@@ -123,6 +125,8 @@ impl SlmMachine {
             within("axes.max_speed_mm_s", axes.max_speed_mm_s, 1.0, 10_000.0),
             within("axes.acceleration_mm_s2", axes.acceleration_mm_s2, 1.0, 1_000_000.0),
             within("number of lines of axes.recoat_gcode", count, 1, MAX_RECOAT_LINES),
+            // A slower line delays an abort beyond 100 ms: it waits behind the bytes that were sent.
+            within("link.baud", self.link.baud, MIN_GRBL_BAUD, 12_000_000),
         ]
         .into_iter()
         .flatten()

@@ -158,6 +158,12 @@ impl Told {
             let (found, wanted) = (max_s.to_string(), "power is set in steps of it");
             return Err(GrblMisfit::Setting { setting: 30, name: "greatest S", found, wanted, value: "1000" });
         }
+        let homing = self.settings.get(&22).copied().unwrap_or(0.0) as u32;
+        if self.name.to_lowercase().contains("hal") && homing & 5 == 1 {
+            let wanted = "it would not say after a start that it does not know its position";
+            let found = homing.to_string();
+            return Err(GrblMisfit::Setting { setting: 22, name: "homing, not required", found, wanted, value: "5" });
+        }
         self.check_axes(machine)?;
         let (blocks, bytes) = self.options.unwrap_or_default();
         // Of a ring buffer one byte stays free.
@@ -172,7 +178,7 @@ impl Told {
             // Fewer are a byte that was lost: moves would count as done too early.
             planner_blocks: (blocks as usize).clamp(MIN_PLANNER_BLOCKS, MAX_PLANNER_BLOCKS),
             max_s,
-            homes: (self.settings.get(&22).copied().unwrap_or(0.0) as u32) & 1 == 1,
+            homes: homing & 1 == 1,
             offset_um: self.offset_um.ok_or(GrblMisfit::NoOffset)?,
             // Three steps, one of them at each end and one in between; at least a rounded coordinate and some.
             tolerance_um: (3000.0 / steps_mm).max(10.0),
@@ -325,6 +331,8 @@ pub(super) mod tests {
                 assert!(text.contains(word), "`{word}` is not in: {text}");
             }
         }
+        let unhomed = Told { name: "GrblHAL 1.1f".into(), ..told(&[(22, 1.0)]) };
+        assert!(unhomed.check(&machine()).unwrap_err().to_string().contains("$22=5"));
         let old = Told { name: "Grbl 0.9j".into(), ..told(&[]) };
         assert!(matches!(old.check(&machine()), Err(GrblMisfit::Version(_))));
         let small = Told { options: Some((15, 64)), ..told(&[]) };
