@@ -1,7 +1,7 @@
 //! `layerctl check`: whether a print would run well. Size and memory come from header and index alone, at once. Times, and whether
 //! the bottom holds to the plate, come from layers computed here, which takes some seconds. For a laser all layers are computed, because
 //! what one takes of memory is known only then: that takes minutes, a small share of the print.
-//! `tests/check.rs` compares it with the daemon.
+//! `tests/check/` compares it with the daemon.
 
 mod rehearsal;
 

@@ -1,4 +1,4 @@
-//! Why a part cannot be printed. `tests/strangers.rs` and `tests/check.rs` show the texts.
+//! Why a part cannot be printed. `tests/strangers.rs` and `tests/check/` show the texts.
 
 use crate::buildfile::BuildFileError;
 use crate::device::encoding::WrongDepth;

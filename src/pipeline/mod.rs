@@ -3,7 +3,7 @@
 //! A [`Placed`] part is a build file on a machine's raster. [`Placed::fit`] counts its memory and makes a [`Part`] of it, which
 //! computes and encodes layers: one after the other ([`Part::encoded_layers`]), or ahead of the printer ([`Layers`]). A print, the
 //! check of its bottom layers, `layerctl check` and `layerctl slice` all take this way, so that they see the same pixels.
-//! `tests/check.rs` compares them.
+//! `tests/check/` compares them.
 //!
 //! ```
 //! use layerd::buildfile::{PackOptions, pack};

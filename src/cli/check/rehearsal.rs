@@ -1,5 +1,5 @@
 //! All layers of scan vectors, computed as a print computes them: what each takes of the memory budget, how long it is marked, and what is
-//! not marked. `check` shows it, so that no print ends in the middle for want of memory. `tests/check.rs` holds it to what a print needs.
+//! not marked. `check` shows it, so that no print ends in the middle for want of memory. `tests/check/` holds it to what a print needs.
 
 use anyhow::{Context, bail};
 use serde::Serialize;

@@ -1,4 +1,4 @@
-//! `layerctl slice --format png`: a directory of pictures, with a manifest of where each lies. `tests/check.rs` compares them with the
+//! `layerctl slice --format png`: a directory of pictures, with a manifest of where each lies. `tests/check/` compares them with the
 //! mathematics.
 
 use std::io::Write;
