@@ -65,7 +65,7 @@ pub(super) struct Filled {
 impl Filled {
     /// Charges the pieces before `more_bytes` are added, or a little: lists may double, and the old ones are there until they are copied.
     fn charge_more(&mut self, room: Room<'_>, more_bytes: u64) -> Result<(), BudgetExceeded> {
-        self.charge = room.take(3 * self.pieces.memory_bytes() + more_bytes)?;
+        self.charge = room.take(|| 3 * self.pieces.memory_bytes() + more_bytes)?;
         Ok(())
     }
 
@@ -139,7 +139,7 @@ impl<'a> LayerPlan<'a> {
         let began = Instant::now();
         let Split { wide, thin } = split(Area::of(region), &self.rules);
         for part in &thin {
-            let _work = room.take(middle_bytes(&part.area, &self.rules))?;
+            let _work = room.take(|| middle_bytes(&part.area, &self.rules))?;
             let mark = thin_mark(part, &self.rules);
             match mark {
                 ThinMark::Lines(_) => filled.counts.centre_lines += 1,
@@ -216,7 +216,7 @@ impl<'a> LayerPlan<'a> {
             let within = [Some(&border), reached.as_ref(), own].into_iter().flatten().collect();
             let ground = Ground { within, without: masks.iter().take(number).flatten().collect() };
             if !border.is_empty() {
-                let _work = room.take(hatch_bytes(&ground, &filling.hatcher))?;
+                let _work = room.take(|| hatch_bytes(&ground, &filling.hatcher))?;
                 let hatches = filling.hatcher.fill(&ground, &mut filled.counts);
                 filled.charge_more(room, pieces::bytes([hatches.parts.len(), 0, hatches.lines.len()]))?;
                 filled.pieces.push_hatches(filling.class, (&filling.hatcher, filling.frame), &hatches);
@@ -255,7 +255,7 @@ impl<'a> LayerPlan<'a> {
             {
                 // It lies between two tracks: its lines end at its border, not half a beam before it.
                 let rules = ThinRules { beam_um: 0.0, ..self.rules };
-                let _work = room.take(middle_bytes(&area, &rules))?;
+                let _work = room.take(|| middle_bytes(&area, &rules))?;
                 let mark = thin_mark(&ThinPart { area, joints: Vec::new() }, &rules);
                 filled.charge_more(room, 0)?;
                 push_thin(&mark, MarkClass::Contour, &mut filled.pieces);

@@ -66,11 +66,11 @@ pub(super) enum Room<'a> {
 }
 
 impl Room<'_> {
-    /// Takes `bytes`, until the charge is dropped.
-    pub(super) fn take(self, bytes: u64) -> Result<Option<Charge>, BudgetExceeded> {
+    /// Takes as many bytes as `bytes` returns, until the charge is dropped. `bytes` is called only if they are charged.
+    pub(super) fn take(self, bytes: impl FnOnce() -> u64) -> Result<Option<Charge>, BudgetExceeded> {
         match self {
             Self::Charged => Ok(None),
-            Self::Of(budget) => budget.charge("filling a region with vectors", bytes).map(Some),
+            Self::Of(budget) => budget.charge("filling a region with vectors", bytes()).map(Some),
         }
     }
 }
