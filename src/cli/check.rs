@@ -1,6 +1,6 @@
 //! `layerctl check`: whether a print would run well. Size and memory come from header and index alone, at once. Times, and whether
 //! the bottom holds to the plate, come from layers computed here, which takes some seconds. For a laser all layers are computed, because
-//! what one takes of memory is known only then: that takes minutes, a small share of the print.
+//! the memory of a layer is known only then. That takes minutes, a small share of the print.
 //! `tests/check/` compares it with the daemon.
 
 mod rehearsal;
@@ -23,6 +23,8 @@ use crate::text::{count_text, size_text};
 use rehearsal::{Rehearsal, rehearse, roomy};
 
 /// Check before a print whether a part fits the machine, the memory and the line, and holds to the plate.
+///
+/// For a laser, all layers are computed. This takes minutes for a print of days.
 #[derive(Debug, clap::Args)]
 #[command(after_help = super::with_names("\
 Examples:
@@ -53,6 +55,9 @@ const SAMPLE_STEP: u32 = 5;
 
 /// No sample is begun after this time: each begins a sweep, which reads a million struts of a hundred million.
 const MAX_SAMPLING_TIME: Duration = Duration::from_secs(2);
+
+/// Most ranges of layers that a message names.
+const MAX_TOLD: usize = 6;
 
 /// Bits on the line for each byte: 8N1.
 const LINE_BITS: f64 = 10.0;
@@ -298,10 +303,7 @@ fn late_layers(samples: &[Sample], layer_count: u32) -> Vec<[u32; 2]> {
         let next = samples.get(index + 1).map_or(layer_count, |next| (sample.layer + next.layer).div_ceil(2));
         let last = next.max(first + 1) - 1;
         if sample.compute_ms.max(sample.line_ms) > sample.device_ms {
-            match ranges.last_mut() {
-                Some(range) if range[1] + 1 >= first => range[1] = last,
-                _ => ranges.push([first, last]),
-            }
+            add_layers(&mut ranges, [first, last]);
         }
         first = last + 1;
     }
@@ -309,12 +311,29 @@ fn late_layers(samples: &[Sample], layer_count: u32) -> Vec<[u32; 2]> {
 }
 
 fn late_text(ranges: &[[u32; 2]]) -> String {
-    let list: Vec<String> = ranges.iter().map(|[first, last]| format!("{first} to {last}")).collect();
     format!(
         "the device would wait, dark, for layers {} (estimate): a faster line, a longer exposure or lift, or a coarser raster \
          would help",
-        list.join(", ")
+        layers_text(ranges)
     )
+}
+
+/// Adds layers, first to last, behind or next to the last range.
+fn add_layers(ranges: &mut Vec<[u32; 2]>, [first, last]: [u32; 2]) {
+    match ranges.last_mut() {
+        Some(range) if range[1] + 1 >= first => range[1] = last,
+        _ => ranges.push([first, last]),
+    }
+}
+
+/// Ranges of layers in words, at most [`MAX_TOLD`] of them.
+fn layers_text(ranges: &[[u32; 2]]) -> String {
+    let told = ranges.iter().take(MAX_TOLD).map(|[first, last]| match first == last {
+        true => first.to_string(),
+        false => format!("{first} to {last}"),
+    });
+    let more = if ranges.len() > MAX_TOLD { " and more" } else { "" };
+    told.collect::<Vec<_>>().join(", ") + more
 }
 
 fn mean(samples: &[Sample], value: impl Fn(&Sample) -> f64) -> f64 {

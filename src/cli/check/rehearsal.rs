@@ -1,9 +1,10 @@
 //! All layers of scan vectors, computed as a print computes them: what each takes of the memory budget, how long it is marked, and what is
-//! not marked. `check` shows it, so that no print ends in the middle for want of memory. `tests/check/` holds it to what a print needs.
+//! not marked. `check` shows it, so that no print ends in the middle for lack of memory. `tests/check/` holds it to what a print needs.
 
 use anyhow::{Context, bail};
 use serde::Serialize;
 
+use super::{add_layers, layers_text};
 use crate::device::encoding::Choice;
 use crate::pipeline::{Part, PrintMemory};
 use crate::stream::MemoryBudget;
@@ -16,10 +17,7 @@ const MIN_ROOM_BYTES: u64 = 1 << 30;
 /// The room is this many times the budget.
 const ROOM_BUDGETS: u64 = 4;
 
-/// Most ranges of layers that are told.
-const MAX_TOLD: usize = 6;
-
-/// What all layers are.
+/// What computing all layers showed.
 #[derive(Debug, Serialize)]
 pub(super) struct Rehearsal {
     /// The layer that takes most memory, and the least `memory_budget` with which a print computes it.
@@ -29,7 +27,7 @@ pub(super) struct Rehearsal {
     pub(super) unfit_layers: Vec<[u32; 2]>,
     vectors_mean: u64,
     pub(super) mark_ms_mean: f64,
-    /// Parts of all layers in which nothing is marked.
+    /// Regions of all layers that get no mark.
     unmarked_parts: u64,
     /// Of the whole print, if the device never waits.
     pub(super) print_time_s: u64,
@@ -74,10 +72,7 @@ pub(super) fn rehearse(
             (found.largest_layer, found.largest_layer_budget_bytes) = (layer, budget_bytes);
         }
         if budget_bytes > budget {
-            match found.unfit_layers.last_mut() {
-                Some(range) if range[1] + 1 == layer => range[1] = layer,
-                _ => found.unfit_layers.push([layer; 2]),
-            }
+            add_layers(&mut found.unfit_layers, [layer; 2]);
         }
         vectors += u64::from(scan.times.vectors);
         mark_ms += f64::from(scan.times.mark_ms);
@@ -97,17 +92,11 @@ impl Rehearsal {
         if self.unfit_layers.is_empty() {
             return None;
         }
-        let told = self.unfit_layers.iter().take(MAX_TOLD).map(|[first, last]| match first == last {
-            true => first.to_string(),
-            false => format!("{first} to {last}"),
-        });
-        let told: Vec<String> = told.collect();
-        let more = if self.unfit_layers.len() > MAX_TOLD { " and more" } else { "" };
         Some(format!(
-            "not all layers fit the memory budget of {}, namely {}{more}; layer {} needs most: set memory_budget = \"{}MiB\" in the \
+            "these layers do not fit the memory budget of {}: {}; layer {} needs most: set memory_budget = \"{}MiB\" in the \
              daemon's configuration",
             size_text(budget),
-            told.join(", "),
+            layers_text(&self.unfit_layers),
             self.largest_layer,
             self.largest_layer_budget_bytes.div_ceil(1 << 20)
         ))
@@ -117,8 +106,9 @@ impl Rehearsal {
     pub(super) fn warning(&self) -> Option<String> {
         (self.unmarked_parts > 0).then(|| {
             format!(
-                "nothing is marked in {} of all layers, which are smaller than the beam: `layerctl slice --format svg` shows them",
-                count_text(self.unmarked_parts, "part")
+                "{} without a mark: narrower than the laser can make, or than the recipe allows. `layerctl slice --format svg` shows \
+                 what is marked",
+                count_text(self.unmarked_parts, "region")
             )
         })
     }
