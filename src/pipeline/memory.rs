@@ -26,22 +26,22 @@ const VECTORS_QUEUE_SHARE: u64 = 24;
 /// `layerctl check` computes all of them.
 const MIN_SCAN_BYTES: u64 = 8 << 20;
 
+/// By how much the peak of a layer may differ from one run to the next, bytes: threads do not always hold their lists at the same time.
+/// It is twenty times the largest difference that was seen.
+const THREADS_VARY_BYTES: u64 = 1 << 20;
+
 /// Peak memory of a print, computed from header and index alone. `layerctl check` shows the same figure.
 #[derive(Clone, Copy, Debug)]
 pub struct PrintMemory {
     /// Number of threads that compute the layers.
     pub threads: usize,
     slicer_bytes: u64,
-    /// Memory of the picture, the encoder's output, a layer that waits for room in the queue, and the line. Of scan vectors the line alone.
+    /// Memory of the picture, the encoder's output, a layer that waits for room in the queue, and the line. For scan vectors, the line alone.
     buffer_bytes: u64,
     /// Room for two layers: both in the queue, or one in the queue and one on the line.
     min_queue_bytes: u64,
     is_vectors: bool,
 }
-
-/// By how much the peak of a layer may differ from one time to the next, bytes: threads do not always hold their lists at the same time.
-/// Twenty times what was seen.
-const THREADS_VARY_BYTES: u64 = 1 << 20;
 
 impl PrintMemory {
     /// Of a part on a raster, computed by as many of `max_threads` threads as `limit_bytes` allow: each takes memory of its
@@ -62,7 +62,7 @@ impl PrintMemory {
         several.find(|memory| memory.need_bytes() <= limit_bytes).unwrap_or_else(|| with(1))
     }
 
-    /// Of scan vectors. What contours and vectors of a layer need is charged when it is computed.
+    /// For scan vectors. What contours and vectors of a layer need is charged when it is computed.
     fn of_vectors(bodies: &[BodySource], plan: &SlicePlan, threads: usize) -> Self {
         let slicer_bytes = Contours::memory_bytes(bodies, plan, threads).saturating_add(MIN_SCAN_BYTES);
         let min_queue_bytes = MIN_VECTORS_QUEUE_BYTES;

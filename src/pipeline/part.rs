@@ -81,8 +81,12 @@ impl Part {
     }
 
     fn slicer(&self, first: u32, budget: &MemoryBudget) -> Result<Slicer, PartError> {
-        let file = BuildFile::open(&self.path)?;
-        Ok(Slicer::new(BodySource::of(&Arc::new(file)), self.plan.clone(), self.threads, first, budget)?)
+        Ok(Slicer::new(self.bodies()?, self.plan.clone(), self.threads, first, budget)?)
+    }
+
+    /// The bodies of the file, opened anew.
+    fn bodies(&self) -> Result<Vec<BodySource>, PartError> {
+        Ok(BodySource::of(&Arc::new(BuildFile::open(&self.path)?)))
     }
 
     /// Computes the layers from `first` on, written in `encoding`, each when it is asked for. What that takes is charged to `budget`.
@@ -103,9 +107,8 @@ impl Part {
                 Source::Pictures { slicer: self.slicer(first, budget)?, bitmap }
             }
             Some(scan) => {
-                let bodies = BodySource::of(&Arc::new(BuildFile::open(&self.path)?));
-                let layers =
-                    ScannedLayers::new(bodies, self.plan.clone(), &scan.settings, self.threads, first, budget)?;
+                let (bodies, plan) = (self.bodies()?, self.plan.clone());
+                let layers = ScannedLayers::new(bodies, plan, &scan.settings, self.threads, first, budget)?;
                 Source::Vectors { layers: Box::new(layers), scan: Box::new(scan.clone()) }
             }
         };

@@ -41,6 +41,8 @@ pub(super) const LEAST_AREA_NM2: u64 = 1000;
 pub(super) type Point = IntPoint<i32>;
 /// A closed ring; the first point is not repeated.
 pub(super) type Contour = Vec<Point>;
+/// Low and high corner of a box.
+pub(super) type Corners = [Point; 2];
 
 /// Any number of shapes. Each is an outer ring, counter-clockwise, then its holes, clockwise. Shapes do not overlap.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -161,12 +163,9 @@ impl Area {
     }
 
     /// Low and high corner; `None` if there is nothing.
-    pub(super) fn bounds_nm(&self) -> Option<[Point; 2]> {
-        let mut points = self.shapes.iter().filter_map(|shape| shape.first()).flatten();
-        let first = *points.next()?;
-        Some(points.fold([first; 2], |[low, high], point| {
-            [Point::new(low.x.min(point.x), low.y.min(point.y)), Point::new(high.x.max(point.x), high.y.max(point.y))]
-        }))
+    pub(super) fn bounds_nm(&self) -> Option<Corners> {
+        let points = self.shapes.iter().filter_map(|shape| shape.first()).flatten();
+        points.map(|point| [*point; 2]).reduce(around)
     }
 }
 
@@ -176,6 +175,14 @@ fn options() -> IntOverlayOptions<u64> {
 
 fn angle(radians: f64) -> Angle {
     Angle::from_radians(radians).unwrap_or(ArcOptions::MAX_STEP)
+}
+
+/// The box around two boxes.
+pub(super) fn around([low, high]: Corners, [other_low, other_high]: Corners) -> Corners {
+    [
+        Point::new(low.x.min(other_low.x), low.y.min(other_low.y)),
+        Point::new(high.x.max(other_high.x), high.y.max(other_high.y)),
+    ]
 }
 
 /// A point in nanometres, from micrometres. Points outside the largest field are moved to its edge; `fill` refuses them before.

@@ -28,7 +28,7 @@ pub(super) struct Pen<'a> {
     budget: &'a MemoryBudget,
     /// Where it is; `None` before the first piece.
     at: Option<[i32; 2]>,
-    /// Where it would be if pieces were marked as they were found.
+    /// Where it would be if pieces were marked in the order in which they were found.
     found_at: Option<[i32; 2]>,
     /// Time that the order took.
     pub(super) time: Duration,
@@ -40,7 +40,7 @@ pub(super) fn weight(ways: usize, pieces: usize) -> usize {
 }
 
 impl<'a> Pen<'a> {
-    /// At the begin of a layer with these frames.
+    /// At the start of a layer with these frames.
     pub(super) fn new(layer: u32, frames: &'a [HatchFrame], budget: &'a MemoryBudget) -> Self {
         Self { layer, frames, budget, at: None, found_at: None, time: Duration::ZERO }
     }
@@ -167,7 +167,7 @@ struct BoxSize {
 impl BoxSize {
     fn of(pieces: &Pieces, numbers: &[u32]) -> Self {
         let mut size = Self { all: [numbers.len(), 0, 0], largest: [0; 2] };
-        for [points, hatches] in numbers.iter().map(|number| Pieces::counts(pieces.piece(*number))) {
+        for [points, hatches] in numbers.iter().map(|number| pieces.piece(*number).counts()) {
             size.all = [size.all[0], size.all[1] + points, size.all[2] + hatches];
             size.largest = [size.largest[0].max(points), size.largest[1].max(hatches)];
         }

@@ -55,6 +55,11 @@ impl Piece {
             Kind::Part { goes_both_ways, .. } => goes_both_ways,
         }
     }
+
+    /// Number of its points and of its hatches.
+    pub(super) fn counts(&self) -> [usize; 2] {
+        if self.kind == Kind::Path { [self.count, 0] } else { [0, self.count] }
+    }
 }
 
 impl Pieces {
@@ -187,11 +192,6 @@ impl Pieces {
             (true, 1) => vec![[a, d], [d, a], [b, c], [c, b]],
             (true, _) => vec![[a, c], [c, a], [b, d], [d, b]],
         }
-    }
-
-    /// Number of points and of hatches of a piece.
-    pub(super) fn counts(piece: &Piece) -> [usize; 2] {
-        if piece.kind == Kind::Path { [piece.count, 0] } else { [0, piece.count] }
     }
 
     /// Where a piece is entered by its first way.

@@ -1,13 +1,10 @@
 //! Where nothing lies above or below a region. `layer_plan` uses it.
 
-use super::offset::{Area, Point, to_nm};
+use super::offset::{Area, Corners, Point, around, to_nm};
 use super::region::Region;
 
 /// Cells of the index along each axis. A layer of 50,000 regions has 50 in a cell.
 const CELLS: i32 = 32;
-
-/// Low and high corner.
-type Corners = [Point; 2];
 
 /// The regions of a neighbouring layer, found by place.
 pub(super) struct Cover {
@@ -28,12 +25,6 @@ struct Grid {
 impl Grid {
     /// Around everything with these bounds.
     fn around(bounds: impl Iterator<Item = Corners>) -> Self {
-        let around = |[low, high]: Corners, [other_low, other_high]: Corners| {
-            [
-                Point::new(low.x.min(other_low.x), low.y.min(other_low.y)),
-                Point::new(high.x.max(other_high.x), high.y.max(other_high.y)),
-            ]
-        };
         let [low, high] = bounds.reduce(around).unwrap_or([Point::new(0, 0); 2]);
         Self { low, cell_nm: [(high.x - low.x) / CELLS + 1, (high.y - low.y) / CELLS + 1] }
     }
@@ -103,10 +94,7 @@ impl Cover {
 
 /// The corners of a region.
 fn bounds_nm(region: &Region) -> Option<Corners> {
-    let points = region.outer.iter().map(|point| to_nm(*point));
-    points.map(|point| [point; 2]).reduce(|[low, high], [point, _]| {
-        [Point::new(low.x.min(point.x), low.y.min(point.y)), Point::new(high.x.max(point.x), high.y.max(point.y))]
-    })
+    region.outer.iter().map(|point| [to_nm(*point); 2]).reduce(around)
 }
 
 /// The part of an area that the neighbouring layer does not cover. Strips narrower than a beam are left out: each layer of a slope has one.
