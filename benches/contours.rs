@@ -4,12 +4,14 @@
 //! the time of the threads among the steps. Looks for the file in `$LAYERD_DATA`, default `../shared/data`; without it there is nothing
 //! to measure.
 
+mod scan_steps;
 mod spot_contours;
 
 use layerd::buildfile::Header;
 use layerd::slice::MemoryStruts;
 use layerd::slice::scan::{Contours, Region};
 use layerd::stream::MemoryBudget;
+use scan_steps::{contour_steps, print_step};
 use spot_contours::LAYERS;
 
 fn main() {
@@ -36,9 +38,8 @@ fn print_steps(convolution: bool) {
     let points = point_count(&mut contours);
     let times = contours.times();
     println!("convolution: {convolution}; {points} points of {LAYERS} layers\nstep | ms a layer | points a second");
-    for (step, time) in spot_contours::steps(before, times) {
-        let seconds = time.as_secs_f64();
-        println!("{step} | {:.2} | {:.0}", seconds * 1e3 / f64::from(LAYERS), points as f64 / seconds);
+    for (step, time) in contour_steps(before, times) {
+        print_step(step, time, LAYERS, points as u64);
     }
 }
 

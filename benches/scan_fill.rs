@@ -4,12 +4,13 @@
 //! 40 and 400 µm wide; plates are 4 mm wide.
 //!
 //! Then, step by step from the sweep to encoded bytes: 20 layers of 30 µm of `spot_lattice.txt` from z = 30 mm on, with contours and
-//! zigzag hatches of a beam of 60 µm. The whole is processor time, so that other work on the machine counts little; the steps have their
-//! shares of it. Looks for the file in `$LAYERD_DATA`, default `../shared/data`; without it this part is skipped.
+//! zigzag hatches of a beam of 60 µm. The whole is processor time, so that other work on the machine counts little. Each step is given
+//! its share of it. Looks for the file in `$LAYERD_DATA`, default `../shared/data`; without it this part is skipped.
 
 mod cpu_time;
 #[path = "../tests/scan_samples/mod.rs"]
 mod scan_samples;
+mod scan_steps;
 mod spot_contours;
 
 use std::time::{Duration, Instant};
@@ -23,6 +24,7 @@ use layerd::slice::scan::{Fill, HatchStrategy, Neighbours, Region, ScanSettings}
 use layerd::stream::MemoryBudget;
 use layerd_wire::encoding::VectorEncoding;
 use scan_samples::{islands, settings};
+use scan_steps::{contour_steps, print_step};
 use spot_contours::{FIELD_UM, LAYERS};
 
 fn main() {
@@ -118,10 +120,10 @@ fn print_steps(header: &Header, source: &MemoryStruts) {
         ("narrow parts", of_fill.narrow),
         ("order", of_fill.order),
     ];
-    let of_contours = spot_contours::steps(before, contours.times());
+    let of_contours = contour_steps(before, contours.times());
+    let processor_share = whole_cpu.as_secs_f64() / whole.as_secs_f64();
     for (step, time) in of_contours.into_iter().chain(of_fill).chain([("encoding", encoding), ("all", whole)]) {
-        let seconds = time.as_secs_f64() * whole_cpu.as_secs_f64() / whole.as_secs_f64();
-        println!("{step} | {:.2} | {:.0}", seconds * 1e3 / f64::from(LAYERS), count as f64 / seconds);
+        print_step(step, time.mul_f64(processor_share), LAYERS, count);
     }
 }
 

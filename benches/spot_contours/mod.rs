@@ -1,26 +1,23 @@
-//! Contours of `spot_lattice.txt` on pixels of 30 µm, from z = 30 mm on. `benches/contours.rs` and `benches/scan_fill.rs` measure them.
+//! Contours of `spot_lattice.txt` on pixels of 30 µm, from z = 30 mm on. `benches/contours.rs`, `benches/scan_fill.rs` and
+//! `benches/encoding.rs` use them.
 
 #[path = "../spot/mod.rs"]
 mod spot;
 
-use std::time::Duration;
-
 use layerd::buildfile::Header;
 use layerd::layer::{Depth, Mirror, Raster};
-use layerd::slice::scan::{ContourTimes, Contours};
+use layerd::slice::scan::Contours;
 use layerd::slice::{BodySource, MemoryStruts, SlicePlan};
 use layerd::stream::MemoryBudget;
 
 const PIXEL_UM: u32 = 30;
-const SIZE_PX: [u32; 2] = [2200, 3600];
 const Z_UM: u32 = 30_000;
 
 /// How many layers are measured.
 pub(crate) const LAYERS: u32 = 20;
 
 /// Sides of the field, micrometres.
-#[allow(dead_code, reason = "only one of the benches encodes")]
-pub(crate) const FIELD_UM: [u32; 2] = [SIZE_PX[0] * PIXEL_UM, SIZE_PX[1] * PIXEL_UM];
+pub(crate) const FIELD_UM: [u32; 2] = [66_000, 108_000];
 
 /// Header and struts; `None`, and a message, where the file is not there.
 pub(crate) fn lattice(convolution: bool) -> Option<(Header, MemoryStruts)> {
@@ -37,8 +34,8 @@ pub(crate) fn contours(
 ) -> Contours {
     let pixel_um = f64::from(PIXEL_UM);
     let raster = Raster {
-        width_px: SIZE_PX[0],
-        height_px: SIZE_PX[1],
+        width_px: FIELD_UM[0] / PIXEL_UM,
+        height_px: FIELD_UM[1] / PIXEL_UM,
         pixel_um: [pixel_um; 2],
         build_height_um: 100_000.0,
         mirror: Mirror::default(),
@@ -49,15 +46,4 @@ pub(crate) fn contours(
         Contours::new(bodies, plan, tolerance_um, threads, Z_UM / PIXEL_UM - 1, budget).expect("it fits");
     contours.next_layer().expect("a layer");
     contours
-}
-
-/// The steps of contours, and the time that each took between two readings.
-#[allow(dead_code, reason = "the bench of encodings measures no contours")]
-pub(crate) fn steps(before: ContourTimes, after: ContourTimes) -> [(&'static str, Duration); 4] {
-    [
-        ("field", after.field - before.field),
-        ("march", after.march - before.march),
-        ("join", after.join - before.join),
-        ("simplify", after.simplify - before.simplify),
-    ]
 }
