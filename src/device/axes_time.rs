@@ -1,6 +1,5 @@
 //! How long axes take that move the beam themselves. A grbl controller plans some moves ahead, and slows down at corners.
-//! `pipeline/part.rs` uses it, and `tests/grbl/main.rs` compares it with a
-//! controller.
+//! `pipeline/part.rs` uses it, and `tests/grbl/main.rs` compares it with a controller.
 
 use crate::layer::{LaserParameters, MarkClass, Vectors};
 
@@ -125,7 +124,7 @@ fn planned_s(moves: &[Move], baud: u32) -> f64 {
         .collect();
     let (mut now_s, mut begin_2) = (0.0, 0.0);
     for (place, move_) in moves.iter().enumerate() {
-        // It plans again with each line that comes before it must brake.
+        // The controller plans again with each line that comes before the move must brake.
         let known = lines.known(place, moves, now_s + move_.time_s(begin_2, 0.0) / 2.0);
         now_s = f64::max(now_s, lines.taken_s[place]);
         // Behind the last move that it knows, the controller must be able to stand.

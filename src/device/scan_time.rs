@@ -35,7 +35,7 @@ pub struct ScanClock<'a> {
 }
 
 impl<'a> ScanClock<'a> {
-    /// At the begin of a layer. `lasers` has the parameters of each class, in the order of the classes' numbers. Speeds of 0 count as
+    /// At the start of a layer. `lasers` has the parameters of each class, in the order of the classes' numbers. Speeds of 0 count as
     /// 1 µm/s. The way from where the laser stands before the layer is not known and not counted. `axes` is for machines whose axes move the
     /// beam; other machines have a scanner.
     pub fn new(lasers: &'a [LaserParameters; MarkClass::ALL.len()], axes: Option<&'a AxesMotion>) -> Self {

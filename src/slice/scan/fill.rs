@@ -65,10 +65,10 @@ const BATCH_REGIONS: usize = 256;
 /// The most that these regions are filled with, bytes, unless it is a single region.
 const BATCH_BYTES: u64 = 4 << 20;
 
-/// A region that may take more than this is filled by itself, bytes: so only small ones are filled at the same time.
+/// The most that a region may take to be filled at the same time as others, bytes. A larger region is filled by itself.
 const SMALL_REGION_BYTES: u64 = 2 << 20;
 
-/// A group of regions with more pieces than this is put in order without waiting for more, bytes.
+/// Memory of a group's pieces above which it is put in order without waiting for more regions, bytes.
 const MAX_GROUP_BYTES: u64 = 2 << 20;
 
 /// Why a layer cannot be filled.
@@ -96,7 +96,7 @@ pub struct Fill {
     rules: ThinRules,
     workers: Workers,
     budget: MemoryBudget,
-    /// What the vectors of the last layer are charged, because they are still in use.
+    /// The charge for the vectors of the last layer, which are still in use.
     whole: Option<Charge>,
     times: FillTimes,
 }
@@ -298,7 +298,7 @@ impl Group {
         for of_region in &filled {
             self.pieces.append(&of_region.pieces);
         }
-        // The old list is free, and so will be what the regions were filled with.
+        // This frees the charges of the old list and of what the regions were filled with.
         self.charge = Some(grown);
         Ok(())
     }

@@ -56,12 +56,12 @@ pub(super) struct RegionMemory {
     pub(super) lines_bytes: u64,
 }
 
-/// What charges the work space of a region.
+/// How the work space of a region is charged.
 #[derive(Clone, Copy)]
 pub(super) enum Room<'a> {
-    /// All of it was charged before.
+    /// All of it was charged before the region is filled.
     Charged,
-    /// It is charged when it is known.
+    /// Each part is charged to this budget when its size is known.
     Of(&'a MemoryBudget),
 }
 

@@ -1,4 +1,4 @@
-//! In which order a layer is marked, so that the laser jumps little. `pieces` uses it.
+//! In which order a layer is marked, so that the laser jumps little. `pen` uses it.
 //!
 //! A stop is what is marked without a choice in between: a contour, a centre line, a point, or a part of the hatches. It can be entered at
 //! some of its points: a contour at any, a line at both ends. The order is found in three steps, each with bounded effort:

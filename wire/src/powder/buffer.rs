@@ -178,7 +178,7 @@ impl LayerBuffer {
             let used = given - rest.len();
             layer.bytes.drain(..used);
             self.taken = self.taken.wrapping_add(used as u32);
-            // The decoder has taken this piece. The bytes may go on at the begin of the ring.
+            // The decoder has taken this piece. The bytes may go on at the start of the ring.
             if !matches!(found, Ok(None)) || used == 0 {
                 return found;
             }

@@ -19,7 +19,7 @@ pub(super) enum Field {
         /// Number of the kind before.
         after: u8,
     },
-    /// Difference along an axis from the laser's place to the begin of a path, or to a point.
+    /// Difference along an axis from the laser's place to the start of a path, or to a point.
     Jump {
         /// 0 for x, 1 for y.
         axis: u8,

@@ -109,7 +109,7 @@ impl Track {
         Ok(())
     }
 
-    /// The laser jumps to the begin of a path.
+    /// The laser jumps to the start of a path.
     pub(super) fn begin_path(&mut self, point_um: [i32; 2]) -> Result<(), VectorError> {
         (self.delta_um, self.bend) = ([0; 2], 0);
         self.go(point_um)
