@@ -1,6 +1,7 @@
-//! Regions to test with, and usual settings. `tests/scan_fill/` and `benches/scan_fill.rs` use them.
+//! Regions to test with, and usual settings. `tests/scan_fill/`, `tests/scan_memory.rs` and the benches of scan vectors use
+//! them.
 
-#![allow(dead_code, reason = "the bench uses some of them only")]
+#![allow(dead_code, reason = "each test and bench uses some of them only")]
 
 use layerd::slice::scan::{HatchSettings, HatchStrategy, Region, Ring, ScanSettings};
 
@@ -66,14 +67,21 @@ pub(crate) fn dumb_bell(at: [f64; 2], radius_um: f64, length_um: f64, web_um: f6
     Region { outer, holes: Vec::new() }
 }
 
+/// The generator of Knuth's MMIX, begun with a seed. Its high bits are good enough to place islands.
+pub(crate) struct Random(pub(crate) u64);
+
+impl Random {
+    /// A number from `low` to less than `high`.
+    pub(crate) fn between(&mut self, low: f64, high: f64) -> f64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        low + (high - low) * (self.0 >> 33) as f64 / (1u64 << 31) as f64
+    }
+}
+
 /// Sections of struts as a lattice has them: ellipses, narrowest `narrow_um` and at most `wide_um`, on a grid with a random shift.
 pub(crate) fn islands(count: u32, narrow_um: f64, wide_um: f64, seed: u64) -> Vec<Region> {
-    let mut state = seed;
-    // The generator of Knuth's MMIX; the high bits are good enough to place islands.
-    let mut random = move || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 33) as f64 / f64::from(1 << 30) / 2.0
-    };
+    let mut generator = Random(seed);
+    let mut random = move || generator.between(0.0, 1.0);
     let side = f64::from(count).sqrt().ceil() as u32;
     let pitch = 2.0 * wide_um;
     (0..count)
