@@ -43,6 +43,8 @@ fn prints(options: Options) {
     let id = bench.print();
     bench.completed(id);
     bench.assert_marked_once();
+    let log = std::fs::read_to_string(bench.bench.path("daemon.log")).expect("a log");
+    assert!(log.contains("has no checksum"), "the operator is told what cannot be noticed: {log}");
     let facts = bench.model.facts();
     assert_eq!(facts.errors(), Vec::<&grbl_model::facts::Line>::new());
     // M3 would burn at rest, and a power without a motion would stop it.

@@ -135,6 +135,12 @@ impl Findings {
                 machine.time_scale()
             ));
         }
+        if machine.grbl().is_some() {
+            self.warnings.push(format!(
+                "the line to a grbl controller (`link.protocol` in {place}) has no checksum: a byte that is lost or changed on it can spoil \
+                 a mark without notice. Use a short shielded cable, and flow_control = \"rts_cts\" if the controller has it"
+            ));
+        }
         let raster = machine.raster();
         let (width_px, height_px) = (raster.width_px, raster.height_px);
         let need_bytes = PrintMemory::min_bytes(machine);

@@ -5,7 +5,7 @@ use layerd_wire::encoding::{Vector, VectorDecoder};
 use layerd_wire::powder::{LayerBuffer, StoredLayer, mark_us, usable};
 
 use super::gcode::{self, Power};
-use super::path::{Path, Stretch};
+use super::path::Path;
 use super::sender::{Kind, Sender};
 use super::settings::Controller;
 use crate::link::message::ExposureId;
@@ -22,8 +22,8 @@ pub(super) struct Marking {
     pub(super) deadline_us: u64,
     /// Why no more vectors are sent.
     pub(super) stopping: Option<&'static str>,
-    /// `None` before the position of the beam is known, where the way begins.
-    way: Option<Way>,
+    /// `None` before the position of the beam is known, where the path starts.
+    path: Option<Path>,
     /// `None` when all bytes of the layer were decoded.
     decoder: Option<VectorDecoder>,
     crc32: u32,
@@ -34,13 +34,6 @@ pub(super) struct Marking {
     /// Since when everything that came is marked, and more must come, microseconds.
     starved_since_us: Option<u64>,
     starved_us: u64,
-}
-
-/// The way that was sent, and its end.
-#[derive(Clone, Debug)]
-struct Way {
-    path: Path,
-    end_um: [i32; 2],
 }
 
 /// What making lines came to.
@@ -72,7 +65,7 @@ impl Marking {
             broken,
             deadline_us,
             stopping: None,
-            way: None,
+            path: None,
             decoder: Some(VectorDecoder::new(layer.encoding, field_um, layer.encoded_bytes)),
             crc32: layer.crc32,
             field_um,
@@ -83,22 +76,19 @@ impl Marking {
         }
     }
 
-    /// The beam stands here, and its way begins.
+    /// The beam stands here, and its path starts.
     pub(super) fn begin(&mut self, at_um: [i32; 2], controller: &Controller) {
-        let path = Path::new(self.from_vector, controller.planner_blocks, controller.tolerance_um);
-        self.way = Some(Way { path, end_um: at_um });
+        self.path = Some(Path::new(at_um, self.from_vector, controller.planner_blocks, controller.tolerance_um));
     }
 
     /// Makes lines while there is room for them.
     pub(super) fn make(&mut self, buffer: &mut LayerBuffer, sender: &mut Sender, now_us: u64) -> Made {
-        if self.way.is_none() {
+        if self.path.is_none() {
             return Made::More;
         }
         while sender.has_room() {
             if self.stopping.is_some() {
-                if let Some(way) = &mut self.way {
-                    way.path.withdraw(sender.drop_waiting());
-                }
+                self.withdraw(sender.drop_waiting());
                 return self.darken(sender, now_us);
             }
             let Some(decoder) = &mut self.decoder else { return self.darken(sender, now_us) };
@@ -149,21 +139,19 @@ impl Marking {
 
     /// Sends a vector.
     fn add(&mut self, vector: &Vector, sender: &mut Sender) -> Result<(), String> {
-        let (Some(decoder), Some(way)) = (&self.decoder, &mut self.way) else { return Ok(()) };
+        let (Some(decoder), Some(path)) = (&self.decoder, &mut self.path) else { return Ok(()) };
         let laser = usable(decoder, vector, self.power.max_power_mw)
             .map_err(|error| format!("vector {}: {error}", vector.number))?;
         let (mut from_um, to_um, laser) = gcode::marked(vector, laser, self.field_um);
         if vector.number == self.from_vector {
             from_um = self.broken.and_then(|broken| broken.at_um).unwrap_or(from_um);
         }
-        if way.end_um != from_um {
-            way.path.push(Stretch { from_um: way.end_um, to_um: from_um, vector: None, laser_us: 0 });
+        if path.end_um() != from_um {
+            path.jump(from_um);
             sender.push(gcode::jump(from_um), Kind::Beam);
         }
-        let laser_us = mark_us(vector, &laser);
-        way.path.push(Stretch { from_um, to_um, vector: Some(vector.number), laser_us });
+        path.mark(to_um, vector.number, mark_us(vector, &laser));
         sender.push(gcode::mark(to_um, &laser, self.power), Kind::Beam);
-        way.end_um = to_um;
         Ok(())
     }
 
@@ -186,45 +174,37 @@ impl Marking {
 
     /// The controller has taken a move.
     pub(super) fn answered(&mut self) {
-        if let Some(way) = &mut self.way {
-            way.path.answered();
-        }
+        self.path.iter_mut().for_each(Path::answered);
     }
 
     /// The controller has refused a line. What came behind it, it may have carried out from another place.
     pub(super) fn refused(&mut self) {
-        if let Some(way) = &mut self.way {
-            way.path.refused();
-        }
+        self.path.iter_mut().for_each(Path::refused);
     }
 
-    /// Lines that waited were not sent.
+    /// So many lines that waited were not sent.
     pub(super) fn withdraw(&mut self, count: usize) {
-        if let Some(way) = &mut self.way {
-            way.path.withdraw(count);
-        }
+        self.path.iter_mut().for_each(|path| path.withdraw(count));
     }
 
     /// The beam was seen here, while it moves. Returns whether that can be.
     pub(super) fn seen(&mut self, at_um: [i32; 2]) -> bool {
-        self.way.as_mut().is_none_or(|way| way.path.seen(at_um))
+        self.path.as_mut().is_none_or(|path| path.seen(at_um))
     }
 
-    /// Where the way ends that was sent.
+    /// Where the path ends that was sent.
     pub(super) fn end_um(&self) -> Option<[i32; 2]> {
-        self.way.as_ref().map(|way| way.end_um)
+        self.path.as_ref().map(Path::end_um)
     }
 
-    /// The beam is at the end of its way.
+    /// The beam is at the end of its path.
     pub(super) fn complete(&mut self) {
-        if let Some(way) = &mut self.way {
-            way.path.complete();
-        }
+        self.path.iter_mut().for_each(Path::complete);
     }
 
     /// The first vector that is not known to be marked.
     pub(super) fn next_vector(&self) -> u32 {
-        self.way.as_ref().map_or(self.from_vector, |way| way.path.next_vector())
+        self.path.as_ref().map_or(self.from_vector, Path::next_vector)
     }
 
     /// Number of the layer's vectors if all were decoded.
@@ -234,7 +214,7 @@ impl Marking {
 
     /// How long the laser was on for the vectors that are known to be marked, milliseconds. Computed: a grbl controller does not tell.
     pub(super) fn laser_ms(&self) -> u32 {
-        self.way.as_ref().map_or(0, |way| rounded_ms(way.path.laser_us()))
+        self.path.as_ref().map_or(0, |path| rounded_ms(path.laser_us()))
     }
 
     pub(super) fn starved_ms(&self) -> u32 {
@@ -243,7 +223,7 @@ impl Marking {
 
     /// What is known of a marking that ended early, with the beam at rest here.
     pub(super) fn cut(&self, at_um: [i32; 2], is_cut: bool) -> Cut {
-        let rest = self.way.as_ref().map(|way| way.path.rest(at_um, is_cut));
+        let rest = self.path.as_ref().map(|path| path.rest(at_um, is_cut));
         let next_vector = rest.map_or(self.from_vector, |rest| rest.next_vector);
         // If not even the first vector went on, the part of it that was marked before stays.
         let before = self.broken.filter(|_| next_vector == self.from_vector);
@@ -251,18 +231,27 @@ impl Marking {
             Some(rest) if rest.is_broken => Some(Broken { at_um: rest.broken_um }),
             _ => before,
         };
-        Cut { next_vector, broken, laser_ms: rest.map_or(0, |rest| rounded_ms(rest.laser_us)) }
+        let laser_ms = rest.map_or(0, |rest| rounded_ms(rest.laser_us));
+        self.cut_at(next_vector, broken, laser_ms)
     }
 
     /// What is known of it if the position tells nothing.
     pub(super) fn cut_somewhere(&self) -> Cut {
-        Cut { next_vector: self.next_vector(), broken: Some(Broken { at_um: None }), laser_ms: self.laser_ms() }
+        self.cut_at(self.next_vector(), Some(Broken { at_um: None }), self.laser_ms())
+    }
+
+    fn cut_at(&self, next_vector: u32, broken: Option<Broken>, laser_ms: u32) -> Cut {
+        let is_whole = self.vectors == Some(next_vector) && broken.is_none();
+        Cut { id: self.id, is_whole, next_vector, broken, laser_ms }
     }
 }
 
-/// How far a layer is marked that ended early.
+/// How far a layer is marked whose marking ended early.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Cut {
+    pub(super) id: ExposureId,
+    /// Whether all of its vectors are marked.
+    pub(super) is_whole: bool,
     /// The first vector that is not marked whole.
     pub(super) next_vector: u32,
     /// Whether part of that vector may be marked.

@@ -9,7 +9,7 @@
 //! | `settings`   | what the controller is, checked against the machine                               |
 //! | `sender`     | lines to the controller, never more than it has room for; real-time characters    |
 //! | `gcode`      | the text of lines                                                                 |
-//! | `path`       | the way of the beam, and where on it the beam is                                  |
+//! | `path`       | the path of the beam, and where on it the beam is                                 |
 //! | `marking`    | a layer while it is marked                                                        |
 //! | `firmware`   | layers, acts, resets, and what was marked                                         |
 //! | `texts`      | what errors and alarms mean                                                       |
@@ -35,7 +35,7 @@ use super::message::{HostMessage, Urgent};
 use super::session::{HelloRefusal, HostEvent, LostReason};
 use answer::{Answer, Lines, State, Status};
 use firmware::Firmware;
-use sender::Kind;
+use sender::{Kind, PRESS_AGAIN_US};
 pub use settings::{GrblMachine, GrblMisfit};
 use settings::{MAX_LINE_BYTES, Told};
 
@@ -51,9 +51,7 @@ const ASK_US: u64 = 500_000;
 const ASK_EARLY_US: u64 = 200_000;
 /// Longest homing, microseconds. grbl 1.1 says nothing meanwhile.
 const DEAF_US: u64 = 300_000_000;
-/// A reset that is not answered is sent again after this time, microseconds.
-const PRESS_AGAIN_US: u64 = 1_000_000;
-/// A controller that starts more often while a session begins starts over and over.
+/// Most banners while a session begins. A controller that starts more often has a fault.
 const MAX_BANNERS: u32 = 5;
 /// Longest piece of layer data, bytes.
 const PIECE_BYTES: usize = 2048;
@@ -84,6 +82,7 @@ pub struct GrblSession {
     phase: Phase,
     /// When the present phase has taken too long.
     give_up_us: u64,
+    /// When to ask for the status next, or to send a reset again.
     ask_us: u64,
     heard_us: u64,
     lines: Lines,
@@ -148,6 +147,7 @@ impl GrblSession {
     fn press_reset(&mut self) {
         self.firmware.sender.reset();
         self.enter(Phase::Resetting, ANSWER_US);
+        self.ask_us = self.now_us + PRESS_AGAIN_US;
     }
 
     /// Takes bytes from the line, in pieces of any size.
@@ -317,11 +317,9 @@ impl GrblSession {
                 self.lose(LostReason::NoAnswer { garbage_frames });
             }
             Phase::Listening | Phase::Settling | Phase::Locating => self.ask_status(ASK_EARLY_US),
-            // The first reset may have been lost.
+            // The reset may have been lost.
             Phase::Resetting if now_us >= self.ask_us => {
-                if self.ask_us > self.give_up_us - ANSWER_US {
-                    self.firmware.sender.reset();
-                }
+                self.firmware.sender.reset();
                 self.ask_us = now_us + PRESS_AGAIN_US;
             }
             Phase::Resetting => {}

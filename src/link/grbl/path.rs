@@ -1,4 +1,4 @@
-//! The way of the beam that a grbl controller was sent, and where on it the beam is. The controller says how far it has read, but not
+//! The path of the beam that a grbl controller was sent, and where on it the beam is. The controller says how far it has read, but not
 //! how far it has moved: only its position tells that. `tests/grbl/main.rs` prints with it.
 
 use std::collections::VecDeque;
@@ -8,13 +8,13 @@ const PREPARED_BLOCKS: usize = 12;
 
 /// A straight move that was sent.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Stretch {
-    pub(super) from_um: [i32; 2],
-    pub(super) to_um: [i32; 2],
+struct Stretch {
+    from_um: [i32; 2],
+    to_um: [i32; 2],
     /// The vector that it marks; `None` for a jump.
-    pub(super) vector: Option<u32>,
+    vector: Option<u32>,
     /// How long the laser is on, at full speed, microseconds.
-    pub(super) laser_us: u64,
+    laser_us: u64,
 }
 
 /// Where the beam came to rest.
@@ -24,7 +24,7 @@ pub(super) struct Rest {
     pub(super) next_vector: u32,
     /// Whether part of that vector may be marked.
     pub(super) is_broken: bool,
-    /// Where in that vector the laser went off, if the position tells: it lies on the way, and at one place of it only.
+    /// Where in that vector the laser went off, if the position tells that: it lies on the path, and at one place of it only.
     pub(super) broken_um: Option<[i32; 2]>,
     /// How long the laser was on for whole vectors, microseconds.
     pub(super) laser_us: u64,
@@ -34,7 +34,8 @@ pub(super) struct Rest {
 #[derive(Clone, Debug)]
 pub(super) struct Path {
     stretches: VecDeque<Stretch>,
-    /// Of these, the number that the controller has answered.
+    end_um: [i32; 2],
+    /// Of the moves, the number that the controller has answered.
     answered: usize,
     /// Of the answered ones, the number of those that certainly take a block of the planner.
     blocks: usize,
@@ -46,10 +47,11 @@ pub(super) struct Path {
 }
 
 impl Path {
-    /// A way that begins with `next_vector`. `tolerance_um`: how far a reported position may lie beside the way.
-    pub(super) fn new(next_vector: u32, planner_blocks: usize, tolerance_um: f64) -> Self {
+    /// A path that starts here, with `next_vector`. `tolerance_um`: how far a reported position may lie beside it.
+    pub(super) fn new(start_um: [i32; 2], next_vector: u32, planner_blocks: usize, tolerance_um: f64) -> Self {
         Self {
             stretches: VecDeque::new(),
+            end_um: start_um,
             answered: 0,
             blocks: 0,
             planner_blocks,
@@ -59,9 +61,24 @@ impl Path {
         }
     }
 
-    /// A move was sent. It is not of length 0.
-    pub(super) fn push(&mut self, stretch: Stretch) {
-        self.stretches.push_back(stretch);
+    /// A jump was sent. It is not of length 0.
+    pub(super) fn jump(&mut self, to_um: [i32; 2]) {
+        self.push(to_um, None, 0);
+    }
+
+    /// A mark of a vector was sent, during which the laser is on for so long, microseconds. It is not of length 0.
+    pub(super) fn mark(&mut self, to_um: [i32; 2], vector: u32, laser_us: u64) {
+        self.push(to_um, Some(vector), laser_us);
+    }
+
+    fn push(&mut self, to_um: [i32; 2], vector: Option<u32>, laser_us: u64) {
+        self.stretches.push_back(Stretch { from_um: self.end_um, to_um, vector, laser_us });
+        self.end_um = to_um;
+    }
+
+    /// Where the path ends that was sent.
+    pub(super) fn end_um(&self) -> [i32; 2] {
+        self.end_um
     }
 
     /// The controller has read the oldest move that it had not answered. Moves that no longer fit into its planner are done.
@@ -82,14 +99,16 @@ impl Path {
 
     /// The controller has refused a move. Those behind it do not lie where they should.
     pub(super) fn refused(&mut self) {
-        self.stretches.truncate(self.answered);
+        self.withdraw(self.stretches.len() - self.answered);
     }
 
     /// The last moves were not sent after all.
     pub(super) fn withdraw(&mut self, count: usize) {
-        let kept = self.stretches.len().saturating_sub(count);
-        self.stretches.truncate(kept);
-        self.answered = self.answered.min(kept);
+        for _ in 0..count {
+            if let Some(stretch) = self.stretches.pop_back() {
+                self.end_um = stretch.from_um;
+            }
+        }
     }
 
     /// Everything that was sent is done.
@@ -222,13 +241,11 @@ mod tests {
 
     /// A jump to the first of two hatches, the hatch, a jump, and the other hatch.
     fn hatches() -> Path {
-        let mut path = Path::new(7, 15, 10.0);
-        let mark = |vector, from_um, to_um| Stretch { from_um, to_um, vector: Some(vector), laser_us: 100 };
-        let jump = |from_um, to_um| Stretch { from_um, to_um, vector: None, laser_us: 0 };
-        path.push(jump([0, 0], [1000, 1000]));
-        path.push(mark(7, [1000, 1000], [5000, 1000]));
-        path.push(jump([5000, 1000], [5000, 1060]));
-        path.push(mark(8, [5000, 1060], [1000, 1060]));
+        let mut path = Path::new([0, 0], 7, 15, 10.0);
+        path.jump([1000, 1000]);
+        path.mark([5000, 1000], 7, 100);
+        path.jump([5000, 1060]);
+        path.mark([1000, 1060], 8, 100);
         path
     }
 
@@ -267,16 +284,24 @@ mod tests {
         let path = hatches();
         assert_eq!(rest(&path, [3000, 3000], true), (7, true, false));
         // A ring that ends where it begins.
-        let mut ring = Path::new(0, 15, 10.0);
-        let corners = [[0, 0], [900, 0], [900, 900], [0, 0]];
-        for (vector, pair) in corners.windows(2).enumerate() {
-            let (from_um, to_um) = (pair[0], pair[1]);
-            ring.push(Stretch { from_um, to_um, vector: Some(vector as u32), laser_us: 1 });
+        let mut ring = Path::new([0, 0], 0, 15, 10.0);
+        for (vector, corner) in [[900, 0], [900, 900], [0, 0]].into_iter().enumerate() {
+            ring.mark(corner, vector as u32, 1);
         }
         assert_eq!(rest(&ring, [0, 0], false), (0, true, false));
         // Once its first side is answered, the ring is whole.
         ring.answered();
         assert_eq!(rest(&ring, [0, 0], false), (3, false, false));
+    }
+
+    #[test]
+    fn moves_that_were_not_sent_are_taken_off_its_end() {
+        let mut path = hatches();
+        path.withdraw(2);
+        assert_eq!(path.end_um(), [5000, 1000]);
+        path.answered();
+        path.refused();
+        assert_eq!(path.end_um(), [1000, 1000]);
     }
 
     #[test]
@@ -287,11 +312,8 @@ mod tests {
         assert!(path.seen([3000, 1060]));
         assert_eq!(path.next_vector(), 8);
         assert!(!path.seen([3000, 1000]), "it never goes back");
-        let mut long = Path::new(0, 15, 10.0);
-        for vector in 0..40 {
-            let from_um = [vector * 100, 0];
-            long.push(Stretch { from_um, to_um: [from_um[0] + 100, 0], vector: Some(vector as u32), laser_us: 1 });
-        }
+        let mut long = Path::new([0, 0], 0, 15, 10.0);
+        (0..40).for_each(|vector| long.mark([(vector as i32 + 1) * 100, 0], vector, 1));
         (0..40).for_each(|_| long.answered());
         assert_eq!(long.next_vector(), 40 - 15 - 12);
         long.complete();

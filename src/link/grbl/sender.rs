@@ -11,6 +11,9 @@ const MAX_WAITING: usize = 16;
 const STATUS: u8 = b'?';
 /// Resets the controller: the laser is dark within 5 ms.
 const RESET: u8 = 0x18;
+/// A reset that is not answered is sent again after this time, microseconds. grbl 1.1 says nothing for half a second if it moved, and
+/// would carry out a second reset after that.
+pub(super) const PRESS_AGAIN_US: u64 = 1_000_000;
 /// A status that does not come within this time is asked for again, microseconds. More questions would be merged into one.
 const STATUS_LOST_US: u64 = 1_000_000;
 

@@ -80,11 +80,14 @@ pub enum GrblMisfit {
         /// The value of the machine file.
         configured: String,
     },
-    /// It does not say how much it can take at once, or too little.
+    /// It can take too little at once.
     #[error(
         "the controller says in $I that it takes {0} bytes at once; lines need {MAX_LINE_BYTES}: use another controller"
     )]
     Buffer(u32),
+    /// It does not say how much it can take at once.
+    #[error("the controller does not tell its buffers ($I): is it grbl 1.1 or grblHAL?")]
+    NoOptions,
     /// Its coordinate system is not known.
     #[error("the controller does not tell the offset of G54 ($#): is it grbl 1.1 or grblHAL?")]
     NoOffset,
@@ -130,7 +133,7 @@ impl Told {
         Self { name, ..Self::default() }
     }
 
-    /// Notes a line of `$$`. Only the settings that are used below are kept.
+    /// Notes a line of `$$`. Settings beyond those of grbl 1.1 are not used.
     pub(super) fn note(&mut self, setting: u16, value: f64) {
         if setting < 200 {
             self.settings.insert(setting, value);
@@ -165,7 +168,7 @@ impl Told {
             return Err(GrblMisfit::Setting { setting: 22, name: "homing, not required", found, wanted, value: "5" });
         }
         self.check_axes(machine)?;
-        let (blocks, bytes) = self.options.unwrap_or_default();
+        let (blocks, bytes) = self.options.ok_or(GrblMisfit::NoOptions)?;
         // Of a ring buffer one byte stays free.
         let usable_bytes = (bytes.saturating_sub(1) as usize).min(MAX_USABLE_BYTES);
         if usable_bytes < MAX_LINE_BYTES {
@@ -175,12 +178,12 @@ impl Told {
         Ok(Controller {
             name: self.name.clone(),
             usable_bytes,
-            // Fewer are a byte that was lost: moves would count as done too early.
+            // If a byte was lost and the number is too small, moves would count as done too early.
             planner_blocks: (blocks as usize).clamp(MIN_PLANNER_BLOCKS, MAX_PLANNER_BLOCKS),
             max_s,
             homes: homing & 1 == 1,
             offset_um: self.offset_um.ok_or(GrblMisfit::NoOffset)?,
-            // Three steps, one of them at each end and one in between; at least a rounded coordinate and some.
+            // A step at each end and one in between; positions and coordinates are rounded, too.
             tolerance_um: (3000.0 / steps_mm).max(10.0),
             // One and a half steps, and a rounded position.
             plate_tolerance_um: (1500.0 / self.get(102, "steps/mm of z")?.max(1.0)).ceil() as u32 + 1,
@@ -205,8 +208,7 @@ impl Told {
 
     /// Speeds and accelerations decide how long a layer takes, and travels what fits.
     fn check_axes(&self, machine: &GrblMachine) -> Result<(), GrblMisfit> {
-        let axes = [(110, 120, 130, "x"), (111, 121, 131, "y")];
-        for (axis, (speed, acceleration, travel, _)) in axes.into_iter().enumerate() {
+        for (axis, (speed, acceleration, travel)) in [(110, 120, 130), (111, 121, 131)].into_iter().enumerate() {
             let name = ["greatest speed of x, mm/min", "greatest speed of y, mm/min"][axis];
             let found = self.get(speed, name)?;
             differs(speed, name, found, found / 60.0, "axes.max_speed_mm_s", f64::from(machine.max_speed_um_s))?;

@@ -6,13 +6,11 @@ use super::{Firmware, Readiness};
 use crate::link::grbl::answer::{State, Status};
 use crate::link::grbl::marking::{Cut, Marking};
 use crate::link::grbl::path::length_um;
+use crate::link::grbl::sender::PRESS_AGAIN_US;
 use crate::link::grbl::settings::{Controller, GrblMisfit};
 use crate::link::message::ExposureId;
 use layerd_wire::session::MAX_URGENTS;
 
-/// A reset that is not answered is sent again after this time, microseconds. grbl 1.1 says nothing for half a second if it moved, and
-/// would carry out a second reset after that.
-const PRESS_AGAIN_US: u64 = 1_000_000;
 /// A controller that does not answer a reset within this time is lost, microseconds.
 const RESET_US: u64 = 3_500_000;
 /// The status after a reset is asked for this often, microseconds.
@@ -46,15 +44,6 @@ pub(super) struct Interrupted {
     marking: Box<Marking>,
     /// The controller was reset, so that the beam may have stopped anywhere.
     is_cut: bool,
-}
-
-/// A marking that ended, and how far it came.
-#[derive(Debug)]
-pub(super) struct Ended {
-    pub(super) id: ExposureId,
-    /// Number of the layer's vectors, if all of them were decoded.
-    pub(super) vectors: Option<u32>,
-    pub(super) cut: Cut,
 }
 
 impl Firmware {
@@ -113,29 +102,25 @@ impl Firmware {
                 true
             }
             None => {
+                self.act_broken();
+                // No alarm came first, so it stood. It may have carried out the lines behind the reset with the laser off: the position
+                // tells nothing.
                 if let Some(running) = self.running.take() {
-                    match running.marking() {
-                        // No alarm came first, so it stood. The lines behind the reset were carried out with the laser off: the position
-                        // tells nothing.
-                        Some(marking) => {
-                            let (id, vectors, cut) = (marking.id, marking.vectors(), marking.cut_somewhere());
-                            self.note_cut(Ended { id, vectors, cut });
-                        }
-                        None => self.act_broken(&running.act),
-                    }
+                    self.beam_unseen = true;
+                    running.marking().into_iter().for_each(|marking| self.note_cut(marking.cut_somewhere()));
                 }
                 false
             }
         }
     }
 
-    /// The controller was reset during an act.
-    fn act_broken(&mut self, act: &Act) {
-        match act {
+    /// The controller was reset, perhaps during an act.
+    fn act_broken(&mut self) {
+        match self.running.as_ref().map(|running| &running.act) {
             // The plate was moving.
-            Act::Home | Act::Move(_) => self.knows_position = false,
-            Act::Recoat => self.recoated = false,
-            Act::Mark(_) => {}
+            Some(Act::Home | Act::Move(_)) => self.knows_position = false,
+            Some(Act::Recoat) => self.recoated = false,
+            Some(Act::Mark(_)) | None => {}
         }
     }
 
@@ -146,10 +131,7 @@ impl Firmware {
         }
         let Some(reset) = self.reset.take() else { return };
         tracing::info!(why = reset.why, ?at_um, "the controller was reset");
-        if let Some(running) = self.running.take() {
-            self.act_broken(&running.act);
-            self.running = Some(running);
-        }
+        self.act_broken();
         self.done.extend(reset.urgents);
         match self.running.is_some() {
             true => self.end_early([at_um[0], at_um[1]], true, reset.fault),
@@ -157,8 +139,30 @@ impl Firmware {
         }
     }
 
+    /// The session has ended: what is under way is not answered any more, and no further line is sent.
+    pub(in crate::link::grbl) fn end_session(&mut self) {
+        self.messages.clear();
+        self.done.clear();
+        self.questions.clear();
+        self.waiting = None;
+        let withdrawn = self.sender.drop_waiting();
+        if let Some(mut running) = self.running.take() {
+            if let Some(marking) = running.marking_mut() {
+                marking.withdraw(withdrawn);
+            }
+            match running.act {
+                Act::Move(travel) => self.unseen_to_um = Some(travel.position_um),
+                Act::Home => self.knows_position = false,
+                Act::Recoat => self.beam_unseen = true,
+                Act::Mark(_) => self.interrupt(running),
+            }
+        }
+        self.buffer.restart();
+        self.readiness = Readiness::Ready;
+    }
+
     /// Keeps a marking whose end is not known.
-    pub(super) fn interrupt(&mut self, running: Running) {
+    fn interrupt(&mut self, running: Running) {
         if let Act::Mark(marking) = running.act {
             self.interrupted = Some(Interrupted { marking, is_cut: self.reset.is_some() });
         }
@@ -175,7 +179,6 @@ impl Firmware {
         now_us: u64,
     ) -> Result<(), GrblMisfit> {
         self.now_us = now_us;
-        let fault = self.reset.as_mut().and_then(|reset| reset.fault.take());
         let (name, usable_bytes) = (controller.name.clone(), controller.usable_bytes);
         let before = self.controller.replace(controller);
         let is_first = before.is_none();
@@ -185,10 +188,9 @@ impl Firmware {
         };
         self.capabilities.name = name;
         self.sender.set_room(usable_bytes);
-        let state = status.state;
-        self.reset = None;
+        let fault = self.reset.take().and_then(|reset| reset.fault);
         let was_known = self.position_um.filter(|_| self.knows_position);
-        self.is_locked = state == State::Alarm;
+        self.is_locked = status.state == State::Alarm;
         self.knows_position = match was_known {
             // While it stood still or marked, the plate did not move. If it is elsewhere, the controller had no power.
             Some(before_um) => {
@@ -208,11 +210,10 @@ impl Firmware {
         }
         self.position_um = Some(at_um);
         if let Some(Interrupted { marking, is_cut }) = self.interrupted.take() {
-            let cut = match self.knows_position {
+            self.note_cut(match self.knows_position {
                 true => marking.cut([at_um[0], at_um[1]], is_cut),
                 false => marking.cut_somewhere(),
-            };
-            self.note_cut(Ended { id: marking.id, vectors: marking.vectors(), cut });
+            });
         }
         (self.fault, self.fault_ends_us) = (None, None);
         // A fault that ended the session before. The welcome carries it, so it is not reported as well.
@@ -240,12 +241,13 @@ impl Firmware {
     }
 
     /// The marking of a layer ended early.
-    pub(super) fn note_cut(&mut self, Ended { id, vectors, cut }: Ended) {
-        if vectors == Some(cut.next_vector) && cut.broken.is_none() {
+    pub(super) fn note_cut(&mut self, cut: Cut) {
+        let Cut { id, is_whole, next_vector, broken, laser_ms } = cut;
+        if is_whole {
             return self.note_whole(id);
         }
-        tracing::info!(layer = id.layer, next_vector = cut.next_vector, broken = ?cut.broken, "marking ended early");
-        self.cut_short = Some((id, cut.laser_ms));
-        (self.next_vector, self.broken) = (cut.next_vector, cut.broken);
+        tracing::info!(layer = id.layer, next_vector, ?broken, "marking ended early");
+        self.cut_short = Some((id, laser_ms));
+        (self.next_vector, self.broken) = (next_vector, broken);
     }
 }
