@@ -23,8 +23,6 @@ use crate::text::{count_text, size_text};
 use rehearsal::{Rehearsal, rehearse, roomy};
 
 /// Check before a print whether a part fits the machine, the memory and the line, and holds to the plate.
-///
-/// For a laser, all layers are computed. This takes minutes for a print of days.
 #[derive(Debug, clap::Args)]
 #[command(after_help = super::with_names("\
 Examples:

@@ -77,6 +77,8 @@ enum Command {
     /// Show what is in a build file, and how much resin the part takes.
     Info(info::InfoArgs),
     /// Check before a print whether a part fits the machine, the memory and the line, and holds to the plate.
+    ///
+    /// For a laser, all layers are computed. This takes minutes for a print of days.
     Check(check::CheckArgs),
     /// List the machines whose names other commands take.
     #[command(after_help = settings::MACHINES_HELP)]

@@ -1,5 +1,4 @@
-//! Regions to test with, and usual settings. `tests/scan_fill/`, `tests/scan_memory.rs` and the benches of scan vectors use
-//! them.
+//! Regions to test with, and usual settings. The tests and benches of scan vectors use them.
 
 #![allow(dead_code, reason = "each test and bench uses some of them only")]
 
