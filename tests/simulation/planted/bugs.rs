@@ -174,7 +174,7 @@ pub(crate) const BUGS: &[Bug] = &[
         name: "the plate goes to the height of the layer before",
         file: "src/job/cycle/vat.rs",
         was: "let to_um = self.plan.positions().layer_um(layer);",
-        becomes: "let to_um = self.plan.layer_position_um(layer.saturating_sub(1));",
+        becomes: "let to_um = self.plan.positions().layer_um(layer.saturating_sub(1));",
     },
     Bug {
         name: "a part left in the vat is forgotten",
