@@ -4,7 +4,7 @@ use super::facts::{Jump, Mark};
 use super::gcode::{Modes, Spindle};
 use super::machine::{Busy, Machine};
 use super::motion::{Block, Ended};
-use super::options::{AXES, Firmware};
+use super::options::AXES;
 use super::system::{self, Rare};
 
 /// From `ALARM:3` to the banner.
@@ -13,6 +13,7 @@ const ALARM_TO_BANNER_US: [u64; 2] = [500_000, 100_000];
 pub(super) const RESET_TO_BANNER_US: u64 = 3_000;
 /// From power to the banner.
 const POWER_TO_BANNER_US: u64 = 300_000;
+
 impl Machine {
     /// The light as it is now.
     pub(super) fn light(&mut self) {
@@ -28,7 +29,7 @@ impl Machine {
         self.beam.set(self.now_us, s, is_moving, &mut self.facts);
     }
 
-    /// A motion begins: the last entry of marks or jumps is it until it ends.
+    /// A motion begins. Until it ends, it is the last entry of marks or jumps.
     pub(super) fn begin_motion(&mut self) {
         let Some(block) = self.motion.running() else { return };
         let from_mm = self.true_place(block.from);
@@ -87,7 +88,7 @@ impl Machine {
             return;
         }
         self.say("[MSG:Restoring spindle]\r\n");
-        if self.options.firmware == Firmware::GrblHal {
+        if self.is_hal() {
             self.say("[MSG:]\r\n");
         }
         let was_between = self.motion.running().is_none();
@@ -122,7 +123,7 @@ impl Machine {
         let was_moving = (self.motion.running().is_some() && !self.motion.is_held()) || is_homing;
         self.stop_all();
         let is_waiting = self.doing.take().is_some();
-        let is_hal = self.options.firmware == Firmware::GrblHal;
+        let is_hal = self.is_hal();
         let mut banner_us = RESET_TO_BANNER_US;
         if was_moving {
             self.alarm = Some(if is_homing { 6 } else { 3 });
@@ -130,7 +131,7 @@ impl Machine {
             self.say(if is_homing { "ALARM:6\r\n" } else { "ALARM:3\r\n" });
             banner_us = ALARM_TO_BANNER_US[usize::from(is_hal)];
         }
-        // The line that was being done is still answered on 1.1, and nobody may count that.
+        // On 1.1 the line that was being done is still answered. A host must not count that answer.
         if (is_waiting || self.is_locked_until_reset) && !is_hal {
             self.say("ok\r\n");
         }
@@ -147,7 +148,7 @@ impl Machine {
     /// What is new at each start, and the banner.
     pub(super) fn start(&mut self) {
         self.modes = Modes::new();
-        if self.options.firmware == Firmware::Grbl11 {
+        if !self.is_hal() {
             self.g92 = [0.0; AXES];
         }
         self.buffer.clear();
@@ -157,9 +158,8 @@ impl Machine {
         self.sticky_error = 0;
         self.rare = Rare::new(self.options.firmware);
         self.reported_us = None;
-        self.facts.banners_us.push(self.now_us);
         self.say(system::banner(self.options.firmware));
-        if self.needs_homing && self.options.firmware == Firmware::GrblHal {
+        if self.needs_homing && self.is_hal() {
             self.say("ALARM:11\r\n[MSG:Homing cycle required]\r\n");
         } else if self.alarm.is_some() {
             self.say("[MSG:'$H'|'$X' to unlock]\r\n");
@@ -169,7 +169,7 @@ impl Machine {
     /// Power comes on: the machine is where it is, and calls that zero.
     pub(super) fn power_on(&mut self, banner_us: u64) {
         let homing = self.number(22) as u32;
-        let is_hal = self.options.firmware == Firmware::GrblHal;
+        let is_hal = self.is_hal();
         self.needs_homing = is_hal && homing & 4 != 0;
         self.alarm = (self.needs_homing || (!is_hal && homing != 0)).then_some(11);
         self.is_homed = false;

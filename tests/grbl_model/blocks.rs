@@ -2,11 +2,11 @@
 
 use std::collections::VecDeque;
 
-use super::facts::{Line, distance_mm};
+use super::facts::distance_mm;
 use super::gcode::{Axes, Modes, Request, Spindle};
 use super::machine::{Busy, Machine};
 use super::motion::Block;
-use super::options::{AXES, Firmware};
+use super::options::AXES;
 
 /// A homing cycle.
 const HOMING_US: u64 = 1_000_000;
@@ -73,12 +73,12 @@ impl Machine {
             self.parsed = self.motion.at(self.now_us).0;
             return self.answer(text, 0);
         }
-        self.facts.lines.push(Line { text: text.to_owned(), read_us: self.now_us, error: 0 });
+        self.note_line(text, 0);
         self.doing = Some(Doing { steps, is_move: moves });
     }
 
     pub(super) fn set_position(&mut self, request: &Request) {
-        let scale = if request.modes.is_inches { 25.4 } else { 1.0 };
+        let scale = request.modes.mm_per_unit();
         for axis in 0..AXES {
             if let Some(value) = request.axes[axis] {
                 self.g92[axis] = self.parsed[axis] - self.systems[self.modes.system][axis] - value * scale;
@@ -89,7 +89,7 @@ impl Machine {
 
     /// The motion that a line asks for; none if it goes nowhere. An error if it leaves the soft limits.
     pub(super) fn planned(&mut self, request: &Request) -> Result<Option<Block>, ()> {
-        let scale = if request.modes.is_inches { 25.4 } else { 1.0 };
+        let scale = request.modes.mm_per_unit();
         let offset = self.offset();
         let mut to = self.parsed;
         for axis in 0..AXES {
@@ -132,10 +132,10 @@ impl Machine {
     }
 
     pub(super) fn soft_limit(&mut self, text: &str) {
-        self.facts.lines.push(Line { text: text.to_owned(), read_us: self.now_us, error: 0 });
+        self.note_line(text, 0);
         self.stop_all();
         self.alarm = Some(2);
-        self.is_locked_until_reset = self.options.firmware == Firmware::Grbl11;
+        self.is_locked_until_reset = !self.is_hal();
         self.say("ALARM:2\r\n[MSG:Reset to continue]\r\n");
     }
 

@@ -44,8 +44,6 @@ pub struct Facts {
     pub marks: Vec<Mark>,
     pub jumps: Vec<Jump>,
     pub lines: Vec<Line>,
-    /// When each banner was sent.
-    pub banners_us: Vec<u64>,
     /// When each 0x18 arrived.
     pub resets_us: Vec<u64>,
     /// Bytes that found the receive buffer full.
@@ -55,8 +53,6 @@ pub struct Facts {
     pub lit_us: u64,
     /// How long it was on while the machine stood.
     pub at_rest_lit_us: u64,
-    /// Longest time it was on without a pause.
-    pub longest_lit_us: u64,
     /// Longest time it was on while the machine stood, without a pause.
     pub longest_at_rest_lit_us: u64,
     /// The laser is on now.
@@ -94,7 +90,6 @@ pub(super) struct Beam {
     s: f64,
     is_moving: bool,
     since_us: u64,
-    lit_for_us: u64,
     at_rest_for_us: u64,
 }
 
@@ -104,9 +99,6 @@ impl Beam {
         self.account(now_us, facts);
         self.s = s;
         self.is_moving = is_moving;
-        if s <= 0.0 {
-            self.lit_for_us = 0;
-        }
         if s <= 0.0 || is_moving {
             self.at_rest_for_us = 0;
         }
@@ -122,8 +114,6 @@ impl Beam {
             return;
         }
         facts.lit_us += passed_us;
-        self.lit_for_us += passed_us;
-        facts.longest_lit_us = facts.longest_lit_us.max(self.lit_for_us);
         if !self.is_moving {
             facts.at_rest_lit_us += passed_us;
             self.at_rest_for_us += passed_us;

@@ -57,6 +57,11 @@ impl Modes {
             tool: 0,
         }
     }
+
+    /// Millimetres in a unit of length.
+    pub(super) fn mm_per_unit(&self) -> f64 {
+        if self.is_inches { 25.4 } else { 1.0 }
+    }
 }
 
 /// Axis words: what they are for.
@@ -240,7 +245,7 @@ impl Reader {
         match letter {
             'X' | 'Y' | 'Z' => self.request.axes[letter as usize - 'X' as usize] = Some(value),
             'A' if machine_axes == 4 => self.request.axes[3] = Some(value),
-            'F' => modes.feed_mm_per_min = value * if modes.is_inches { 25.4 } else { 1.0 },
+            'F' => modes.feed_mm_per_min = value * modes.mm_per_unit(),
             'S' => {
                 modes.s = value;
                 self.request.has_s = true;

@@ -2,10 +2,8 @@
 
 use super::acts::RESET_TO_BANNER_US;
 use super::blocks::{Doing, Step};
-use super::facts::Line;
 use super::gcode;
 use super::machine::Machine;
-use super::options::Firmware;
 use super::system;
 use super::trouble::Sudden;
 
@@ -18,10 +16,7 @@ impl Machine {
     /// One character of a line.
     pub(super) fn character(&mut self, byte: u8) {
         if byte == b'\n' || byte == b'\r' {
-            let is_second = self.options.firmware == Firmware::GrblHal
-                && self.line.is_empty()
-                && self.ended_by != 0
-                && self.ended_by != byte;
+            let is_second = self.is_hal() && self.line.is_empty() && self.ended_by != 0 && self.ended_by != byte;
             if is_second {
                 self.ended_by = 0;
                 return;
@@ -39,11 +34,10 @@ impl Machine {
         match byte {
             b')' => self.is_comment = false,
             _ if self.is_comment => {}
-            b'(' => self.is_comment = true,
-            b';' => self.is_comment = true,
+            b'(' | b';' => self.is_comment = true,
             0..=b' ' | b'/' => {}
             _ => {
-                let largest = if self.options.firmware == Firmware::Grbl11 { 79 } else { 255 };
+                let largest = if self.is_hal() { 255 } else { 79 };
                 if self.line.len() >= largest {
                     self.is_too_long = true;
                 } else {
@@ -62,13 +56,12 @@ impl Machine {
             }
         }
         if let Some(command) = text.strip_prefix('$') {
-            let error = self.command(command);
-            if let Some(error) = error {
+            if let Some(error) = self.command(command) {
                 self.answer(text, error);
             }
             return;
         }
-        let is_hal = self.options.firmware == Firmware::GrblHal;
+        let is_hal = self.is_hal();
         if text.is_empty() || (is_hal && text == "%") {
             return self.answer(text, 0);
         }
@@ -86,7 +79,7 @@ impl Machine {
 
     /// Answers a line at once.
     pub(super) fn answer(&mut self, text: &str, error: u8) {
-        self.facts.lines.push(Line { text: text.to_owned(), read_us: self.now_us, error });
+        self.note_line(text, error);
         self.sticky_error = error;
         if error == 0 {
             if !self.trouble.loses_ok() {
@@ -138,7 +131,7 @@ impl Machine {
         if !is_quiet {
             return Some(NOT_IDLE);
         }
-        self.facts.lines.push(Line { text: "$H".to_owned(), read_us: self.now_us, error: 0 });
+        self.note_line("$H", 0);
         self.sticky_error = 0;
         self.doing = Some(Doing { steps: [Step::Home].into(), is_move: false });
         None
@@ -163,7 +156,7 @@ impl Machine {
         if !is_quiet {
             return NOT_IDLE;
         }
-        let unknown = if self.options.firmware == Firmware::Grbl11 { 3 } else { 53 };
+        let unknown = if self.is_hal() { 53 } else { 3 };
         let Ok(number) = number.parse::<u16>() else { return 3 };
         if !system::has_setting(&self.options, number) {
             return unknown;

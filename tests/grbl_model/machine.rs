@@ -5,7 +5,7 @@
 use std::collections::VecDeque;
 
 use super::blocks::Doing;
-use super::facts::{Beam, Facts};
+use super::facts::{Beam, Facts, Line};
 use super::gcode::{Modes, Spindle};
 use super::motion::Motion;
 use super::options::{AXES, Firmware, Options};
@@ -15,7 +15,7 @@ use super::trouble::Trouble;
 /// The shortest time between two status reports: `?` in between are answered by one.
 const REPORT_US: u64 = 5_000;
 
-/// What a machine says instead of answers. Its last line has an end, as noise may have.
+/// What a machine says instead of answers. Noise may have ends of lines too.
 const NOISE: &[u8] = b"\x01\xfeok7@@\x7f\r\n<R|MPo";
 
 /// Why lines are not taken now.
@@ -61,6 +61,7 @@ pub(crate) struct Machine {
     pub(super) doing: Option<Doing>,
     pub(super) busy: Busy,
     pub(super) alarm: Option<u8>,
+    /// Only on 1.1.
     pub(super) is_locked_until_reset: bool,
     pub(super) needs_homing: bool,
     pub(super) is_homed: bool,
@@ -117,10 +118,6 @@ impl Machine {
         machine
     }
 
-    pub(super) fn trouble(&mut self) -> &mut Trouble {
-        &mut self.trouble
-    }
-
     /// The facts up to now.
     pub(crate) fn facts(&mut self) -> Facts {
         self.beam.account(self.now_us, &mut self.facts);
@@ -141,7 +138,7 @@ impl Machine {
         match byte {
             0x18 => self.reset(),
             b'?' => self.wants_status = true,
-            0x80 | 0x87 if self.options.firmware == Firmware::GrblHal => self.wants_status = true,
+            0x80 | 0x87 if self.is_hal() => self.wants_status = true,
             b'!' => self.hold(),
             b'~' => self.resume(),
             0x80.. => {}
@@ -199,8 +196,17 @@ impl Machine {
         self.options.settings.get(&setting).copied().unwrap_or(0.0)
     }
 
+    pub(super) fn is_hal(&self) -> bool {
+        self.options.firmware == Firmware::GrblHal
+    }
+
     pub(super) fn is_laser(&self) -> bool {
         self.number(32) != 0.0
+    }
+
+    /// Keeps a line that was read.
+    pub(super) fn note_line(&mut self, text: &str, error: u8) {
+        self.facts.lines.push(Line { text: text.to_owned(), read_us: self.now_us, error });
     }
 
     pub(super) fn say(&mut self, text: &str) {
@@ -232,8 +238,8 @@ impl Machine {
     pub(super) fn report_if_due(&mut self) {
         let is_deaf = match self.busy {
             Busy::Starting { .. } => true,
-            Busy::Homing { .. } => self.options.firmware == Firmware::Grbl11,
-            _ => self.is_locked_until_reset && self.options.firmware == Firmware::Grbl11,
+            Busy::Homing { .. } => !self.is_hal(),
+            _ => self.is_locked_until_reset,
         };
         let pause_us = REPORT_US.max(self.options.status_every_ms * 1000);
         let is_soon = self.reported_us.is_some_and(|before| self.now_us < before + pause_us);

@@ -17,7 +17,7 @@ pub(super) struct Block {
     /// The power is scaled by the speed, as M4 does.
     pub(super) is_dynamic: bool,
     pub(super) feed_mm_per_min: f64,
-    /// Speed limit at its begin, from the corner with the one before.
+    /// Speed limit at its start, from the corner with the one before.
     largest_entry: f64,
     entry: f64,
 }

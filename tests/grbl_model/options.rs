@@ -40,6 +40,23 @@ pub enum Fault {
     FlipByte { nth: usize, mask: u8 },
 }
 
+impl Fault {
+    /// How many motions it waits for; `None` if it counts bytes.
+    pub(super) fn after_moves(&self) -> Option<usize> {
+        match self {
+            Self::Garbage { after_moves }
+            | Self::Reset { after_moves }
+            | Self::PowerLoss { after_moves }
+            | Self::Stall { after_moves }
+            | Self::Silence { after_moves }
+            | Self::Disconnect { after_moves, .. }
+            | Self::Refuse { after_moves, .. }
+            | Self::LoseOk { after_moves } => Some(*after_moves),
+            Self::LoseByte { .. } | Self::FlipByte { .. } => None,
+        }
+    }
+}
+
 /// How a model is set. The values of `new` are those of a laser machine that is ready: laser mode, `$30=1000`, no homing.
 #[derive(Clone, Debug)]
 pub struct Options {

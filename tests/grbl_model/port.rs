@@ -72,12 +72,12 @@ impl GrblModel {
 
     /// Lets something go wrong. It counts from now.
     pub fn inject(&self, fault: Fault) {
-        self.shared().machine.trouble().arm(fault);
+        self.shared().machine.trouble.arm(fault);
     }
 
     /// Takes all faults away. A port that vanished stays away.
     pub fn heal(&self) {
-        self.shared().machine.trouble().clear();
+        self.shared().machine.trouble.clear();
     }
 
     /// Pulls the plug of the port now. Power stays on. After `back_after_ms` of real time the port is there again, if ever.
@@ -138,7 +138,7 @@ impl Line {
                 if shared.ends {
                     return;
                 }
-                let unplugs = shared.unplugs.take().or_else(|| shared.machine.trouble().disconnects());
+                let unplugs = shared.unplugs.take().or_else(|| shared.machine.trouble.disconnects());
                 if let Some(back_after_ms) = unplugs {
                     self.unplug(back_after_ms);
                 }

@@ -56,7 +56,6 @@ pub(super) fn settings(options: &Options) -> String {
 /// The answer to `$G`.
 pub(super) fn parser_state(modes: &Modes, firmware: Firmware) -> String {
     let is_hal = firmware == Firmware::GrblHal;
-    let per_unit = if modes.is_inches { 25.4 } else { 1.0 };
     format!(
         "[GC:G{} G{} G17 G{} G{} G94 {}M{} M{} T{} F{} S{}{}]\r\n",
         u8::from(modes.is_feed),
@@ -71,7 +70,7 @@ pub(super) fn parser_state(modes: &Modes, firmware: Firmware) -> String {
         },
         if modes.is_coolant { 8 } else { 9 },
         modes.tool,
-        (modes.feed_mm_per_min / per_unit).round(),
+        (modes.feed_mm_per_min / modes.mm_per_unit()).round(),
         modes.s.round(),
         if is_hal { "." } else { "" },
     )
@@ -122,13 +121,13 @@ pub(super) struct Status<'a> {
     pub(super) is_homed: bool,
 }
 
-/// Fields of a report that come only now and then: in how many reports each is due.
+/// Fields of a report that come only now and then, and in how many reports each is due.
 #[derive(Debug)]
 pub(super) struct Rare {
     offset_in: u8,
     overrides_in: u8,
     /// The accessories at the last report that told them.
-    accessories: Option<String>,
+    accessories: String,
     homed: Option<bool>,
 }
 
@@ -136,7 +135,7 @@ impl Rare {
     /// 1.1 tells the offset first, grblHAL the overrides.
     pub(super) fn new(firmware: Firmware) -> Self {
         let offset_in = u8::from(firmware == Firmware::GrblHal);
-        Self { offset_in, overrides_in: 0, accessories: None, homed: None }
+        Self { offset_in, overrides_in: 0, accessories: String::new(), homed: None }
     }
 
     /// The offset changed: it is told at once.
@@ -195,9 +194,9 @@ impl Rare {
         if status.is_coolant {
             letters.push('F');
         }
-        if !letters.is_empty() || self.accessories.as_ref().is_some_and(|before| !before.is_empty()) {
+        if !letters.is_empty() || !self.accessories.is_empty() {
             let _ = write!(text, "|A:{letters}");
         }
-        self.accessories = Some(letters);
+        self.accessories = letters;
     }
 }

@@ -61,20 +61,22 @@ impl Trouble {
         }
     }
 
-    /// Whether a fault is due, by how many motions it waits for.
-    fn due(&self, after: impl Fn(&Fault) -> Option<usize>) -> Option<usize> {
-        let is_due = |armed: &Armed| after(&armed.fault).is_some_and(|moves| self.moves >= armed.moves + moves);
-        self.armed.iter().position(is_due)
+    /// The place of a fault of this kind that is due, by the motions that it waits for.
+    fn due(&self, is_kind: impl Fn(&Fault) -> bool) -> Option<usize> {
+        let is_due = |armed: &Armed| armed.fault.after_moves().is_some_and(|moves| self.moves >= armed.moves + moves);
+        self.armed.iter().position(|armed| is_kind(&armed.fault) && is_due(armed))
+    }
+
+    /// Takes a fault of this kind away, if it is due.
+    fn take_due(&mut self, is_kind: impl Fn(&Fault) -> bool) -> Option<Fault> {
+        self.due(is_kind).map(|at| self.armed.remove(at).fault)
     }
 
     /// Something that happens in place of the next line; once.
     pub(super) fn sudden(&mut self) -> Option<Sudden> {
-        let at = self.due(|fault| match fault {
-            Fault::Reset { after_moves } | Fault::PowerLoss { after_moves } => Some(*after_moves),
-            Fault::Refuse { after_moves, .. } => Some(*after_moves),
-            _ => None,
-        })?;
-        Some(match self.armed.remove(at).fault {
+        let is_sudden =
+            |fault: &Fault| matches!(fault, Fault::Reset { .. } | Fault::PowerLoss { .. } | Fault::Refuse { .. });
+        Some(match self.take_due(is_sudden)? {
             Fault::PowerLoss { .. } => Sudden::PowerLoss,
             Fault::Refuse { error, .. } => Sudden::Refuse(error),
             _ => Sudden::Reset,
@@ -82,39 +84,30 @@ impl Trouble {
     }
 
     pub(super) fn is_garbage(&self) -> bool {
-        self.due(|fault| if let Fault::Garbage { after_moves } = fault { Some(*after_moves) } else { None }).is_some()
+        self.due(|fault| matches!(fault, Fault::Garbage { .. })).is_some()
     }
 
     pub(super) fn is_silent(&self) -> bool {
-        self.due(|fault| if let Fault::Silence { after_moves } = fault { Some(*after_moves) } else { None }).is_some()
-    }
-
-    fn stalled(&self) -> Option<usize> {
-        self.due(|fault| if let Fault::Stall { after_moves } = fault { Some(*after_moves) } else { None })
+        self.due(|fault| matches!(fault, Fault::Silence { .. })).is_some()
     }
 
     pub(super) fn is_stalled(&self) -> bool {
-        self.stalled().is_some()
+        self.due(|fault| matches!(fault, Fault::Stall { .. })).is_some()
     }
 
     /// A reset ends a stall.
     pub(super) fn reset(&mut self) {
-        if let Some(at) = self.stalled() {
-            self.armed.remove(at);
-        }
+        self.take_due(|fault| matches!(fault, Fault::Stall { .. }));
     }
 
     /// The next `ok` is lost; once.
     pub(super) fn loses_ok(&mut self) -> bool {
-        let at = self.due(|fault| if let Fault::LoseOk { after_moves } = fault { Some(*after_moves) } else { None });
-        at.map(|at| self.armed.remove(at)).is_some()
+        self.take_due(|fault| matches!(fault, Fault::LoseOk { .. })).is_some()
     }
 
     /// The port vanishes now; once. After how many ms it comes back, if ever.
     pub(super) fn disconnects(&mut self) -> Option<Option<u64>> {
-        let at = self
-            .due(|fault| if let Fault::Disconnect { after_moves, .. } = fault { Some(*after_moves) } else { None })?;
-        match self.armed.remove(at).fault {
+        match self.take_due(|fault| matches!(fault, Fault::Disconnect { .. }))? {
             Fault::Disconnect { back_after_ms, .. } => Some(back_after_ms),
             _ => None,
         }
