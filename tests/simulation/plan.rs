@@ -228,7 +228,7 @@ const FAULTS: &[fn(&mut Rng) -> What] = &[
     |rng| What::SpoolReplaced { while_down: rng.chance(0.5) },
 ];
 
-/// What happens to laser machines alone. A plate that is moved by a few layers is within the reach of a part.
+/// What happens to laser machines only. A plate that is moved by a few layers stays within the height of a part.
 const LASER_FAULTS: &[fn(&mut Rng) -> What] = &[
     |_| What::Machine(Incident::InterlockOpens(Interlock::Oxygen)),
     |_| What::Machine(Incident::InterlockOpens(Interlock::LaserPower)),

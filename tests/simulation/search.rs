@@ -15,7 +15,7 @@ use crate::world::{EFFECTS, LASER_EFFECTS, Report, run};
 const COMPLETE_SEEDS: u64 = 2_000;
 /// The same with a laser machine.
 const COMPLETE_LASER_SEEDS: u64 = 500;
-/// In a search that begins below [`LASER_SEEDS`], one of so many runs has a laser machine.
+/// In a search that begins below [`LASER_SEEDS`], one in so many runs has a laser machine.
 const LASER_SHARE: u64 = 5;
 
 /// What a search found.
@@ -164,9 +164,7 @@ impl Search {
         });
         Summary { took: began.elapsed(), ..summary.into_inner().expect("no panic") }
     }
-}
 
-impl Search {
     /// The seed of a run. Below the seeds of laser machines, each fifth run takes one of those.
     fn seed(self, number: u64) -> u64 {
         let lasers = number / LASER_SHARE;

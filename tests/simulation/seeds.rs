@@ -10,7 +10,7 @@ use crate::plan::{LASER_SEEDS, Plan, Planned, What, Wish};
 use crate::search::{Search, plan};
 use crate::world::run;
 
-/// Enough to meet every kind of fault, on vat machines and on the fifth with lasers; a host with two slow cores needs about a minute.
+/// Enough to meet every kind of fault, on vats and on laser machines, which each fifth run has. A host with two slow cores needs about a minute.
 const SEEDS: u64 = 2_500;
 
 #[test]
@@ -37,13 +37,15 @@ fn a_search_in_which_nothing_goes_wrong_fails() {
     assert!(!summary.is_good() && summary.to_string().contains("proves nothing"), "{summary}");
 }
 
-/// Runs what a search found, made smaller.
-fn holds(seed: u64, character: Character, events: Vec<(u64, What)>) {
+/// Runs what a search found, made smaller. Returns what happened, line by line.
+fn holds(seed: u64, character: Character, events: Vec<(u64, What)>) -> String {
     let events = events.into_iter().map(|(at_us, what)| Planned::at(at_us, what)).collect();
     let report = run(&Plan { seed, kind: Plan::kind(seed), character, confirms_plate: true, events }, true);
+    let trace = report.trace.join("\n");
     if let Some(violation) = report.violation {
-        panic!("{}: {}\n{}", violation.invariant, violation.text, report.trace.join("\n"));
+        panic!("{}: {}\n{trace}", violation.invariant, violation.text);
     }
+    trace
 }
 
 /// An abort came while the job ended as interrupted because the daemon was ending. It was accepted, and nothing recorded it.
@@ -404,16 +406,15 @@ fn a_plate_that_is_moved_while_a_move_waits_for_the_disk_stops_the_print() {
 #[test]
 fn a_line_lost_while_powder_is_spread_interrupts_no_print() {
     for later_ms in [0, 900, 1_800, 2_700, 3_600, 4_500] {
-        let events = [
-            (1_000_000, What::Order(Wish::Submit { part: 2 })),
-            (2_500_000 + 1_000 * later_ms, What::Line(LineFault::Unplugged { for_us: 300_000 })),
-        ];
-        let events = events.map(|(at_us, what)| Planned::at(at_us, what)).into();
-        let seed = LASER_SEEDS + later_ms;
-        let plan = Plan { seed, kind: Plan::kind(seed), character: Character::Honest, confirms_plate: true, events };
-        let report = run(&plan, true);
-        let told = report.trace.join("\n");
-        assert!(report.violation.is_none() && !told.contains(" interrupted "), "{told}");
+        let trace = holds(
+            LASER_SEEDS + later_ms,
+            Character::Honest,
+            vec![
+                (1_000_000, What::Order(Wish::Submit { part: 2 })),
+                (2_500_000 + 1_000 * later_ms, What::Line(LineFault::Unplugged { for_us: 300_000 })),
+            ],
+        );
+        assert!(!trace.contains(" interrupted "), "{trace}");
     }
 }
 
@@ -424,10 +425,6 @@ fn some_layers_of_laser_parts_stream() {
         let kind = Kind::Laser(filling);
         let MachineCapabilities::Powder(powder) = kind.capabilities().machine else { panic!("{filling:?}") };
         let layers: Vec<_> = kind.parts().iter().flat_map(|part| &part.layers).filter_map(Layer::scanned).collect();
-        println!(
-            "{:?}",
-            layers.iter().map(|l| (l.times.vectors, l.encoded_bytes, l.times.mark_ms)).collect::<Vec<_>>()
-        );
         let streaming = layers.iter().filter(|layer| layer.encoded_bytes > powder.buffer_bytes).count();
         let wanted = if filling == Filling::Chessboard { 4 } else { 0 };
         assert!(streaming >= wanted && layers.len() - streaming >= 4, "{filling:?}: {streaming} of {}", layers.len());

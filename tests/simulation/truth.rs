@@ -37,8 +37,9 @@ pub(crate) const INVARIANTS: &[&str] = &[
     "no panic",
 ];
 
-/// Those that only a vat machine, and only a laser machine is checked for.
+/// Those that are checked of vats only.
 const OF_VATS: [&str; 1] = ["pictures as sliced"];
+/// Those that are checked of laser machines only.
 const OF_LASERS: [&str; 3] = ["vectors as sliced", "vectors once", "fresh powder"];
 
 /// Everything that must hold for machines of a kind.

@@ -149,7 +149,7 @@ impl Truth {
     fn vector(&mut self, fact: &FactKind, if_honest: bool, at_us: u64) {
         let FactKind::Vector { id, vector, laser, is_whole, .. } = fact else { return };
         let expected = self.scanned(*id).and_then(|scanned| scanned.vectors.get(vector.number as usize));
-        let holds = expected.is_none_or(|expected| *expected == (*vector, *laser)) && expected.is_some();
+        let holds = expected.is_some_and(|expected| *expected == (*vector, *laser));
         self.check("vectors as sliced", at_us, holds, || {
             format!("layer {}: {vector:?} was marked with {laser:?}, and is {expected:?}", id.layer)
         });

@@ -36,13 +36,12 @@ pub(crate) const EFFECTS: &[&str] = &[
     "effect: unflushed names lost",
     "effect: lies told",
 ];
-/// The same of laser machines.
-pub(crate) const LASER_EFFECTS: [&str; 4] = [
-    "effect: a vector was interrupted",
-    "effect: a layer went on",
-    "effect: a layer was decided by an operator",
-    "effect: a layer streamed",
-];
+const INTERRUPTED: &str = "effect: a vector was interrupted";
+const WENT_ON: &str = "effect: a layer went on";
+const DECIDED: &str = "effect: a layer was decided by an operator";
+const STREAMED: &str = "effect: a layer streamed";
+/// What faults came to on a laser machine, counted.
+pub(crate) const LASER_EFFECTS: [&str; 4] = [INTERRUPTED, WENT_ON, DECIDED, STREAMED];
 
 /// What came of a run.
 #[derive(Debug, Default)]

@@ -7,7 +7,7 @@ use layerd::api::{InDoubt, JobView};
 use layerd::daemon::handle::Answer;
 use layerd::job::JobState;
 
-use super::{LASER_EFFECTS, Pause, World};
+use super::{DECIDED, Pause, World};
 use crate::operators::{Ask, Decided, Given, asks_for_empty_plate, give, number};
 use crate::plan::Wish;
 
@@ -175,7 +175,7 @@ impl World {
             }
             Ask::Resume(_, Some((layer, choice))) => {
                 if self.plan.kind.is_laser() {
-                    self.happen(LASER_EFFECTS[2]);
+                    self.happen(DECIDED);
                 }
                 let key = self.key_of(id);
                 if let Some(printed) = key.and_then(|key| self.truth.printed.get_mut(&key)) {

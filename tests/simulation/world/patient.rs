@@ -108,23 +108,16 @@ impl World {
     pub(super) fn next_ask(&mut self, id: u32, snapshot: &Snapshot) -> Option<Ask> {
         let job = snapshot.job(&id.to_string())?;
         let refusals = self.patient.refusals.get(&id).copied().unwrap_or(0);
+        let says = |text: &str| job.reason.as_ref().is_some_and(|reason| reason.contains(text));
         match job.state {
             JobState::Paused | JobState::Interrupted | JobState::Queued if refusals > 3 => {
                 self.patient.refusals.insert(id, 0);
                 Some(Ask::Abort(Some(id)))
             }
-            // The daemon says that this job cannot go on.
-            JobState::Interrupted if job.reason.as_ref().is_some_and(|reason| reason.contains("Abort it")) => {
-                Some(Ask::Abort(Some(id)))
-            }
-            // The machine does not know any more where the part is.
-            JobState::Interrupted
-                if job.reason.as_ref().is_some_and(|reason| reason.contains("ake the part out and")) =>
-            {
-                Some(Ask::Abort(Some(id)))
-            }
+            // The daemon says that this job cannot go on, or the machine no longer knows where the part is.
+            JobState::Interrupted if says("Abort it") || says("ake the part out and") => Some(Ask::Abort(Some(id))),
             // Somebody moved the plate, and brings it back.
-            JobState::Interrupted if job.reason.as_ref().is_some_and(|reason| reason.contains("bring it back")) => {
+            JobState::Interrupted if says("bring it back") => {
                 let to_um = (job.layers_done as i32 + 1) * LAYER_UM;
                 let now_us = self.now_us;
                 let ask = Ask::Resume(id, self.judge(job));

@@ -2,12 +2,12 @@
 
 use layerd::link::message::{MachineCapabilities, PowderRequest, Request};
 
-use super::{LASER_EFFECTS, SECOND_US, World};
+use super::{INTERRUPTED, SECOND_US, STREAMED, WENT_ON, World};
 use crate::machine::{Character, Fact, FactKind, KnownLayer, Machine};
 use crate::parts::{BAUD, CLEAR_UM, Kind, Layer};
 use crate::truth::{Bed, VECTOR_MS};
 
-/// A plate at most so deep counts as level with the powder, as the daemon takes it, micrometres.
+/// A part on a plate at most so deep is in sight of an operator, micrometres. The daemon is stricter.
 const LEVEL_UM: i32 = 100;
 
 /// A machine and what hangs on its plate.
@@ -35,7 +35,7 @@ impl Station {
         Self { machine, kind, part_um: None, bed: Bed::default(), lit: None }
     }
 
-    /// Whether a part on its plate is in sight: the plate is clear of the resin, or level with the powder, about.
+    /// Whether a part on its plate is in sight: the plate is clear of the resin, or about level with the powder.
     pub(super) fn is_clear(&self) -> bool {
         let plate_um = self.machine.plate_um();
         match self.kind {
@@ -83,12 +83,10 @@ impl World {
         }
         match &fact.what {
             FactKind::LightOn { id, commanded_ms } => {
-                if let Some(id) = id
-                    && !self.truth.knows(id.job)
-                {
-                    self.learn_jobs();
-                }
                 if let Some(id) = id {
+                    if !self.truth.knows(id.job) {
+                        self.learn_jobs();
+                    }
                     self.check_pause(*id);
                 }
                 let job = id.map(|id| id.job);
@@ -114,7 +112,7 @@ impl World {
             self.truth.exposed_unseen(*id);
         }
         self.count_effects(&fact.what);
-        // Nobody knows how far a layer is marked that went on on another machine.
+        // Nobody knows how far a layer is marked that was continued on another machine.
         let if_honest = self.is_honest(index) && self.stations.len() == 1;
         let is_laser = self.plan.kind.is_laser();
         let (now_us, disturbed_us) = (self.now_us, self.disturbed_us);
@@ -126,14 +124,13 @@ impl World {
 
     /// Counts what faults came to on a laser machine.
     fn count_effects(&mut self, fact: &FactKind) {
-        let [interrupted, went_on, _, streamed] = LASER_EFFECTS;
         match fact {
-            FactKind::Vector { is_whole: false, .. } => self.happen(interrupted),
-            FactKind::Asked(Request::Powder(PowderRequest::Mark { from_vector: 1.., .. })) => self.happen(went_on),
+            FactKind::Vector { is_whole: false, .. } => self.happen(INTERRUPTED),
+            FactKind::Asked(Request::Powder(PowderRequest::Mark { from_vector: 1.., .. })) => self.happen(WENT_ON),
             FactKind::Asked(Request::LayerBegin { encoded_bytes, .. }) => {
                 let MachineCapabilities::Powder(powder) = self.plan.kind.capabilities().machine else { return };
                 if *encoded_bytes > powder.buffer_bytes {
-                    self.happen(streamed);
+                    self.happen(STREAMED);
                 }
             }
             _ => {}
