@@ -349,12 +349,18 @@ fn a_daemon_that_ends_lets_the_laser_stop_at_the_end_of_its_vector() {
     assert!(world.end.is_none() && world.light_offs == 0);
 }
 
-#[test]
-fn a_recoater_that_still_works_for_the_session_before_is_waited_for() {
+/// The line was lost while powder was spread for layer 0. In the next session the device refuses to recoat, because it is busy.
+fn busy_after_a_lost_line() -> World {
     let mut world = World { mute: Some(2), lie: Some((3, Outcome::Refused(Refusal::Busy))), ..World::new() };
     world.run();
     world.engine.handle(Event::LineLost("unplugged".into()), world.now_us);
     world.connect();
+    world
+}
+
+#[test]
+fn a_recoater_that_still_works_for_the_session_before_is_waited_for() {
+    let mut world = busy_after_a_lost_line();
     assert_eq!(world.acts[2..], [PowderAct::Recoat; 2], "it is refused: the first still runs");
     for is_recoated in [false, false, true] {
         assert!(world.end.is_none() && world.marks().is_empty(), "{:?}", world.end);
@@ -373,10 +379,7 @@ fn a_recoater_that_still_works_for_the_session_before_is_waited_for() {
 
 #[test]
 fn a_device_that_stays_busy_is_not_waited_for_without_end() {
-    let mut world = World { mute: Some(2), lie: Some((3, Outcome::Refused(Refusal::Busy))), ..World::new() };
-    world.run();
-    world.engine.handle(Event::LineLost("unplugged".into()), world.now_us);
-    world.connect();
+    let mut world = busy_after_a_lost_line();
     world.lie = Some((4, Outcome::Refused(Refusal::Busy)));
     world.mute = None;
     world.now_us += SECOND_US / 2;
