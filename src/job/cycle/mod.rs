@@ -24,7 +24,7 @@
 //!
 //! A new kind of machine becomes a variant of [`Cycle`], [`super::Process`], [`Act`] and [`Outcome`]. [`Step::Wait`] also
 //! serves for a state of the machine that the engine does not know: the cycle sees every reported state, and may answer
-//! [`Cycle::waited`] with another wait. See the interface used in `job/engine/steps.rs`.
+//! [`Cycle::waited`] with another wait. `job/engine/steps.rs` uses this interface.
 
 mod plate;
 mod powder;

@@ -2,8 +2,7 @@
 //! [`DeviceCore`](super::DeviceCore).
 //!
 //! All layers share one [`LayerBuffer`], which `upload` fills. `marking` follows scanner and laser through a layer; `melt` draws what was
-//! melted. At an abort, a light-off, a fault and a reset the laser stops at once, otherwise at the end of the
-//! vector it is on.
+//! melted. At an abort, a light-off, a fault and a reset the laser stops at once, otherwise at the end of the vector it is on.
 
 mod marking;
 mod melt;
