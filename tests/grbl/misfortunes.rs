@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use crate::bench::GrblBench;
 use crate::grbl_model::{Fault, Firmware, Options};
+use crate::support::wait_until;
 
 const FIRMWARES: [Firmware; 2] = [Firmware::Grbl11, Firmware::GrblHal];
 
@@ -15,10 +16,10 @@ fn a_cable_that_is_pulled_leaves_no_vector_out_and_marks_none_twice() {
         let id = bench.print();
         let mut doubts = 0;
         for marks in [40, 150, 400] {
-            while bench.model.facts().marks.len() < marks {
+            wait_until("the marks", || {
                 doubts += resume_if_interrupted(&bench, id);
-                std::thread::sleep(Duration::from_millis(10));
-            }
+                bench.model.facts().marks.len() >= marks
+            });
             bench.model.unplug(Some(300));
         }
         doubts += finish(&bench, id);

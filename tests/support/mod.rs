@@ -451,7 +451,7 @@ pub(crate) fn signal(pid: u32, name: &str) {
 }
 
 /// Waits for a condition, with patience.
-pub(crate) fn wait_until(what: &str, condition: impl Fn() -> bool) {
+pub(crate) fn wait_until(what: &str, mut condition: impl FnMut() -> bool) {
     let began = Instant::now();
     while !condition() {
         assert!(began.elapsed() < PATIENCE, "waited in vain for {what}");
