@@ -52,6 +52,7 @@ fn answers(host: &mut Host, is_hal: bool) {
     assert_eq!(host.answer(&format!("G4P0.{}", "0".repeat(longest + 10))), "error:11");
     assert_eq!(host.answer(""), "ok");
     assert_eq!(host.answer(&format!("G4P0{}(comment)", " ".repeat(100))), "ok");
+    assert_eq!(host.answer("G4P0;(a comment) goes on to the end of the line"), "ok");
     let settings = host.ask("$$");
     assert!(settings.iter().any(|line| line == "$32=1"), "{settings:?}");
     let rate = if is_hal { "$30=1000.000" } else { "$30=1000" };

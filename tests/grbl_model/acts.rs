@@ -153,7 +153,7 @@ impl Machine {
         }
         self.buffer.clear();
         self.line.clear();
-        (self.is_comment, self.is_too_long, self.ended_by) = (false, false, 0);
+        (self.comment, self.is_too_long, self.ended_by) = (None, false, 0);
         self.doing = None;
         self.sticky_error = 0;
         self.rare = Rare::new(self.options.firmware);

@@ -23,7 +23,7 @@ impl Machine {
             }
             self.ended_by = byte;
             let text = std::mem::take(&mut self.line);
-            self.is_comment = false;
+            self.comment = None;
             if std::mem::take(&mut self.is_too_long) {
                 self.answer(&text, TOO_LONG);
             } else {
@@ -32,9 +32,10 @@ impl Machine {
             return;
         }
         match byte {
-            b')' => self.is_comment = false,
-            _ if self.is_comment => {}
-            b'(' | b';' => self.is_comment = true,
+            // A comment after a semicolon goes on to the end of the line.
+            b')' if self.comment != Some(b';') => self.comment = None,
+            _ if self.comment.is_some() => {}
+            b'(' | b';' => self.comment = Some(byte),
             0..=b' ' | b'/' => {}
             _ => {
                 let largest = if self.is_hal() { 255 } else { 79 };

@@ -55,7 +55,8 @@ pub(crate) struct Machine {
     pub(super) line: String,
     /// The character that ended the last line, for CR LF on grblHAL.
     pub(super) ended_by: u8,
-    pub(super) is_comment: bool,
+    /// The character that began the comment that is being received.
+    pub(super) comment: Option<u8>,
     pub(super) is_too_long: bool,
     /// What the line that is being done still asks for; its `ok` comes after.
     pub(super) doing: Option<Doing>,
@@ -96,7 +97,7 @@ impl Machine {
             buffer: VecDeque::new(),
             line: String::new(),
             ended_by: 0,
-            is_comment: false,
+            comment: None,
             is_too_long: false,
             doing: None,
             busy: Busy::Starting { until_us: 0 },
