@@ -27,8 +27,8 @@ fn a_cable_that_is_pulled_leaves_no_vector_out_and_marks_none_twice() {
     }
 }
 
-/// A ring that went to the controller whole ends where it begins, and short vectors cannot be told apart: then only the operator can tell
-/// what was marked, and has it repeated.
+/// A ring that went to the controller whole, and of which nothing was answered, ends where it begins, and short vectors cannot be told
+/// apart: then only the operator can tell what was marked, and has it repeated.
 fn assert_marked(bench: &GrblBench, doubts: usize) {
     match doubts {
         0 => bench.assert_marked_once(),

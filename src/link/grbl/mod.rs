@@ -11,6 +11,7 @@
 //! | `gcode`      | the text of lines                                                                 |
 //! | `path`       | the path of the beam, and where on it the beam is                                 |
 //! | `marking`    | a layer while it is marked                                                        |
+//! | `greeting`   | how a session begins                                                              |
 //! | `firmware`   | layers, acts, resets, and what was marked                                         |
 //! | `texts`      | what errors and alarms mean                                                       |
 //!
@@ -21,6 +22,7 @@
 mod answer;
 mod firmware;
 mod gcode;
+mod greeting;
 mod marking;
 mod path;
 mod sender;
@@ -32,31 +34,18 @@ use std::collections::VecDeque;
 use layerd_wire::session::{DEAD_MAN_US, MAX_URGENTS, SendError, Statistics};
 
 use super::message::{HostMessage, Urgent};
-use super::session::{HelloRefusal, HostEvent, LostReason};
-use answer::{Answer, Lines, State, Status};
+use super::session::{HostEvent, LostReason};
+use answer::{Answer, Lines};
 use firmware::Firmware;
-use sender::{Kind, PRESS_AGAIN_US};
+use settings::Told;
 pub use settings::{GrblMachine, GrblMisfit};
-use settings::{MAX_LINE_BYTES, Told};
 
-/// A controller that was reset when its port was opened takes up to two seconds until it answers.
-const LISTEN_US: u64 = 4_000_000;
-/// How long a controller may go on with what it was sent before, microseconds; after that it is reset in its motion.
-const SETTLE_US: u64 = 10_000_000;
-/// Longest time until the banner, and until each answer to a question about itself, microseconds.
-const ANSWER_US: u64 = 3_000_000;
 /// The status is asked for this often, microseconds, while the controller has nothing to do.
 const ASK_US: u64 = 500_000;
-/// The same while a session begins.
-const ASK_EARLY_US: u64 = 200_000;
 /// Longest homing, microseconds. grbl 1.1 says nothing meanwhile.
 const DEAF_US: u64 = 300_000_000;
-/// Most banners while a session begins. A controller that starts more often has a fault.
-const MAX_BANNERS: u32 = 5;
 /// Longest piece of layer data, bytes.
 const PIECE_BYTES: usize = 2048;
-/// The questions about the controller: what it is, its settings, and the offsets of its coordinate systems.
-const QUESTIONS: [&str; 3] = ["$I", "$$", "$#"];
 
 /// Where a session is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -95,6 +84,8 @@ pub struct GrblSession {
     garbage_before: u64,
     /// Banners since the session began.
     banners: u32,
+    /// While a session begins: since when the controller has been at rest.
+    rests_since_us: Option<u64>,
     /// Whether a status came that does not tell where the axes are.
     lacks_position: bool,
     now_us: u64,
@@ -117,37 +108,12 @@ impl GrblSession {
             statistics: Statistics::default(),
             garbage_before: 0,
             banners: 0,
+            rests_since_us: None,
             lacks_position: false,
             now_us,
         };
         session.begin(session_id, now_us);
         session
-    }
-
-    /// The next session begins. What the controller was sent before, it may still do.
-    pub fn begin(&mut self, session_id: u32, now_us: u64) {
-        self.firmware.end_session();
-        self.session_id = session_id;
-        self.events.clear();
-        self.lines.clear();
-        self.garbage_before = self.statistics.malformed_frames;
-        (self.heard_us, self.now_us) = (now_us, now_us);
-        self.enter(Phase::Listening, LISTEN_US);
-        self.banners = 0;
-        // An abort does not wait for the controller to finish, nor does a reset that was not answered.
-        if self.firmware.is_resetting() || self.urgents.iter().any(|(_, urgent)| is_dark(*urgent)) {
-            self.press_reset();
-        }
-    }
-
-    fn enter(&mut self, phase: Phase, most_us: u64) {
-        (self.phase, self.give_up_us, self.ask_us) = (phase, self.now_us + most_us, self.now_us);
-    }
-
-    fn press_reset(&mut self) {
-        self.firmware.sender.reset();
-        self.enter(Phase::Resetting, ANSWER_US);
-        self.ask_us = self.now_us + PRESS_AGAIN_US;
     }
 
     /// Takes bytes from the line, in pieces of any size.
@@ -165,80 +131,6 @@ impl GrblSession {
                 Phase::Open => self.hear(answer),
                 _ => self.greet(answer),
             }
-        }
-    }
-
-    /// An answer while a session begins.
-    fn greet(&mut self, answer: Answer) {
-        match (self.phase, answer) {
-            // Nothing counts before the banner.
-            (_, Answer::Banner(_)) if self.banners >= MAX_BANNERS => {
-                self.lose(LostReason::NoAnswer { garbage_frames: 0 });
-            }
-            (_, Answer::Banner(name)) => {
-                self.banners += 1;
-                self.firmware.started(self.now_us);
-                self.told = Told::of(name);
-                self.firmware.sender.set_room(MAX_LINE_BYTES);
-                self.ask_about(0);
-            }
-            (Phase::Listening | Phase::Settling, Answer::Status(status)) => self.settle(&status),
-            (Phase::Asking(_), Answer::Options(blocks, bytes)) => self.told.options = Some((blocks, bytes)),
-            (Phase::Asking(_), Answer::Setting(setting, value)) => self.told.note(setting, value),
-            (Phase::Asking(_), Answer::Offset(offset_um)) => self.told.offset_um = Some(offset_um),
-            (Phase::Asking(answered), Answer::Ok) => self.ask_about(answered + 1),
-            // What it does not tell is missing when its settings are checked.
-            (Phase::Asking(answered), Answer::Error(_)) => self.ask_about(answered + 1),
-            (Phase::Locating, Answer::Status(status)) => self.open(&status),
-            _ => {}
-        }
-    }
-
-    /// The controller is there. What it still does, it may end: its laser goes off at the end of a vector then.
-    fn settle(&mut self, status: &Status) {
-        self.firmware.sender.heard_status();
-        match status.state {
-            State::Moving => {
-                if self.phase == Phase::Listening {
-                    self.enter(Phase::Settling, SETTLE_US);
-                    self.ask_us = self.now_us + ASK_EARLY_US;
-                }
-            }
-            // At rest: a reset only drops a line that has come in part.
-            State::Idle | State::Alarm | State::Held | State::Off => self.press_reset(),
-        }
-    }
-
-    fn ask_about(&mut self, answered: usize) {
-        self.firmware.sender.answered();
-        let Some(question) = QUESTIONS.get(answered) else { return self.enter(Phase::Locating, ANSWER_US) };
-        self.firmware.sender.push(*question, Kind::Other);
-        self.enter(Phase::Asking(answered), ANSWER_US);
-    }
-
-    /// All is known of the controller.
-    fn open(&mut self, status: &Status) {
-        self.firmware.sender.heard_status();
-        let controller = self.told.check(self.firmware.machine());
-        let greeted = controller.and_then(|controller| self.firmware.greet(controller, status, self.now_us));
-        self.lacks_position = greeted == Err(GrblMisfit::NoPosition);
-        if self.lacks_position {
-            // A controller tells its offsets only now and then.
-            return;
-        }
-        if let Err(misfit) = greeted {
-            self.phase = Phase::Ended;
-            return self.events.push_back(HostEvent::Refused(HelloRefusal::Grbl(misfit)));
-        }
-        self.enter(Phase::Open, 0);
-        self.events.push_back(HostEvent::Connected {
-            session_id: self.session_id,
-            capabilities: self.firmware.capabilities().clone(),
-            state: self.firmware.state(),
-            largest_layer_data_bytes: PIECE_BYTES,
-        });
-        for (number, urgent) in self.urgents.clone() {
-            self.firmware.urgent(number, urgent, self.now_us);
         }
     }
 
@@ -306,24 +198,7 @@ impl GrblSession {
                 }
                 self.ask_status(ASK_US);
             }
-            // It does not come to rest.
-            Phase::Settling if now_us >= self.give_up_us => self.press_reset(),
-            Phase::Locating if now_us >= self.give_up_us && self.lacks_position => {
-                self.phase = Phase::Ended;
-                self.events.push_back(HostEvent::Refused(HelloRefusal::Grbl(GrblMisfit::NoPosition)));
-            }
-            _ if now_us >= self.give_up_us => {
-                let garbage_frames = self.statistics.malformed_frames - self.garbage_before;
-                self.lose(LostReason::NoAnswer { garbage_frames });
-            }
-            Phase::Listening | Phase::Settling | Phase::Locating => self.ask_status(ASK_EARLY_US),
-            // The reset may have been lost.
-            Phase::Resetting if now_us >= self.ask_us => {
-                self.firmware.sender.reset();
-                self.ask_us = now_us + PRESS_AGAIN_US;
-            }
-            Phase::Resetting => {}
-            Phase::Asking(_) => self.ask_us = u64::MAX,
+            _ => self.greeting_due(),
         }
     }
 

@@ -44,6 +44,8 @@ pub(super) struct Interrupted {
     marking: Box<Marking>,
     /// The controller was reset, so that the beam may have stopped anywhere.
     is_cut: bool,
+    /// The controller has done all that reached it. A reset changes nothing then.
+    is_dry: bool,
 }
 
 impl Firmware {
@@ -92,7 +94,7 @@ impl Firmware {
         self.sender.forget();
         (self.is_prepared, self.offset_um) = (false, None);
         if let Some(interrupted) = &mut self.interrupted {
-            interrupted.is_cut = true;
+            interrupted.is_cut |= !interrupted.is_dry;
         }
         match &mut self.reset {
             Some(reset) => {
@@ -164,8 +166,14 @@ impl Firmware {
     /// Keeps a marking whose end is not known.
     fn interrupt(&mut self, running: Running) {
         if let Act::Mark(marking) = running.act {
-            self.interrupted = Some(Interrupted { marking, is_cut: self.reset.is_some() });
+            self.interrupted = Some(Interrupted { marking, is_cut: self.reset.is_some(), is_dry: false });
         }
+    }
+
+    /// The controller is at rest, without a reset since the session ended that it knows of. A hold and a reset at the machine within that
+    /// time go unnoticed, but leave the beam at the end of a move only by chance.
+    pub(in crate::link::grbl) fn ran_dry(&mut self) {
+        self.interrupted.iter_mut().for_each(|interrupted| interrupted.is_dry = true);
     }
 
     /// A session begins with this controller, and this is its status. What is known from before is compared with that.
@@ -209,7 +217,7 @@ impl Firmware {
             self.recoated = false;
         }
         self.position_um = Some(at_um);
-        if let Some(Interrupted { marking, is_cut }) = self.interrupted.take() {
+        if let Some(Interrupted { marking, is_cut, .. }) = self.interrupted.take() {
             self.note_cut(match self.knows_position {
                 true => marking.cut([at_um[0], at_um[1]], is_cut),
                 false => marking.cut_somewhere(),
