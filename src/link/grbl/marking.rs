@@ -31,6 +31,8 @@ pub(super) struct Marking {
     power: Power,
     /// Number of the layer's vectors, once all were decoded.
     vectors: Option<u32>,
+    /// The beam stands at the end of all that the controller was sent.
+    stands: bool,
     /// Since when everything that came is marked, and more must come, microseconds.
     starved_since_us: Option<u64>,
     starved_us: u64,
@@ -71,6 +73,7 @@ impl Marking {
             field_um,
             power,
             vectors: None,
+            stands: false,
             starved_since_us: None,
             starved_us: 0,
         }
@@ -79,6 +82,7 @@ impl Marking {
     /// The beam stands here, and its path starts.
     pub(super) fn begin(&mut self, at_um: [i32; 2], controller: &Controller) {
         self.path = Some(Path::new(at_um, self.from_vector, controller.planner_blocks, controller.tolerance_um));
+        self.stands = true;
     }
 
     /// Makes lines while there is room for them.
@@ -106,7 +110,7 @@ impl Marking {
                     other => return other,
                 },
                 Ok(None) => {
-                    self.starve(sender.is_empty(), now_us);
+                    self.starve(self.stands && sender.is_empty(), now_us);
                     return Made::More;
                 }
             }
@@ -150,6 +154,7 @@ impl Marking {
             path.jump(from_um);
             sender.push(gcode::jump(from_um), Kind::Beam);
         }
+        self.stands = false;
         path.mark(to_um, vector.number, mark_us(vector, &laser));
         sender.push(gcode::mark(to_um, &laser, self.power), Kind::Beam);
         Ok(())
@@ -190,6 +195,12 @@ impl Marking {
     /// The beam was seen here, while it moves. Returns whether that can be.
     pub(super) fn seen(&mut self, at_um: [i32; 2]) -> bool {
         self.path.as_mut().is_none_or(|path| path.seen(at_um))
+    }
+
+    /// The controller says whether it is at rest, and where the beam is. It says that it is at rest in the moment between reading a line
+    /// and moving, too, so the place counts.
+    pub(super) fn rests(&mut self, is_idle: bool, at_um: [i32; 2]) {
+        self.stands = is_idle && self.path.as_ref().is_some_and(|path| path.is_at_end(at_um));
     }
 
     /// Where the path ends that was sent.

@@ -81,6 +81,11 @@ impl Path {
         self.end_um
     }
 
+    /// Whether the beam, which is here, is at the end.
+    pub(super) fn is_at_end(&self, at_um: [i32; 2]) -> bool {
+        length_um(self.end_um, at_um) <= self.tolerance_um
+    }
+
     /// The controller has read the oldest move that it had not answered. Moves that no longer fit into its planner are done.
     pub(super) fn answered(&mut self) {
         if let Some(stretch) = self.stretches.get(self.answered) {

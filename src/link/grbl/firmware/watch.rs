@@ -38,7 +38,7 @@ impl Firmware {
         match running.stage {
             Stage::Preparing if is_idle && self.sender.is_empty() => self.begin_path(at_um),
             Stage::Preparing | Stage::Naming => {}
-            Stage::Lines | Stage::Resting(None) => self.watch_beam(at_um),
+            Stage::Lines | Stage::Resting(None) => self.watch_beam(is_idle, at_um),
             Stage::Resting(Some(since_us)) => self.compare_end(is_idle, at_um, since_us),
         }
     }
@@ -91,9 +91,10 @@ impl Firmware {
     }
 
     /// The beam must be on its path. Two reports in a row beside it are not a coincidence.
-    fn watch_beam(&mut self, at_um: [i32; 3]) {
+    fn watch_beam(&mut self, is_idle: bool, at_um: [i32; 3]) {
         let Some(running) = &mut self.running else { return };
         let Some(marking) = running.marking_mut() else { return };
+        marking.rests(is_idle, [at_um[0], at_um[1]]);
         running.astray = if marking.seen([at_um[0], at_um[1]]) { 0 } else { running.astray + 1 };
         if running.astray > 1 {
             let [x, y] = [at_um[0], at_um[1]].map(gcode::mm);
