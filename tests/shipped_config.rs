@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use layerd::config::{DaemonConfig, Machine, Recipe, load_pair};
 use layerd::layer::MarkClass;
+use layerd::pipeline::Scan;
 
 fn shipped(directory: &str) -> Vec<PathBuf> {
     let directory = Path::new(env!("CARGO_MANIFEST_DIR")).join("config").join(directory);
@@ -180,6 +181,48 @@ fn mistakes_in_files_for_slm_machines_are_told() {
             assert!(message.contains(word), "{new}: `{word}` is not in: {message}");
         }
     }
+}
+
+/// A value that loads but cannot be used would end a print at its first layer.
+#[test]
+fn the_filling_takes_every_value_of_a_recipe_that_loads() {
+    let machine = Machine::parse(Path::new("m.toml"), &shipped_text("machines/sim-slm.toml")).unwrap();
+    let Machine::Slm(machine) = machine else { panic!("a laser machine") };
+    let shipped = shipped_text("recipes/slm-demo.toml");
+    let keys = [
+        "contour_count",
+        "contour_offset_um",
+        "contour_spacing_um",
+        "simplify_tolerance_um",
+        "thin_below_um",
+        "contour_only_below_um",
+        "point_below_um",
+        "shortest_mark_um",
+        "hatch_spacing_um",
+        "hatch_angle_deg",
+        "hatch_rotation_deg",
+        "hatch_end_offset_um",
+        "stripe_width_um",
+        "stripe_overlap_um",
+        "island_um",
+        "island_overlap_um",
+        "up_skin.hatch_spacing_um",
+    ];
+    let values = [-361, -10, 0, 1, 99, 100, 360, 1000, 2500, 5001, 10_000, 10_001, 100_000, 1_000_000, 10_000_000];
+    let mut loaded = 0;
+    for strategy in ["zigzag", "unidirectional", "stripes", "chessboard"] {
+        for (key, value) in keys.iter().flat_map(|key| values.map(|value| (*key, value))) {
+            let sets = |line: &str, key: &str| line.starts_with(&format!("{key} = "));
+            let is_other = |line: &&str| !sets(line, key) && !sets(line, "hatch_strategy");
+            let rest: Vec<_> = shipped.lines().filter(is_other).collect();
+            let text = format!("{key} = {value}\nhatch_strategy = \"{strategy}\"\n{}", rest.join("\n"));
+            let Ok(Recipe::Slm(recipe)) = Recipe::parse(Path::new("my.toml"), &text) else { continue };
+            let settings = Scan::of(&machine, &recipe).settings;
+            assert_eq!(settings.check(), Ok(()), "{strategy}, {key} = {value}");
+            loaded += 1;
+        }
+    }
+    assert!(loaded > 400, "{loaded}");
 }
 
 #[test]

@@ -6,6 +6,9 @@ use serde::de::IgnoredAny;
 use crate::config::{Axes, OutOfRange, SlmMachine, within};
 use crate::layer::MarkClass;
 
+/// Largest distance between hatches, micrometres: ten of the widest beams.
+const MAX_SPACING_UM: f64 = 10_000.0;
+
 /// A recipe for an SLM machine: where the laser marks, and how.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -227,24 +230,25 @@ impl SlmRecipe {
     pub(super) fn check(&self) -> Vec<OutOfRange> {
         let optional =
             |key: &str, value: Option<f64>, low: f64, high: f64| value.and_then(|value| within(key, value, low, high));
-        // No feature of a part is larger than 100 mm and yet thin. Moves are limited so that a typing error cannot take hours.
+        // What `slice/scan` fills with: lengths that belong to a beam are at most ten of the widest beams, and hatches end inside.
+        // Moves are limited so that a typing error cannot take hours.
         [
             within("layer_height_um", self.layer_height_um, 1.0, 1000.0),
             within("contour_count", self.contour_count, 0, 100),
-            optional("contour_offset_um", self.contour_offset_um, -1000.0, 1000.0),
+            optional("contour_offset_um", self.contour_offset_um, 0.0, 1000.0),
             optional("contour_spacing_um", self.contour_spacing_um, 1.0, 10_000.0),
             within("simplify_tolerance_um", self.simplify_tolerance_um, 0.0, 1000.0),
-            optional("thin_below_um", self.thin_below_um, 0.0, 100_000.0),
-            optional("contour_only_below_um", self.contour_only_below_um, 0.0, 100_000.0),
-            optional("point_below_um", self.point_below_um, 0.0, 100_000.0),
+            optional("thin_below_um", self.thin_below_um, 0.0, 10_000.0),
+            optional("contour_only_below_um", self.contour_only_below_um, 0.0, 10_000.0),
+            optional("point_below_um", self.point_below_um, 0.0, 10_000.0),
             within("shortest_mark_um", self.shortest_mark_um, 0.0, 10_000.0),
-            within("hatch_spacing_um", self.hatch_spacing_um, 1.0, 10_000.0),
+            within("hatch_spacing_um", self.hatch_spacing_um, 1.0, MAX_SPACING_UM),
             within("hatch_angle_deg", self.hatch_angle_deg, -360.0, 360.0),
             within("hatch_rotation_deg", self.hatch_rotation_deg, -360.0, 360.0),
-            within("hatch_end_offset_um", self.hatch_end_offset_um, -1000.0, 10_000.0),
-            within("stripe_width_um", self.stripe_width_um, 100.0, 1_000_000.0),
+            within("hatch_end_offset_um", self.hatch_end_offset_um, 0.0, 10_000.0),
+            within("stripe_width_um", self.stripe_width_um, self.least_cell_um(Strategy::Stripes), 1_000_000.0),
             within("stripe_overlap_um", self.stripe_overlap_um, 0.0, self.stripe_width_um / 2.0),
-            within("island_um", self.island_um, 100.0, 1_000_000.0),
+            within("island_um", self.island_um, self.least_cell_um(Strategy::Chessboard), 1_000_000.0),
             within("island_overlap_um", self.island_overlap_um, 0.0, self.island_um / 2.0),
             within("plate_speed_um_s", self.plate_speed_um_s, 10, 1_000_000),
             within("wait_after_recoat_ms", self.wait_after_recoat_ms, 0, 600_000),
@@ -255,6 +259,17 @@ impl SlmRecipe {
         .chain(self.tables().into_iter().flat_map(|(table, class)| class.check(&format!("{table}."))))
         .chain(self.misplaced_spacings())
         .collect()
+    }
+
+    /// Least width of a stripe or square: a hatch must fit into it if the areas are filled with them.
+    fn least_cell_um(&self, strategy: Strategy) -> f64 {
+        const LEAST_UM: f64 = 100.0;
+        if self.hatch_strategy != strategy {
+            return LEAST_UM;
+        }
+        let skins = [&self.up_skin, &self.down_skin].into_iter().flatten().map(|skin| self.skin_spacing_um(skin));
+        // A spacing beyond its own range is told alone.
+        skins.chain([self.hatch_spacing_um]).fold(LEAST_UM, f64::max).min(MAX_SPACING_UM)
     }
 
     /// The laser's parameters that classes without their own have.
@@ -348,7 +363,7 @@ impl ClassSettings {
             whole("mark_delay_us", self.mark_delay_us, 0, 1_000_000),
             whole("polygon_delay_us", self.polygon_delay_us, 0, 1_000_000),
             whole("point_time_us", self.point_time_us, 1, 1_000_000),
-            number("hatch_spacing_um", self.hatch_spacing_um, 1.0, 10_000.0),
+            number("hatch_spacing_um", self.hatch_spacing_um, 1.0, MAX_SPACING_UM),
         ]
         .into_iter()
         .flatten()
