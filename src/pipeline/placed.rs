@@ -7,7 +7,7 @@ use super::{Part, PartError, PrintMemory, Scan, ScannedLayers};
 use crate::buildfile::{BuildFile, Header};
 use crate::config::{Machine, Recipe};
 use crate::layer::{Depth, Raster};
-use crate::slice::scan::{Contours, ScanSettings};
+use crate::slice::scan::Contours;
 use crate::slice::{BodySource, SlicePlan, Slicer};
 use crate::stream::MemoryBudget;
 
@@ -98,15 +98,16 @@ impl Placed {
         Ok(Part::new(self.path, self.plan, self.scan, &memory, limit_bytes))
     }
 
-    /// The layers from `first` on as scan vectors, outside a print.
+    /// The layers from `first` on as scan vectors, outside a print; `None` if they are pictures.
     ///
     /// # Errors
     /// [`PartError`] if the settings contradict each other, or the first layers cannot be computed.
-    pub fn scanned(self, settings: &ScanSettings, threads: usize, first: u32) -> Result<ScannedLayers, PartError> {
+    pub fn scanned(self, threads: usize, first: u32) -> Result<Option<ScannedLayers>, PartError> {
+        let Some(Scan { settings, .. }) = &self.scan else { return Ok(None) };
         let bodies = BodySource::of(&self.file);
         let fixed_bytes = Contours::memory_bytes(&bodies, &self.plan, threads);
         let budget = MemoryBudget::new(fixed_bytes.saturating_add(MAX_LAYER_BYTES));
-        ScannedLayers::new(bodies, self.plan, settings, threads, first, &budget)
+        ScannedLayers::new(bodies, self.plan, settings, threads, first, &budget).map(Some)
     }
 
     /// A slicer outside a print, which begins with layer `first`; its memory budget is its own estimate.

@@ -27,7 +27,7 @@ pub(super) fn write(
     let plan = part.plan().clone();
     let scan = Scan::of(machine, recipe);
     let mut writer = Writer::create(format, output, &range, machine, &scan)?;
-    let mut scanned = part.scanned(&scan.settings, threads, range.start)?;
+    let mut scanned = part.scanned(threads, range.start)?.context("the layers are pictures")?;
     let layer_count = u64::from(range.end - range.start);
     let bar = cli::progress_bar("{bar:40} {pos}/{len} layers, {eta} left");
     bar.set_length(layer_count);
@@ -71,8 +71,7 @@ impl Writer {
                 ensure!(!output.is_file(), "{} is a file; -o wants a directory for the pictures", output.display());
                 std::fs::create_dir_all(output)
                     .with_context(|| format!("cannot make the directory {}", output.display()))?;
-                let field_um = machine.field_um.map(|um| um.ceil() as u32);
-                Self::Svg { directory: output.to_owned(), field_um, beam_um: machine.beam_diameter_um }
+                Self::Svg { directory: output.to_owned(), field_um: scan.field_um, beam_um: machine.beam_diameter_um }
             }
             Format::Cli => {
                 let writer = CliWriter::create(output, &name, range.end - range.start);

@@ -164,7 +164,7 @@ impl World {
             .any(|job| !job.state.is_final() && (job.started_ms.is_some() || job.state != JobState::Queued));
         let station = &mut self.stations[self.connected];
         // A laser machine takes the whole bed out.
-        let is_reachable = station.is_clear() || station.kind.is_laser();
+        let is_reachable = station.is_clear() || station.is_laser();
         if !is_needed && is_reachable && station.part_um.take().is_some() {
             self.note(|| "machine: changes its plate".into());
         }

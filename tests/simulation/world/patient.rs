@@ -129,7 +129,7 @@ impl World {
             JobState::Queued if asks_for_empty_plate(job) || job.reason.is_some() && snapshot.active().is_none() => {
                 let station = &self.stations[self.connected];
                 // Out of a bed of powder a part is taken where it is.
-                let is_low = !station.kind.is_laser() && !station.is_clear() && station.part_um.is_some();
+                let is_low = !station.is_laser() && !station.is_clear() && station.part_um.is_some();
                 Some(if is_low && refusals < 2 {
                     *self.patient.refusals.entry(id).or_default() += 1;
                     Ask::Raise

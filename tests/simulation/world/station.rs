@@ -14,11 +14,10 @@ const LEVEL_UM: i32 = 100;
 #[derive(Debug)]
 pub(super) struct Station {
     pub(super) machine: Machine,
-    pub(super) kind: Kind,
     /// Position of the plate for the last layer of the part on it, micrometres; `None` for an empty plate.
     pub(super) part_um: Option<i32>,
-    /// The bed of a laser machine.
-    pub(super) bed: Bed,
+    /// The bed of a laser machine; `None` of a vat.
+    pub(super) bed: Option<Bed>,
     pub(super) lit: Option<Lit>,
 }
 
@@ -32,16 +31,18 @@ impl Station {
             laser_ms: layer.times.laser_ms,
         });
         let machine = Machine::new(kind.capabilities(), BAUD, character, seed).knowing(known.collect());
-        Self { machine, kind, part_um: None, bed: Bed::default(), lit: None }
+        Self { machine, part_um: None, bed: kind.is_laser().then(Bed::default), lit: None }
+    }
+
+    /// Whether it is a laser machine.
+    pub(super) fn is_laser(&self) -> bool {
+        self.bed.is_some()
     }
 
     /// Whether a part on its plate is in sight: the plate is clear of the resin, or about level with the powder.
     pub(super) fn is_clear(&self) -> bool {
         let plate_um = self.machine.plate_um();
-        match self.kind {
-            Kind::Vat => plate_um >= CLEAR_UM - 200,
-            Kind::Laser(_) => plate_um <= LEVEL_UM,
-        }
+        if self.is_laser() { plate_um <= LEVEL_UM } else { plate_um >= CLEAR_UM - 200 }
     }
 }
 
@@ -114,12 +115,13 @@ impl World {
         self.count_effects(&fact.what);
         // Nobody knows how far a layer is marked that was continued on another machine.
         let if_honest = self.is_honest(index) && self.stations.len() == 1;
-        let is_laser = self.plan.kind.is_laser();
         let (now_us, disturbed_us) = (self.now_us, self.disturbed_us);
         let station = &mut self.stations[index];
-        // The host asks for the state every half second.
-        station.bed.is_told = station.bed.pushed_us.is_none_or(|us| us.max(disturbed_us) + 3 * SECOND_US / 2 < now_us);
-        self.truth.fact(fact, &mut station.part_um, is_laser.then_some(&mut station.bed), if_honest);
+        if let Some(bed) = &mut station.bed {
+            // The host asks for the state every half second.
+            bed.is_told = bed.pushed_us.is_none_or(|us| us.max(disturbed_us) + 3 * SECOND_US / 2 < now_us);
+        }
+        self.truth.fact(fact, &mut station.part_um, station.bed.as_mut(), if_honest);
     }
 
     /// Counts what faults came to on a laser machine.
