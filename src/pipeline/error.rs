@@ -65,6 +65,15 @@ impl PartError {
             _ => None,
         }
     }
+
+    /// What did not fit the memory budget while a layer was computed; `None` if it was something else.
+    pub fn shortage(&self) -> Option<&BudgetExceeded> {
+        match self {
+            Self::Slice(SliceError::TooComplex { exceeded, .. })
+            | Self::Fill(FillError::Slice(SliceError::TooComplex { exceeded, .. })) => Some(exceeded),
+            _ => None,
+        }
+    }
 }
 
 impl From<SliceError> for PartError {

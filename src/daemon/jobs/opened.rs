@@ -99,15 +99,20 @@ impl Opened {
     }
 }
 
-/// Why a part in the spool cannot be used. It is a copy, so the advice of an error on the original does not apply.
+/// Why a part in the spool cannot be used. It is a copy, so the advice of an error on the original does not apply. A job whose part is on
+/// the plate can be resumed by a daemon with a larger budget.
 pub(crate) fn spool_text(error: &PartError) -> String {
-    error.damage().map_or_else(
-        || error.to_string(),
-        |damage| {
-            format!(
-                "the spool's copy of the part is damaged ({damage}). End this job, start the part again from its original file, \
-                 and check the spool's disk"
-            )
-        },
-    )
+    if let Some(damage) = error.damage() {
+        return format!(
+            "the spool's copy of the part is damaged ({damage}). End this job, start the part again from its original file, and check \
+             the spool's disk"
+        );
+    }
+    match error.shortage() {
+        Some(exceeded) => format!(
+            "{exceeded}. `layerctl check` says how much the part needs: set that as memory_budget in the daemon's configuration, restart \
+             the daemon, and resume the job"
+        ),
+        None => error.to_string(),
+    }
 }
