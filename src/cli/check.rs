@@ -1,12 +1,12 @@
 //! `layerctl check`: whether a print would run well. Size and memory come from header and index alone, at once. Times, and whether
 //! the bottom holds to the plate, come from layers computed here, which takes some seconds. For a laser all layers are computed, because
-//! the memory of a layer is known only then. That takes minutes, a small share of the print.
+//! the memory of a layer is known only then; if that takes too long, evenly spaced ones.
 //! `tests/check/` compares it with the daemon.
 
 mod rehearsal;
+mod samples;
 
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
 
 use anyhow::{anyhow, bail};
 use serde::Serialize;
@@ -14,13 +14,14 @@ use serde::Serialize;
 use super::progress::duration_text;
 use crate::buildfile::Header;
 use crate::config::{MIN_BUDGET_BYTES, Machine, Recipe, byte_size};
-use crate::device::encoding::{self, Choice};
+use crate::device::encoding;
 use crate::job::Process;
-use crate::pipeline::{Part, PartError, Placed, Resolution, default_threads};
+use crate::pipeline::{PartError, Placed, Resolution, default_threads};
 use crate::slice::{Footing, SlicePlan};
 use crate::stream::MemoryBudget;
 use crate::text::{count_text, size_text};
 use rehearsal::{Rehearsal, rehearse, roomy};
+use samples::{Sample, late_layers, late_text, mean, measure, most};
 
 /// Check before a print whether a part fits the machine, the memory and the line, and holds to the plate.
 #[derive(Debug, clap::Args)]
@@ -40,25 +41,21 @@ pub struct CheckArgs {
     /// Memory the daemon may use: its `memory_budget`
     #[arg(long, value_name = "SIZE", default_value = "64MiB", value_parser = byte_size::parse)]
     pub budget: u64,
+    /// For a laser: compute all layers if that takes about so many minutes at most, else only some, evenly spaced
+    #[arg(long, value_name = "N", default_value = "10", value_parser = parse_minutes)]
+    pub minutes: f64,
     /// Print one JSON object
     #[arg(long)]
     pub json: bool,
 }
 
-/// Number of sample layers, spread over the height.
-const MAX_SAMPLES: u32 = 12;
-
-/// Step between samples, coprime to [`MAX_SAMPLES`]: even the first few samples are spread over the height.
-const SAMPLE_STEP: u32 = 5;
-
-/// No sample is begun after this time: each begins a sweep, which reads a million struts of a hundred million.
-const MAX_SAMPLING_TIME: Duration = Duration::from_secs(2);
+fn parse_minutes(text: &str) -> Result<f64, String> {
+    let minutes = text.parse::<f64>().ok().filter(|minutes| minutes.is_finite() && *minutes > 0.0);
+    minutes.ok_or_else(|| format!("`{text}` is no number of minutes above 0"))
+}
 
 /// Most ranges of layers that a message names.
 const MAX_TOLD: usize = 6;
-
-/// Bits on the line for each byte: 8N1.
-const LINE_BITS: f64 = 10.0;
 
 /// What `check` found; `--json` prints it.
 #[derive(Debug, Serialize)]
@@ -109,24 +106,15 @@ struct Times {
     rehearsal: Option<Rehearsal>,
 }
 
-/// One layer computed and encoded.
-struct Sample {
-    layer: u32,
-    compute_ms: f64,
-    line_ms: f64,
-    device_ms: f64,
-    bytes: usize,
-}
-
 /// Runs the command.
 ///
 /// # Errors
 /// The print does not fit, or cannot be judged.
 pub fn run(args: CheckArgs) -> anyhow::Result<()> {
-    let CheckArgs { file: path, machine, recipe, budget, json } = args;
+    let CheckArgs { file: path, machine, recipe, budget, minutes, json } = args;
     let pair = super::find_pair(&machine, &recipe)?;
     let mut told = Ok(());
-    let findings = judge(&path, &pair, budget, &mut |size| {
+    let findings = judge(&path, &pair, budget, minutes, &mut |size| {
         if !json {
             // Printed before the sampling, which takes seconds.
             told = super::print(&size_lines(size));
@@ -150,6 +138,7 @@ fn judge(
     path: &Path,
     (machine, recipe): &(Machine, Recipe),
     budget: u64,
+    minutes: f64,
     tell_size: &mut dyn FnMut(&Size),
 ) -> anyhow::Result<Findings> {
     let placed = match Placed::open(path, &Resolution::of(machine, recipe)) {
@@ -190,15 +179,19 @@ fn judge(
         }
         Err(error) => return Err(error.into()),
     };
-    let (encoding, rehearsal, sample_budget) = match recipe {
-        Recipe::Dlp(_) => (encoding::best(plan.depth), None, MemoryBudget::new(budget)),
-        Recipe::Slm(_) => {
-            let rest_ms = process.layers_ms(0..plan.layer_count);
-            let encoding = encoding::BEST_VECTORS;
-            (encoding, Some(rehearse(&part, &memory, budget, encoding, rest_ms)?), roomy(budget))
-        }
+    let (encoding, sample_budget) = match recipe {
+        Recipe::Dlp(_) => (encoding::best(plan.depth), MemoryBudget::new(budget)),
+        Recipe::Slm(_) => (encoding::BEST_VECTORS, roomy(budget)),
     };
     let samples = measure(&part, encoding, &sample_budget, &process, f64::from(machine.link().baud))?;
+    let rehearsal = match recipe {
+        Recipe::Dlp(_) => None,
+        Recipe::Slm(_) => {
+            let rest_ms = process.layers_ms(0..plan.layer_count);
+            let step = rehearsal::step(plan.layer_count, mean(&samples, |sample| sample.compute_ms), minutes);
+            Some(rehearse(&part, &memory, budget, encoding, rest_ms, step)?)
+        }
+    };
     let late_layers = late_layers(&samples, plan.layer_count);
     let footing = part.footing(recipe, budget)?;
     let dark = if let Footing::Dark { layers } = footing { layers } else { 0 };
@@ -207,7 +200,8 @@ fn judge(
     let unfit = rehearsal.as_ref().and_then(|rehearsal| rehearsal.problem(budget));
     let fits = loose.is_none() && unfit.is_none();
     let unmarked = rehearsal.as_ref().and_then(Rehearsal::warning);
-    let problems = unfit.into_iter().chain(loose).chain(unmarked).chain(late).chain(warnings).collect();
+    let gap = rehearsal.as_ref().and_then(|rehearsal| rehearsal.gap(plan.layer_count, minutes));
+    let problems = unfit.into_iter().chain(loose).chain(gap).chain(unmarked).chain(late).chain(warnings).collect();
     let times = Times { rehearsal, ..times(&samples, dark, late_layers) };
     Ok(Findings { fits, problems, size: Some(size), times: Some(times) })
 }
@@ -255,67 +249,6 @@ fn times(samples: &[Sample], dark_bottom_layers: u32, late_layers: Vec<[u32; 2]>
     }
 }
 
-/// Computes and encodes layers spread evenly over the part, each in a sweep of its own, as a print would send them to a device that
-/// reads every encoding. The time of the sweep's second layer counts: the first one includes reading the chunks, which a print
-/// does once.
-fn measure(
-    part: &Part,
-    encoding: Choice,
-    budget: &MemoryBudget,
-    process: &Process,
-    baud: f64,
-) -> anyhow::Result<Vec<Sample>> {
-    let mut samples = Vec::new();
-    let count = MAX_SAMPLES.min(part.layer_count());
-    let began = Instant::now();
-    for step in 0..MAX_SAMPLES {
-        let index = step * SAMPLE_STEP % MAX_SAMPLES;
-        if index >= count {
-            continue;
-        }
-        if !samples.is_empty() && began.elapsed() > MAX_SAMPLING_TIME {
-            break;
-        }
-        let layer = (u64::from(part.layer_count()) * u64::from(2 * index + 1) / u64::from(2 * count)) as u32;
-        let mut layers = part.encoded_layers(layer.saturating_sub(1), encoding, budget)?;
-        if layer > 0 {
-            layers.next().transpose()?;
-        }
-        let start = Instant::now();
-        let Some(encoded) = layers.next().transpose()? else { bail!("the layers ended too early") };
-        let compute_ms = start.elapsed().as_secs_f64() * 1e3;
-        let bytes = encoded.bytes.len();
-        let line_ms = bytes as f64 * LINE_BITS / baud * 1e3;
-        let device_ms = process.layer_ms(layer, encoded.scan.map(|scan| scan.times));
-        samples.push(Sample { layer, compute_ms, line_ms, device_ms, bytes });
-    }
-    samples.sort_by_key(|sample| sample.layer);
-    Ok(samples)
-}
-
-/// Each sample stands for the layers nearer to it than to another.
-fn late_layers(samples: &[Sample], layer_count: u32) -> Vec<[u32; 2]> {
-    let mut ranges: Vec<[u32; 2]> = Vec::new();
-    let mut first = 0;
-    for (index, sample) in samples.iter().enumerate() {
-        let next = samples.get(index + 1).map_or(layer_count, |next| (sample.layer + next.layer).div_ceil(2));
-        let last = next.max(first + 1) - 1;
-        if sample.compute_ms.max(sample.line_ms) > sample.device_ms {
-            add_layers(&mut ranges, [first, last]);
-        }
-        first = last + 1;
-    }
-    ranges
-}
-
-fn late_text(ranges: &[[u32; 2]]) -> String {
-    format!(
-        "the device would wait, dark, for layers {} (estimate): a faster line, a longer exposure or lift, or a coarser raster \
-         would help",
-        layers_text(ranges)
-    )
-}
-
 /// Adds layers, first to last, behind or next to the last range.
 fn add_layers(ranges: &mut Vec<[u32; 2]>, [first, last]: [u32; 2]) {
     match ranges.last_mut() {
@@ -332,14 +265,6 @@ fn layers_text(ranges: &[[u32; 2]]) -> String {
     });
     let more = if ranges.len() > MAX_TOLD { " and more" } else { "" };
     told.collect::<Vec<_>>().join(", ") + more
-}
-
-fn mean(samples: &[Sample], value: impl Fn(&Sample) -> f64) -> f64 {
-    samples.iter().map(value).sum::<f64>() / samples.len().max(1) as f64
-}
-
-fn most(samples: &[Sample], value: impl Fn(&Sample) -> f64) -> f64 {
-    samples.iter().map(value).fold(0.0, f64::max)
 }
 
 fn size_lines(size: &Size) -> String {

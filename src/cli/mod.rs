@@ -78,7 +78,7 @@ enum Command {
     Info(info::InfoArgs),
     /// Check before a print whether a part fits the machine, the memory and the line, and holds to the plate.
     ///
-    /// For a laser, all layers are computed. This takes minutes for a print of days.
+    /// For a laser, all layers are computed, or evenly spaced ones if that takes too long.
     Check(check::CheckArgs),
     /// List the machines whose names other commands take.
     #[command(after_help = settings::MACHINES_HELP)]

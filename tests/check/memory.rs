@@ -127,6 +127,15 @@ fn check_computes_all_layers_of_a_laser_and_names_the_budget_that_the_largest_ne
     assert_eq!(short.status.code(), Some(1), "{told}");
     let remedy = format!("memory_budget = \"{}MiB\"", need_bytes.div_ceil(1 << 20));
     assert!(told.contains(&format!("layer {largest} needs")) && told.contains(&remedy), "{told}");
+    // Without time for all layers some are computed, and the others are not vouched for.
+    let hasty =
+        layerctl(dir.path(), &[&["check", "part.layerd"], &laser[..], &["1GiB", "--minutes", "0.0001"]].concat());
+    let found = json(&hasty);
+    assert!(hasty.status.success(), "{}", stderr(&hasty));
+    assert!(figure(&found, "computed_layers") < figure(&found, "layer_count"), "{found}");
+    assert!(figure(&found, "largest_layer_budget_bytes") <= need_bytes, "{found}");
+    assert!(found["problems"].to_string().contains("layers were computed, because"), "{found}");
+
     let unfit: Vec<[u64; 2]> = serde_json::from_value(json(&short)["unfit_layers"].clone()).expect("ranges");
     assert!(unfit.iter().any(|[first, last]| (*first..=*last).contains(&largest)), "{unfit:?}");
 }
