@@ -49,6 +49,7 @@ fn assert_charged(name: &str, settings: &ScanSettings, threads: usize, regions: 
     let (bytes, counts) = taken(|| fill.groups::<FillError>(3, regions, neighbours, |_| Ok(())).unwrap());
     let charged = budget.take_peak_bytes();
     assert!(bytes as u64 <= charged, "{name}: {bytes} bytes taken, {charged} charged");
+    println!("{name}: {:.1} times what is taken is charged", charged as f64 / bytes as f64);
     assert_eq!(budget.used_bytes(), 0, "{name}: all is free again");
     let mut vectors = Vectors::default();
     let (bytes, whole) = taken(|| fill.layer(3, regions, neighbours, &mut vectors).unwrap());
@@ -133,6 +134,36 @@ fn layers_of_many_regions_and_skins_take_no_more_than_they_are_charged() {
             assert_charged("mixed with skins", &skins, threads, &mixed, Some(&mixed[..200]));
         }
     }
+}
+
+/// Parts that fill the field of a machine, or have as many holes, teeth or islands as they can.
+#[test]
+fn hostile_regions_take_no_more_than_they_are_charged() {
+    let _alone = alone();
+    for strategy in [HatchStrategy::Zigzag, CHESSBOARD] {
+        let plain = settings(strategy);
+        let check = |name: &str, regions: &[Region]| assert_charged(name, &plain, 2, regions, None);
+        check("disc of the whole field", &[disc([62_500.0; 2], 62_000.0)]);
+        check("net of 3600 holes", &[net(60, 190.0, 20)]);
+        check("net of 3600 holes with narrow webs", &[net(60, 240.0, 20)]);
+        for tooth_um in [60.0, 150.0, 400.0] {
+            check("comb", &[comb(150, tooth_um, 20_000.0)]);
+        }
+        check("tiny islands", &islands(20_000, 20.0, 90.0, 3));
+    }
+}
+
+/// A bar with teeth as wide as the gaps between them.
+fn comb(teeth: u32, tooth_um: f64, long_um: f64) -> Region {
+    let (bottom_um, back_um) = (100.0, 1_100.0);
+    let end_um = 100.0 + 2.0 * tooth_um * f64::from(teeth);
+    let mut outer = vec![[100.0, bottom_um], [end_um, bottom_um], [end_um, back_um]];
+    for tooth in (0..teeth).rev() {
+        let left_um = 100.0 + 2.0 * tooth_um * f64::from(tooth);
+        let (right_um, tip_um) = (left_um + tooth_um, back_um + long_um);
+        outer.extend([[right_um, back_um], [right_um, tip_um], [left_um, tip_um], [left_um, back_um]]);
+    }
+    Region { outer, holes: Vec::new() }
 }
 
 const SIDE_MM: f64 = 45.0;
