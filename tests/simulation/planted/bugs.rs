@@ -219,6 +219,42 @@ pub(crate) const BUGS: &[Bug] = &[
         was: "(Fate::Partly { broken: Some(why), .. }, _) if choice != ResumeChoice::Repeat => {",
         becomes: "(Fate::Partly { broken: Some(why), .. }, _) if choice == ResumeChoice::AssumeExposed => {",
     },
+    Bug {
+        name: "a layer that goes on is recoated again",
+        file: "src/job/cycle/powder.rs",
+        was: "if self.recoated {",
+        becomes: "if self.recoated && self.from_vector == 0 {",
+    },
+    Bug {
+        name: "a vector marked in part counts as not begun",
+        file: "src/job/fate.rs",
+        was: "powder.broken.then(|| format!",
+        becomes: "false.then(|| format!",
+    },
+    Bug {
+        name: "the plate goes down to the depth of the layer before",
+        file: "src/job/cycle/powder.rs",
+        was: "let to_um = self.plan.positions().layer_um(layer);",
+        becomes: "let to_um = self.plan.positions().layer_um(layer.saturating_sub(1));",
+    },
+    Bug {
+        name: "more is sent than the buffer has room for",
+        file: "src/device/driver/upload.rs",
+        was: "self.buffer_bytes.saturating_sub(self.in_flight_bytes())",
+        becomes: "self.buffer_bytes",
+    },
+    Bug {
+        name: "a plate that somebody moved is not noticed",
+        file: "src/job/cycle/plate.rs",
+        was: "state.position_um.is_some_and(|found_um| !self.is_off(found_um, left_um))",
+        becomes: "state.position_um.is_some()",
+    },
+    Bug {
+        name: "after a crash a layer begins with its first vector",
+        file: "src/job/history.rs",
+        was: "from_vector: self.next_vector,",
+        becomes: "from_vector: 0,",
+    },
     // Layers on their way.
     Bug {
         name: "a sweep begins one layer too late",
