@@ -37,6 +37,42 @@ fn a_web_of_middle_width_gets_contours_and_no_hatches() {
     }
 }
 
+/// A square of 1 mm with a tip or a web at its right side, `length_um` long and `width_um` wide. Its end is round.
+fn stub(length_um: f64, width_um: f64, is_web: bool) -> Region {
+    let (low, high) = (1500.0 - width_um / 2.0, 1500.0 + width_um / 2.0);
+    let mut outer = vec![[1000.0, 1000.0], [2000.0, 1000.0], [2000.0, low]];
+    let end = 2000.0 + length_um;
+    if is_web {
+        let far = end + 1000.0;
+        outer.extend([[end, low], [end, 1000.0], [far, 1000.0], [far, 2000.0], [end, 2000.0], [end, high]]);
+    } else {
+        let angle = |step: u32| std::f64::consts::PI * (f64::from(step) / 16.0 - 0.5);
+        let radius = width_um / 2.0;
+        outer.extend(
+            (0..=16).map(|step| [end - radius + radius * angle(step).cos(), 1500.0 + radius * angle(step).sin()]),
+        );
+    }
+    outer.extend([[2000.0, high], [2000.0, 2000.0], [1000.0, 2000.0]]);
+    Region { outer, holes: Vec::new() }
+}
+
+#[test]
+fn the_line_of_a_short_tip_or_web_runs_along_it() {
+    for is_web in [false, true] {
+        for (length_um, width_um) in [(60.0, 110.0), (70.0, 100.0), (90.0, 110.0), (100.0, 80.0), (140.0, 110.0)] {
+            let region = stub(length_um, width_um, is_web);
+            let (vectors, _) = filled(&settings(HatchStrategy::Zigzag), 0, &[region]);
+            let thin: Vec<_> = vectors.marks().filter(|mark| mark.class == MarkClass::Thin).collect();
+            for mark in &thin {
+                for [_, y] in [mark.from_um, mark.to_um] {
+                    assert!((1485..=1515).contains(&y), "{length_um} × {width_um} µm, web: {is_web}: {thin:?}");
+                }
+            }
+            assert!(!thin.is_empty() || length_um < 90.0, "{length_um} × {width_um} µm, web: {is_web}");
+        }
+    }
+}
+
 #[test]
 fn thin_rings_and_strips_are_marked_along_their_middle() {
     let ring = with_hole(disc([2000.0, 2000.0], 500.0), disc([2000.0, 2000.0], 420.0));

@@ -22,6 +22,9 @@ const MAX_PASSES: u32 = 32;
 const EDGE_SHARE: f64 = 0.25;
 const SHORTEST_EDGE_UM: f64 = 5.0;
 
+/// Parts shorter than so many times the width of their joints are stubs.
+const STUB_SHARE: f64 = 1.5;
+
 /// Where a narrow area meets a wide one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Joint {
@@ -33,9 +36,24 @@ pub(super) struct Joint {
     pub(super) width_um: f64,
 }
 
+impl Joint {
+    /// The point so far from the joint within the wide area.
+    fn beyond(&self, distance_um: f64) -> [f64; 2] {
+        [0, 1].map(|axis| self.at_um[axis] + self.outwards[axis] * distance_um)
+    }
+
+    /// How far a point lies behind the joint, in the narrow area.
+    fn depth_um(&self, point: [f64; 2]) -> f64 {
+        (0..2).map(|axis| (self.at_um[axis] - point[axis]) * self.outwards[axis]).sum()
+    }
+}
+
 /// Lines along the middle of an area. At a free end they stop half a beam before the border; at a joint they go on to the contour of the
 /// wide part. Empty if the area is so small or round that nothing is left between its ends.
 pub(super) fn middle_lines(area: &Area, joints: &[Joint], rules: &ThinRules) -> Vec<Vec<[f64; 2]>> {
+    if let Some(line) = stub_line(area, joints, rules) {
+        return vec![line];
+    }
     let mut net = Net::new(&triangles(area, triangle_edge_um(rules)));
     net.prune(joints);
     let mut lines = net.lines();
@@ -52,6 +70,35 @@ pub(super) fn middle_lines(area: &Area, joints: &[Joint], rules: &ThinRules) -> 
         }
     }
     lines.into_iter().map(|line| line.points).filter(|points| length_um(points) > 0.0).collect()
+}
+
+/// The line of a tip or a web that is hardly longer than wide; `None` if the area is none. Beside a wide part it has two horns, which are
+/// as long as the stub itself: a line through triangles would run across it, from horn to horn.
+fn stub_line(area: &Area, joints: &[Joint], rules: &ThinRules) -> Option<Vec<[f64; 2]>> {
+    if area.rings().count() != 1 {
+        return None;
+    }
+    let beyond = |joint: &Joint| joint.beyond(rules.contour_um);
+    match joints {
+        [joint] => {
+            let points = area.rings().flatten().map(|point| to_um(*point));
+            let (depth_um, tip) =
+                points.map(|point| (joint.depth_um(point), point)).max_by(|a, b| a.0.total_cmp(&b.0))?;
+            if depth_um >= STUB_SHARE * joint.width_um {
+                return None;
+            }
+            // Half a beam before the border.
+            let share = 1.0 - rules.beam_um / 2.0 / distance_um(joint.at_um, tip);
+            let end = [0, 1].map(|axis| joint.at_um[axis] + share * (tip[axis] - joint.at_um[axis]));
+            let line = [end, joint.at_um, beyond(joint)];
+            Some(line[usize::from(share <= 0.0)..].to_vec())
+        }
+        [one, other] => {
+            let is_short = distance_um(one.at_um, other.at_um) < STUB_SHARE * one.width_um.max(other.width_um);
+            is_short.then(|| vec![beyond(one), one.at_um, other.at_um, beyond(other)])
+        }
+        _ => None,
+    }
 }
 
 /// Length of the edges into which the border is divided, micrometres.
@@ -248,7 +295,7 @@ impl Net {
 
 /// Leads a line on to the contour of the wide area beyond a joint: the line that ends there, or a new one from the nearest point.
 fn connect(lines: &mut Vec<Line>, joint: &Joint, contour_um: f64) {
-    let beyond = [0, 1].map(|axis| joint.at_um[axis] + joint.outwards[axis] * contour_um);
+    let beyond = joint.beyond(contour_um);
     let ends = lines.iter_mut().flat_map(|line| {
         let Line { points, is_free } = line;
         let [first, last] = [points[0], points[points.len() - 1]].map(|end| distance_um(end, joint.at_um));
