@@ -1,5 +1,6 @@
 //! How the regions of one layer are filled, one by one. `fill` uses it.
 
+use std::borrow::Cow;
 use std::time::{Duration, Instant};
 
 use crate::layer::{HatchFrame, MarkClass};
@@ -14,7 +15,7 @@ use super::pieces::{self, Pieces};
 use super::region::Region;
 use super::settings::{HatchSettings, ScanSettings};
 use super::skin::{Cover, exposed};
-use super::thin::{Split, ThinMark, ThinPart, ThinRules, split, thin_mark};
+use super::thin::{Split, ThinMark, ThinPart, ThinRules, Wide, split, thin_mark};
 
 /// Most contours from the border to the middle of a part that is too narrow for hatches. Usual settings need a few; this bounds the loop
 /// for any settings.
@@ -149,7 +150,7 @@ impl<'a> LayerPlan<'a> {
             push_thin(&mark, MarkClass::Thin, &mut filled.pieces);
         }
         filled.times.thin += began.elapsed();
-        if !wide.is_empty() {
+        if !wide.area.is_empty() {
             self.fill_wide(&wide, room, filled)?;
         }
         filled.counts.regions += 1;
@@ -158,13 +159,13 @@ impl<'a> LayerPlan<'a> {
     }
 
     /// Contours and hatches. A region that thin parts divide has several wide ones, which are filled together.
-    fn fill_wide(&self, wide: &Area, room: Room<'_>, filled: &mut Filled) -> Result<(), BudgetExceeded> {
+    fn fill_wide(&self, wide: &Wide, room: Room<'_>, filled: &mut Filled) -> Result<(), BudgetExceeded> {
         let ScanSettings { contour_count, contour_offset_um, contour_spacing_um, .. } = *self.settings;
         let contour_um = |number: u32| contour_offset_um + f64::from(number) * contour_spacing_um;
         let began = Instant::now();
-        let mut inside = wide.clone();
+        let mut inside = Cow::Borrowed(&wide.area);
         for number in 0..contour_count {
-            inside = wide.offset(-contour_um(number));
+            inside = wide.inset(contour_um(number));
             push_rings(&inside, &mut filled.pieces);
             if inside.is_empty() {
                 break;
@@ -189,7 +190,7 @@ impl<'a> LayerPlan<'a> {
     /// Hatches what is wide enough. `depth_um`: from the border to the innermost contour, or 0 if there is none.
     fn hatch(
         &self,
-        wide: &Area,
+        wide: &Wide,
         depth_um: f64,
         room: Room<'_>,
         filled: &mut Filled,
@@ -199,13 +200,13 @@ impl<'a> LayerPlan<'a> {
             return Ok(if self.settings.hatch.is_some() { Hatched::Only(Area::default()) } else { Hatched::All });
         }
         let masks = [&self.below, &self.above]
-            .map(|cover| cover.as_ref().map(|cover| exposed(wide, cover, self.settings.beam_diameter_um)));
+            .map(|cover| cover.as_ref().map(|cover| exposed(&wide.area, cover, self.settings.beam_diameter_um)));
         let mut hatched = Hatched::All;
         for (number, filling) in self.fillings.iter().enumerate() {
             let Some(filling) = filling else { continue };
             let end_offset_um = filling.settings.end_offset_um;
             // Where the ends of hatches lie.
-            let border = wide.offset(-(depth_um + end_offset_um));
+            let border = wide.inset(depth_um + end_offset_um);
             let reach_um = core.reach_um(&border, depth_um + end_offset_um);
             let reached = reach_um.map(|reach_um| core.area.offset(reach_um));
             if let (MarkClass::Hatch, Some(reach_um)) = (filling.class, reach_um) {
@@ -213,7 +214,7 @@ impl<'a> LayerPlan<'a> {
             }
             // A skin lies within its own mask. Each filling leaves out the masks before it: where both skins are, the down-skin counts.
             let own = masks.get(number).and_then(Option::as_ref);
-            let within = [Some(&border), reached.as_ref(), own].into_iter().flatten().collect();
+            let within = [Some(&*border), reached.as_ref(), own].into_iter().flatten().collect();
             let ground = Ground { within, without: masks.iter().take(number).flatten().collect() };
             if !border.is_empty() {
                 let _work = room.take(|| hatch_bytes(&ground, &filling.hatcher))?;
@@ -301,16 +302,16 @@ enum Hatched {
 }
 
 /// Where an area is wide enough for hatches.
-struct Core {
+struct Core<'a> {
     /// Where the centre of a disc goes that rolls through the wide area.
-    area: Area,
+    area: Cow<'a, Area>,
     radius_um: f64,
 }
 
-impl Core {
-    fn of(wide: &Area, narrow_below_um: f64) -> Self {
+impl<'a> Core<'a> {
+    fn of(wide: &'a Wide, narrow_below_um: f64) -> Self {
         let radius_um = narrow_below_um / 2.0;
-        Self { area: wide.offset(-radius_um), radius_um }
+        Self { area: wide.inset(radius_um), radius_um }
     }
 
     /// How far from the core an area is wide enough for hatches; `None` if it is everywhere. The area lies `depth_um` inside the wide one.

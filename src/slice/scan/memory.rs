@@ -37,7 +37,7 @@ const CUT_BYTES: f64 = 96.0;
 const ONE_COLOUR: f64 = 0.6;
 
 /// Areas of a region that are there at the same time, of 8 bytes for each point.
-const AREA_BYTES: f64 = 6.0 * 8.0;
+const AREA_BYTES: f64 = 7.0 * 8.0;
 
 /// For each ring, and for each region: lists that hold little.
 const RING_BYTES: f64 = 300.0;

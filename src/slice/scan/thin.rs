@@ -6,6 +6,8 @@
 //! Corners are not thin parts: the disc does not reach into them, but contours do. So a piece that it leaves out counts only if it is
 //! longer than a beam, or joins two wide parts.
 
+use std::borrow::Cow;
+
 use i_overlay::core::edge_data::{EdgeDataMerge, OverlayEdgeData};
 use i_overlay::core::edge_overlay::{EdgeOverlay, InputEdge};
 use i_overlay::core::fill_rule::FillRule;
@@ -26,9 +28,27 @@ pub(super) const REACH: f64 = 1.1;
 #[derive(Debug, Default)]
 pub(super) struct Split {
     /// What is at least as wide as the limit, with its corners.
-    pub(super) wide: Area,
+    pub(super) wide: Wide,
     /// What is narrower.
     pub(super) thin: Vec<ThinPart>,
+}
+
+/// The wide part of a region.
+#[derive(Debug, Default)]
+pub(super) struct Wide {
+    pub(super) area: Area,
+    /// Its inset by a distance, micrometres, if that was found on the way. With usual settings the ends of hatches lie on it.
+    inset: Option<(f64, Area)>,
+}
+
+impl Wide {
+    /// The area moved inwards by a distance, micrometres.
+    pub(super) fn inset(&self, distance_um: f64) -> Cow<'_, Area> {
+        match &self.inset {
+            Some((known_um, inset)) if *known_um == distance_um => Cow::Borrowed(inset),
+            _ => Cow::Owned(self.area.offset(-distance_um)),
+        }
+    }
 }
 
 /// A connected part narrower than the limit.
@@ -67,20 +87,21 @@ pub(super) struct ThinRules {
 /// Splits an area by local width.
 pub(super) fn split(area: Area, rules: &ThinRules) -> Split {
     if rules.below_um <= 0.0 {
-        return Split { wide: area, thin: Vec::new() };
+        return Split { wide: Wide { area, inset: None }, thin: Vec::new() };
     }
-    let core = area.offset(-rules.below_um / 2.0);
+    let radius_um = rules.below_um / 2.0;
+    let core = area.offset(-radius_um);
     if core.is_empty() {
         let thin = area.into_pieces().map(|area| ThinPart { area, joints: Vec::new() });
-        return Split { wide: Area::default(), thin: thin.collect() };
+        return Split { wide: Wide::default(), thin: thin.collect() };
     }
-    let reach_um = rules.below_um / 2.0 * REACH;
+    let reach_um = radius_um * REACH;
     if has_corners_only(&area, &core, reach_um, rules) {
-        return Split { wide: area, thin: Vec::new() };
+        return Split { wide: Wide { area, inset: Some((radius_um, core)) }, thin: Vec::new() };
     }
     let thin = thin_parts(&area, &core, reach_um, rules);
     let wide = area.subtract(&Area::from_shapes(thin.iter().flat_map(|part| part.area.shapes()).cloned().collect()));
-    Split { wide, thin }
+    Split { wide: Wide { area: wide, inset: None }, thin }
 }
 
 /// The pieces that the disc leaves out and that are not corners.
