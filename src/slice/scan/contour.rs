@@ -75,13 +75,26 @@ pub(super) fn find_solid(field: &[f32], solid: &mut [u64]) {
     let mut carry = 0;
     let mut pixels = field.chunks(64);
     for word in solid {
-        let bits = pixels.next().map_or(0, |pixels| {
+        // Most words have no solid vertex, which eight pixels at a time tell.
+        let bits = pixels.next().filter(|pixels| has_solid(pixels)).map_or(0, |pixels| {
             let eights = pixels.chunks(8).rev();
             eights.fold(0_u64, |bits, eight| bits << 8 | u64::from(solid_of_eight(eight)))
         });
         *word = bits << 1 | carry;
         carry = bits >> 63;
     }
+}
+
+/// Whether the field is at least 0 at any of the pixels.
+fn has_solid(field: &[f32]) -> bool {
+    let (eights, rest) = field.as_chunks::<8>();
+    let mut highest = [f32::NEG_INFINITY; 8];
+    for eight in eights {
+        for (highest, excess) in highest.iter_mut().zip(eight) {
+            *highest = if *excess > *highest { *excess } else { *highest };
+        }
+    }
+    highest.iter().chain(rest).any(|excess| *excess >= 0.0)
 }
 
 #[inline(always)]

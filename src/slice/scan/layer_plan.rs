@@ -182,7 +182,7 @@ impl<'a> LayerPlan<'a> {
         let Hatched::Only(hatched) = hatched else { return Ok(()) };
         let began = Instant::now();
         let next_um = if contour_count == 0 { contour_offset_um } else { contour_spacing_um };
-        self.fill_narrow(inside.subtract(&hatched), hatched.is_empty(), next_um, room, filled)?;
+        self.fill_narrow(&inside.subtract(&hatched), hatched.is_empty(), next_um, room, filled)?;
         filled.times.narrow += began.elapsed();
         Ok(())
     }
@@ -230,7 +230,7 @@ impl<'a> LayerPlan<'a> {
     /// `is_all`: no part of the region is wide enough. `next_um`: from the border of `inside` to the next contour.
     fn fill_narrow(
         &self,
-        mut inside: Area,
+        inside: &Area,
         is_all: bool,
         next_um: f64,
         room: Room<'_>,
@@ -238,9 +238,12 @@ impl<'a> LayerPlan<'a> {
     ) -> Result<(), BudgetExceeded> {
         let beam_um = self.settings.beam_diameter_um;
         let mut step_um = next_um;
-        // What lies inside the outer edge of the next contour's track.
-        let gap = |inside: &Area, step_um: f64| inside.offset(-(step_um - beam_um / 2.0).max(0.0));
-        let mut rest = gap(&inside, step_um);
+        // What lies inside the outer edge of the next contour's track, and how far inside the last contour that is.
+        let gap = |inside: &Area, step_um: f64| {
+            let gap_um = (step_um - beam_um / 2.0).max(0.0);
+            (inside.offset(-gap_um), gap_um)
+        };
+        let (mut rest, mut gap_um) = gap(inside, step_um);
         if is_all || !rest.is_empty() {
             filled.counts.contours_only += 1;
         }
@@ -248,7 +251,7 @@ impl<'a> LayerPlan<'a> {
             if rest.is_empty() {
                 break;
             }
-            let next = inside.offset(-step_um);
+            let next = rest.offset(gap_um - step_um);
             push_rings(&next, &mut filled.pieces);
             for area in left_between(&rest, &next, beam_um)
                 .into_pieces()
@@ -261,8 +264,8 @@ impl<'a> LayerPlan<'a> {
                 filled.charge_more(room, 0)?;
                 push_thin(&mark, MarkClass::Contour, &mut filled.pieces);
             }
-            (inside, step_um) = (next, self.settings.contour_spacing_um);
-            rest = gap(&inside, step_um);
+            step_um = self.settings.contour_spacing_um;
+            (rest, gap_um) = gap(&next, step_um);
         }
         Ok(())
     }
@@ -311,7 +314,7 @@ struct Core<'a> {
 impl<'a> Core<'a> {
     fn of(wide: &'a Wide, narrow_below_um: f64) -> Self {
         let radius_um = narrow_below_um / 2.0;
-        Self { area: wide.inset(radius_um), radius_um }
+        Self { area: wide.rough_inset(radius_um), radius_um }
     }
 
     /// How far from the core an area is wide enough for hatches; `None` if it is everywhere. The area lies `depth_um` inside the wide one.

@@ -101,6 +101,9 @@ impl Area {
         if self.is_empty() || radius_um < 5e-4 {
             return self.clone();
         }
+        if distance_um < 0.0 && !self.shapes.iter().any(|shape| may_hold_disc(shape, radius_um * 1000.0)) {
+            return Self::default();
+        }
         if let Some(ring) = self.convex_ring() {
             let nm = radius_um * 1000.0;
             let ring = if distance_um < 0.0 { inset(ring, nm) } else { outset(ring, nm, error_um * 1000.0) };
@@ -167,6 +170,24 @@ impl Area {
         let points = self.shapes.iter().filter_map(|shape| shape.first()).flatten();
         points.map(|point| [*point; 2]).reduce(around)
     }
+}
+
+/// Whether a shape is wide enough for a disc in four directions: along x and y, and halfway between them.
+fn may_hold_disc(shape: &IntShape<i32>, radius_nm: f64) -> bool {
+    let Some(outer) = shape.first() else { return false };
+    let directions = |point: &Point| {
+        let [x, y] = [point.x, point.y].map(i64::from);
+        [x, y, x + y, x - y]
+    };
+    let (mut low, mut high) = ([i64::MAX; 4], [i64::MIN; 4]);
+    for along in outer.iter().map(directions) {
+        low = std::array::from_fn(|number| low[number].min(along[number]));
+        high = std::array::from_fn(|number| high[number].max(along[number]));
+    }
+    let width_nm = |number: usize| (high[number] - low[number]) as f64;
+    let diagonal = std::f64::consts::SQRT_2;
+    (0..2).all(|straight| width_nm(straight) >= 2.0 * radius_nm)
+        && (2..4).all(|slanted| width_nm(slanted) >= 2.0 * radius_nm * diagonal)
 }
 
 fn options() -> IntOverlayOptions<u64> {

@@ -49,6 +49,14 @@ impl Wide {
             _ => Cow::Owned(self.area.offset(-distance_um)),
         }
     }
+
+    /// As [`Wide::inset`], but arcs may leave their circles by twice the usual error. It may take less time.
+    pub(super) fn rough_inset(&self, distance_um: f64) -> Cow<'_, Area> {
+        match &self.inset {
+            Some((known_um, inset)) if *known_um < distance_um => Cow::Owned(inset.offset(known_um - distance_um)),
+            _ => self.inset(distance_um),
+        }
+    }
 }
 
 /// A connected part narrower than the limit.
