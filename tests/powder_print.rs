@@ -155,6 +155,54 @@ fn kill_at_any_moment_then_resume_marks_each_vector_exactly_once() {
     assert!(went_on > 0, "no layer was cut short: the test shows nothing");
 }
 
+/// No layer is known to fit before it is computed. A print of days must not be lost to one that does not.
+#[test]
+fn a_layer_that_does_not_fit_the_memory_interrupts_a_print_that_goes_on_with_a_larger_budget() {
+    let mut bench = Bench::prepare(setup(Laser { mark_speed_mm_s: 2000, ..QUICK }));
+    // A larger field, for a part whose layers take more than the least of any print.
+    let path = bench.path("machine.toml");
+    let machine = std::fs::read_to_string(&path).expect("machine.toml");
+    std::fs::write(&path, machine.replace("12000.0, 12000.0", "24000.0, 24000.0")).expect("machine.toml");
+    bench.start_device();
+    bench.start_daemon();
+    let lattice = "generate bcc --struts 6000 --box 22,22,0.8 --radius 0.1 --seed 1 -o part.layerd";
+    bench.ok(&lattice.split(' ').collect::<Vec<_>>());
+    let pair = ["--machine", "machine.toml", "--recipe", "recipe.toml", "--json", "--budget"];
+    let check = |bench: &Bench, budget: u64| -> Value {
+        let checked = bench.layerctl(&[&["check", "part.layerd"], &pair[..], &[&budget.to_string()]].concat());
+        serde_json::from_slice(&checked.stdout).expect("findings")
+    };
+    let enough_bytes = check(&bench, 1 << 30)["largest_layer_budget_bytes"].as_u64().expect("a number");
+    let few_bytes = enough_bytes - (2 << 20);
+    let unfit = &check(&bench, few_bytes)["unfit_layers"];
+    assert!(unfit[0][0].as_u64().is_some_and(|first| first > 0), "the first layer fits: {unfit}");
+
+    restart_with(&mut bench, few_bytes);
+    let id = bench.start_job("part.layerd");
+    let job = bench.wait_for(id, &["interrupted", "completed", "failed"]);
+    assert_eq!(job["state"], "interrupted", "{job}");
+    let reason = job["reason"].as_str().unwrap_or_default();
+    assert!(reason.contains("are free") && reason.contains("memory_budget") && reason.contains("resume"), "{reason}");
+    assert!(job["layers_done"].as_u64() > Some(0), "{job}");
+
+    restart_with(&mut bench, enough_bytes);
+    bench.ok(&["resume", &id.to_string()]);
+    let layers = bench.printed(id);
+    assert_marked_once(&bench, layers);
+}
+
+/// Starts the daemon again with this budget.
+fn restart_with(bench: &mut Bench, budget_bytes: u64) {
+    bench.kill_daemon();
+    let path = bench.path("layerd.toml");
+    let text = std::fs::read_to_string(&path).expect("layerd.toml");
+    let is_budget = |line: &&str| line.starts_with("memory_budget");
+    let others: Vec<&str> = text.lines().filter(|line| !is_budget(line)).collect();
+    // Keys of the file come before its first table.
+    std::fs::write(&path, format!("memory_budget = \"{budget_bytes}\"\n{}\n", others.join("\n"))).expect("layerd.toml");
+    bench.start_daemon();
+}
+
 #[test]
 fn abort_is_dark_at_once_and_a_new_job_waits_for_an_empty_bed() {
     let bench = Bench::start(setup(SLOW));

@@ -56,8 +56,12 @@ impl<T: Copy> Charged<T> {
         if room - len >= more {
             return Ok(());
         }
-        // Growing by half keeps the copies few. The old memory stays charged until the items are in the new.
-        let wanted = (len + more).max(room + room / 2).max(FIRST);
+        // Growing by half keeps the copies few. All lists go through the same sizes, so that a sweep that begins at a layer takes no more
+        // for it than one that comes from below. The old memory stays charged until the items are in the new.
+        let mut wanted = room.max(FIRST);
+        while wanted < len + more {
+            wanted += wanted / 2;
+        }
         let charge = self.budget.charge("a growing list of contour points", (wanted * size_of::<T>()) as u64)?;
         self.items.reserve_exact(wanted - len);
         self.charge = Some(charge);
