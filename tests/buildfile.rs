@@ -97,7 +97,7 @@ fn a_part_of_several_bodies_is_read_body_by_body() {
     unfinished.push(written[0][0]).expect("in order");
     assert!(unfinished.finish().expect_err("a body is missing").to_string().contains("1 of its bodies are missing"));
     let mut empty = Writer::create(&path, settings()).expect("can be created");
-    assert!(empty.next_body().expect_err("an empty body").to_string().contains("body 0 has no struts"));
+    assert!(empty.next_body().expect_err("an empty body").to_string().contains("body 0 is empty"));
     let none = Writer::create(&path, WriterSettings { bodies: vec![], ..settings() });
     assert!(none.err().expect("no body").to_string().contains("allowed are 1 to"));
 }

@@ -32,7 +32,7 @@ fn attributes_and_elements_belong_to_their_namespaces() {
         .replace("</b:", "</");
     assert_eq!(notes(&bench, &unprefixed).1, expected);
     let swapped = plain.replace(uri, "http://example.org/another");
-    assert!(said(bench.model(&swapped)).contains("no struts"), "a prefix alone is no lattice");
+    assert!(said(bench.model(&swapped)).contains("nothing to print"), "a prefix alone is no lattice");
 
     let twice = [
         ("r2=\"2\"", "r2=\"2\" r2=\"3\""),
@@ -149,7 +149,7 @@ fn only_what_the_build_prints_is_packed() {
         [("<item objectid=\"2\"/>", "type `other`"), ("<item objectid=\"1\" printable=\"0\"/>", "printable=")]
     {
         let found = said(bench.model(&objects(two, build)));
-        assert!(found.contains("no struts") && found.contains(why), "{found}");
+        assert!(found.contains("nothing to print") && found.contains(why), "{found}");
     }
     assert!(said(bench.model(&objects(two, "<item objectid='1' printable='no'/>"))).contains("printable = `no`"));
     assert!(said(bench.model(&objects("<object id='1' type='ghost'/>", ITEM))).contains("type `ghost`"));
@@ -174,7 +174,7 @@ fn beams_without_length_are_left_out_and_counted() {
     assert!(told.contains("2 struts shorter than the file's resolution"), "{told}");
 
     let all = said(bench.model(&model("", "", r#"<b:beams><b:beam v1="1" v2="1"/></b:beams>"#, "", ITEM)));
-    assert!(all.contains("no struts") && all.contains("1 beam of no length"), "{all}");
+    assert!(all.contains("nothing to print") && all.contains("1 beam of no length"), "{all}");
 }
 
 #[test]

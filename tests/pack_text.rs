@@ -96,5 +96,5 @@ fn struts_without_length_are_left_out_and_counted() {
     let (notes, struts) = packed(&bench, b"4 0.5\n0 0 0 0 0 5\n1 2 3 1 2 3\n1 2 3 1 2 3.0001\n9 9 9 9.0 9 9 0.1\n");
     assert_eq!(struts.len(), 1);
     assert!(notes.contains("left out 3 struts shorter than the file's resolution of 0.001 mm"), "{notes}");
-    assert!(said(bench.text("1 0.5\n1 2 3 1 2 3\n")).contains("no struts to print (1 are shorter"));
+    assert!(said(bench.text("1 0.5\n1 2 3 1 2 3\n")).contains("nothing to print (1 strut shorter"));
 }

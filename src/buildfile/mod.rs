@@ -35,7 +35,9 @@ mod store;
 
 pub use error::PackError;
 pub use generate::{GenerateOptions, Height, Kind, generate};
-pub use model::{Blend, BodyHeader, Bounds, Cap, Caps, Header, Lattice, Placement, Strut};
+pub use model::{
+    Blend, BodyHeader, Bounds, Cap, Caps, Header, Lattice, Placement, QUANTUM_FRACTIONS, Strut, Surface, Triangle,
+};
 pub use options::{BlendChoice, PackOptions};
 pub use pack::{PackReport, pack};
 pub use progress::PackProgress;

@@ -70,6 +70,43 @@ impl Strut {
     }
 }
 
+/// Fractions of a quantum in which the corners of triangles are given: walls far thinner than a quantum keep their two sides. 2³⁰ quanta
+/// in fractions fit an `f64` exactly.
+pub const QUANTUM_FRACTIONS: i64 = 1 << 20;
+
+/// A triangle of a surface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Triangle {
+    /// Corners, in fractions of a quantum ([`QUANTUM_FRACTIONS`]), counter-clockwise seen from outside. The lowest comes first, compared by
+    /// z, then y, then x.
+    pub corners: [[i64; 3]; 3],
+}
+
+impl Triangle {
+    /// Largest coordinate, fractions of a quantum: that of 2³⁰ quanta.
+    pub const MAX_COORDINATE: i64 = QUANTUM_FRACTIONS << 30;
+
+    /// The triangle of these corners, in the order that a file has.
+    pub fn new(mut corners: [[i64; 3]; 3]) -> Self {
+        let lowest = (0..3).min_by_key(|corner| corner_key(corners[*corner])).unwrap_or(0);
+        corners.rotate_left(lowest);
+        Self { corners }
+    }
+
+    /// The smallest box of whole quanta around it.
+    pub(super) fn bounds(&self) -> Bounds {
+        let along = |axis: usize| self.corners.map(|corner| corner[axis]);
+        let low = |axis| along(axis).into_iter().fold(i64::MAX, i64::min).div_euclid(QUANTUM_FRACTIONS) as i32;
+        let high = |axis| -(-along(axis).into_iter().fold(i64::MIN, i64::max)).div_euclid(QUANTUM_FRACTIONS) as i32;
+        Bounds { min: [0, 1, 2].map(low), max: [0, 1, 2].map(high) }
+    }
+}
+
+/// The order of corners in a file: by z, then y, then x.
+pub(super) fn corner_key(corner: [i64; 3]) -> [i64; 3] {
+    [corner[2], corner[1], corner[0]]
+}
+
 /// The order of nodes in a file: by z, then y, then x.
 pub(super) fn node_key(node: [i32; 3]) -> [i32; 3] {
     [node[2], node[1], node[0]]
@@ -155,7 +192,10 @@ impl Header {
     /// The lattices among the bodies, in order. A place here is not that of the body: to pair bodies with something else, go through
     /// [`Header::bodies`].
     pub fn lattices(&self) -> impl Iterator<Item = &Lattice> {
-        self.bodies.iter().map(|BodyHeader::Lattice(lattice)| lattice)
+        self.bodies.iter().filter_map(|body| match body {
+            BodyHeader::Lattice(lattice) => Some(lattice),
+            BodyHeader::Surface(_) => None,
+        })
     }
 }
 
@@ -164,6 +204,49 @@ impl Header {
 pub enum BodyHeader {
     /// Struts and balls of one blend.
     Lattice(Lattice),
+    /// What triangles enclose.
+    Surface(Surface),
+}
+
+impl BodyHeader {
+    /// Bounds of the body, quanta.
+    pub fn bounds(&self) -> &Bounds {
+        match self {
+            Self::Lattice(lattice) => &lattice.bounds,
+            Self::Surface(surface) => &surface.bounds,
+        }
+    }
+
+    /// Number of primitives: struts and balls, or triangles.
+    pub(crate) fn total(&self) -> u64 {
+        match self {
+            Self::Lattice(lattice) => lattice.total(),
+            Self::Surface(surface) => surface.triangle_count,
+        }
+    }
+
+    /// Whether the lowest solid point is known exactly from the primitives alone.
+    pub(super) fn is_exact(&self) -> bool {
+        !matches!(self, Self::Lattice(Lattice { blend: Blend::Convolution { .. }, .. }))
+    }
+}
+
+/// The header of a surface. A point is solid if the surface goes around it more often counter-clockwise than clockwise, that is, if its
+/// winding number is above 0.
+#[derive(Clone, Debug, PartialEq, Encode, Decode)]
+pub struct Surface {
+    /// The smallest box of whole quanta around all triangles.
+    pub bounds: Bounds,
+    /// Number of triangles.
+    pub triangle_count: u64,
+}
+
+impl Surface {
+    /// The header of these triangles.
+    pub fn of(triangles: &[Triangle]) -> Self {
+        let bounds = triangles.iter().fold(Bounds::EMPTY, |bounds, triangle| bounds.joined(&triangle.bounds()));
+        Self { bounds, triangle_count: triangles.len() as u64 }
+    }
 }
 
 /// The header of a lattice.

@@ -4,12 +4,12 @@ use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
 use super::error::PackError;
-use super::import::{Collector, Rules, Source, check_options};
+use super::import::{CollectedLattice, CollectedSurface, Collector, Rules, Source, check_options};
 use super::model::{Blend, Caps, Header, Strut};
 use super::options::{BlendChoice, PackOptions};
-use super::primitive::EXPECTED_STRUT_BYTES;
+use super::primitive::{EXPECTED_STRUT_BYTES, EXPECTED_TRIANGLE_BYTES};
 use super::progress::PackProgress;
-use super::sort::{self, Merge};
+use super::sort;
 use super::store::{BodySettings, WriteError, Writer, WriterSettings};
 use crate::output::{self, Output};
 use crate::text::count_text;
@@ -40,7 +40,9 @@ pub fn pack(
     // Fails before the sources are read if the output cannot be written.
     Output::create(output).map_err(|source| WriteError::Io { path: output.into(), source })?;
     let total = inputs.iter().map(|path| check_input(path, output)).sum::<Result<u64, _>>()?;
-    let mut collector = Collector::new(&rules, options, directory);
+    let has_both =
+        sources.iter().any(|source| source.has_triangles()) && sources.iter().any(|source| source.blend().is_some());
+    let mut collector = Collector::new(&rules, options, has_both, directory);
     let mut before = 0;
     for (path, source) in inputs.iter().zip(sources) {
         let mut report = |step| match step {
@@ -52,21 +54,40 @@ pub fn pack(
     }
     let collected = collector.finish(inputs)?;
     let sort_error = |source| PackError::Sort { directory: directory.into(), source };
-    sort::check_free_space(directory, EXPECTED_STRUT_BYTES * collected.count).map_err(sort_error)?;
+    let mut notes = collected.notes;
+    let (lattice, surface) = (collected.lattice, collected.surface);
+    let counts =
+        [lattice.as_ref().map_or(0, |lattice| lattice.count), surface.as_ref().map_or(0, |surface| surface.count)];
+    let output_bytes = EXPECTED_STRUT_BYTES * counts[0] + EXPECTED_TRIANGLE_BYTES * counts[1];
+    sort::check_free_space(directory, output_bytes).map_err(sort_error)?;
+    let of_lattice = lattice
+        .as_ref()
+        .map(|lattice| BodySettings::Lattice { blend: lattice.blend, largest_radius: lattice.largest_radius });
     let settings = WriterSettings {
         quantum_um: options.quantum_um,
         placement: options.placement,
         source_digest: collected.source_digest,
         source_name: source_name(inputs),
-        bodies: vec![BodySettings::Lattice { blend: collected.blend, largest_radius: collected.largest_radius }],
+        bodies: of_lattice.into_iter().chain(surface.as_ref().map(|_| BodySettings::Surface)).collect(),
     };
-    let writer = Writer::with_threads(output, settings, options.threads)?;
-    let mut notes = collected.notes;
-    let mut report = |done, total| progress(PackProgress::Joining { done, total });
-    let sorted = sort::finish(collected.sorters, &mut report).map_err(sort_error)?;
-    let mut report = |done| progress(PackProgress::Writing { done, total: collected.count });
-    let header = write(sorted, writer, collected.blend, &mut notes, &mut report, &sort_error)?;
-    Ok(PackReport { header, notes })
+    let mut writing = Writing {
+        writer: Writer::with_threads(output, settings, options.threads)?,
+        done: 0,
+        total: counts.iter().sum(),
+        progress,
+        sort_error: &sort_error,
+    };
+    let has_lattice = lattice.is_some();
+    if let Some(lattice) = lattice {
+        writing.lattice(lattice, &mut notes)?;
+    }
+    if let Some(surface) = surface {
+        if has_lattice {
+            writing.writer.next_body()?;
+        }
+        writing.surface(surface)?;
+    }
+    Ok(PackReport { header: writing.writer.finish()?, notes })
 }
 
 /// The default blend of the sources.
@@ -74,14 +95,14 @@ pub fn pack(
 /// # Errors
 /// If their defaults differ.
 fn blend_of(sources: &[Source]) -> Result<BlendChoice, PackError> {
-    let union_count = sources.iter().filter(|source| source.blend() == BlendChoice::Union).count();
-    match sources.first() {
-        Some(_) if union_count % sources.len() != 0 => Err(PackError::Option(
+    let blends: Vec<_> = sources.iter().filter_map(|source| source.blend()).collect();
+    match blends.first() {
+        Some(first) if blends.iter().any(|blend| blend != first) => Err(PackError::Option(
             "3MF and edge text together: the default of 3MF is the exact union, that of edge text a convolution surface; choose with \
              --blend union or --blend convolution"
                 .into(),
         )),
-        Some(source) => Ok(source.blend()),
+        Some(blend) => Ok(*blend),
         None => Ok(BlendChoice::Union),
     }
 }
@@ -99,38 +120,61 @@ fn check_input(path: &Path, output: &Path) -> Result<u64, PackError> {
     Ok(metadata.len())
 }
 
-fn write(
-    sorted: Merge<Strut>,
-    mut writer: Writer,
-    blend: Blend,
-    notes: &mut Vec<String>,
-    report: &mut dyn FnMut(u64),
-    sort_error: &dyn Fn(std::io::Error) -> PackError,
-) -> Result<Header, PackError> {
-    let (mut last, mut duplicates, mut total) = (None, 0u64, 0);
-    for strut in sorted {
-        let strut = strut.map_err(sort_error)?;
-        if total % (1 << 16) == 0 {
-            report(total);
+/// A file that is being written, body by body.
+struct Writing<'a> {
+    writer: Writer,
+    /// Primitives written, of so many.
+    done: u64,
+    total: u64,
+    progress: &'a mut dyn FnMut(PackProgress),
+    sort_error: &'a dyn Fn(std::io::Error) -> PackError,
+}
+
+impl Writing<'_> {
+    /// Writes the struts in order, each once.
+    fn lattice(&mut self, lattice: CollectedLattice, notes: &mut Vec<String>) -> Result<(), PackError> {
+        let mut report = |done, total| (self.progress)(PackProgress::Joining { done, total });
+        let sorted = sort::finish(lattice.sorters, &mut report).map_err(self.sort_error)?;
+        let (mut last, mut duplicates) = (None, 0u64);
+        for strut in sorted {
+            let strut = strut.map_err(self.sort_error)?;
+            self.step();
+            // In a convolution, struts that differ only in their caps are duplicates.
+            let counted = if lattice.blend == Blend::Union { strut } else { Strut { caps: Caps::default(), ..strut } };
+            if last == Some(counted) {
+                duplicates += 1;
+            } else {
+                self.writer.push(strut)?;
+            }
+            last = Some(counted);
         }
-        total += 1;
-        // In a convolution, struts that differ only in their caps are duplicates.
-        let counted = if blend == Blend::Union { strut } else { Strut { caps: Caps::default(), ..strut } };
-        if last == Some(counted) {
-            duplicates += 1;
-        } else {
-            writer.push(strut)?;
+        if duplicates > 0 {
+            notes.push(format!(
+                "merged {}: a strut that counts twice prints thicker",
+                count_text(duplicates, "exact duplicate")
+            ));
         }
-        last = Some(counted);
+        Ok(())
     }
-    report(total);
-    if duplicates > 0 {
-        notes.push(format!(
-            "merged {}: a strut that counts twice prints thicker",
-            count_text(duplicates, "exact duplicate")
-        ));
+
+    /// Writes the triangles in order. One that is there twice counts twice, as the winding number demands.
+    fn surface(&mut self, surface: CollectedSurface) -> Result<(), PackError> {
+        let mut report = |done, total| (self.progress)(PackProgress::Joining { done, total });
+        let sorted = sort::finish(vec![surface.sorter], &mut report).map_err(self.sort_error)?;
+        for triangle in sorted {
+            let triangle = triangle.map_err(self.sort_error)?;
+            self.step();
+            self.writer.push_triangle(triangle)?;
+        }
+        Ok(())
     }
-    Ok(writer.finish()?)
+
+    fn step(&mut self) {
+        self.done += 1;
+        if self.done.is_multiple_of(1 << 16) || self.done == self.total {
+            (self.progress)(PackProgress::Writing { done: self.done, total: self.total });
+        }
+    }
 }
 
 fn source_name(inputs: &[PathBuf]) -> String {

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use serde::Serialize;
 
-use crate::buildfile::{BodyHeader, BuildFile, Lattice, Placement};
+use crate::buildfile::{BodyHeader, BuildFile, Placement};
 use crate::slice::{Estimate, Slicer, Volume};
 use crate::text::{count_text, size_text};
 
@@ -44,7 +44,7 @@ pub struct Summary {
     pub file: String,
     /// The bodies of the part.
     pub bodies: Vec<BodySummary>,
-    /// Lowest corner of all struts, including their radii, millimetres.
+    /// Lowest corner of all bodies, including the radii of struts, millimetres.
     pub bounds_min_mm: [f64; 3],
     /// Highest corner, millimetres.
     pub bounds_max_mm: [f64; 3],
@@ -59,11 +59,11 @@ pub struct Summary {
     pub rounding_um: f64,
     /// Length of the file, bytes.
     pub file_bytes: u64,
-    /// Length of the file divided by the number of struts and balls.
-    pub bytes_per_strut: f64,
+    /// Length of the file divided by the number of struts, balls and triangles.
+    pub bytes_per_primitive: f64,
     /// Number of chunks.
     pub chunks: usize,
-    /// Upper bound of the number of struts active at any z.
+    /// Upper bound of the number of struts, balls and triangles active at any z.
     pub peak_active: u64,
     /// Position of the middle of the part on the plate, millimetres; absent if it is centred.
     pub at_mm: Option<[f64; 2]>,
@@ -73,50 +73,71 @@ pub struct Summary {
     pub source_sha256: String,
 }
 
-/// Summary of one body.
+/// Summary of one body, by `kind`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct BodySummary {
-    /// `lattice`.
-    pub kind: &'static str,
-    /// `convolution` or `union`.
-    pub blend: &'static str,
-    /// Support R of the kernel, millimetres; absent for a union.
-    pub support_mm: Option<f64>,
-    /// Number of struts, without balls.
-    pub struts: u64,
-    /// Number of balls.
-    pub balls: u64,
-    /// Number of distinct nodes; absent if the writer could not count them.
-    pub nodes: Option<u64>,
-    /// Smallest and largest radius, millimetres.
-    pub radius_mm: [f64; 2],
+#[serde(tag = "kind", rename_all = "lowercase")]
+pub enum BodySummary {
+    /// Struts and balls.
+    Lattice {
+        /// `convolution` or `union`.
+        blend: &'static str,
+        /// Support R of the kernel, millimetres; absent for a union.
+        support_mm: Option<f64>,
+        /// Number of struts, without balls.
+        struts: u64,
+        /// Number of balls.
+        balls: u64,
+        /// Number of distinct nodes; absent if the writer could not count them.
+        nodes: Option<u64>,
+        /// Smallest and largest radius, millimetres.
+        radius_mm: [f64; 2],
+    },
+    /// What triangles enclose.
+    Surface {
+        /// Number of triangles.
+        triangles: u64,
+    },
 }
 
 impl BodySummary {
-    fn of(BodyHeader::Lattice(lattice): &BodyHeader, quantum_um: f64) -> Self {
-        let (blend, support_mm) = super::blend_figures(lattice.blend);
-        Self {
-            kind: "lattice",
-            blend,
-            support_mm,
-            struts: lattice.strut_count,
-            balls: lattice.ball_count,
-            nodes: (lattice.node_count > 0).then_some(lattice.node_count),
-            radius_mm: lattice.radius_range.map(|radius| f64::from(radius) * quantum_um / 1000.0),
+    fn of(body: &BodyHeader, quantum_um: f64) -> Self {
+        match body {
+            BodyHeader::Lattice(lattice) => {
+                let (blend, support_mm) = super::blend_figures(lattice.blend);
+                Self::Lattice {
+                    blend,
+                    support_mm,
+                    struts: lattice.strut_count,
+                    balls: lattice.ball_count,
+                    nodes: (lattice.node_count > 0).then_some(lattice.node_count),
+                    radius_mm: lattice.radius_range.map(|radius| f64::from(radius) * quantum_um / 1000.0),
+                }
+            }
+            BodyHeader::Surface(surface) => Self::Surface { triangles: surface.triangle_count },
         }
     }
 }
 
 impl fmt::Display for BodySummary {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.support_mm {
-            Some(support_mm) => writeln!(out, "kind          lattice, convolution, support R = {support_mm:.3} mm")?,
-            None => writeln!(out, "kind          lattice, exact union")?,
+        match self {
+            Self::Lattice { support_mm, struts, balls, nodes, radius_mm, .. } => {
+                match support_mm {
+                    Some(support_mm) => {
+                        writeln!(out, "kind          lattice, convolution, support R = {support_mm:.3} mm")?;
+                    }
+                    None => writeln!(out, "kind          lattice, exact union")?,
+                }
+                writeln!(out, "struts        {struts}")?;
+                writeln!(out, "balls         {balls}")?;
+                writeln!(out, "nodes         {}", nodes.map_or("not counted".into(), |nodes| nodes.to_string()))?;
+                writeln!(out, "radii         {:.3} to {:.3} mm", radius_mm[0], radius_mm[1])
+            }
+            Self::Surface { triangles } => {
+                writeln!(out, "kind          surface")?;
+                writeln!(out, "triangles     {triangles}")
+            }
         }
-        writeln!(out, "struts        {}", self.struts)?;
-        writeln!(out, "balls         {}", self.balls)?;
-        writeln!(out, "nodes         {}", self.nodes.map_or("not counted".into(), |nodes| nodes.to_string()))?;
-        writeln!(out, "radii         {:.3} to {:.3} mm", self.radius_mm[0], self.radius_mm[1])
     }
 }
 
@@ -130,7 +151,7 @@ impl Summary {
         let volume = Volume::sample(&file, Slicer::default_threads())?.into();
         let header = file.header();
         let mm = |quanta: f64| quanta * header.quantum_um / 1000.0;
-        let total: u64 = header.lattices().map(Lattice::total).sum();
+        let total: u64 = header.bodies.iter().map(BodyHeader::total).sum();
         Ok(Self {
             file: file.path().display().to_string(),
             bodies: header.bodies.iter().map(|body| BodySummary::of(body, header.quantum_um)).collect(),
@@ -141,7 +162,7 @@ impl Summary {
             quantum_um: header.quantum_um,
             rounding_um: header.quantum_um / 2.0,
             file_bytes: file.file_bytes(),
-            bytes_per_strut: file.file_bytes() as f64 / total as f64,
+            bytes_per_primitive: file.file_bytes() as f64 / total as f64,
             chunks: file.chunks().len(),
             peak_active: file.peak_active(),
             at_mm: match header.placement {
@@ -221,6 +242,18 @@ impl fmt::Display for VolumeFigures {
     }
 }
 
+impl Summary {
+    /// What the bodies consist of.
+    fn primitive(&self) -> &'static str {
+        let is_lattice = |body: &BodySummary| matches!(body, BodySummary::Lattice { .. });
+        match (self.bodies.iter().any(is_lattice), self.bodies.iter().all(is_lattice)) {
+            (_, true) => "strut",
+            (false, _) => "triangle",
+            (true, false) => "strut or triangle",
+        }
+    }
+}
+
 impl fmt::Display for Summary {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         let size = |axis: usize| self.bounds_max_mm[axis] - self.bounds_min_mm[axis];
@@ -252,12 +285,13 @@ impl fmt::Display for Summary {
         )?;
         writeln!(
             out,
-            "size          {}, {:.2} bytes per strut, in {}",
+            "size          {}, {:.2} bytes per {}, in {}",
             size_text(self.file_bytes),
-            self.bytes_per_strut,
+            self.bytes_per_primitive,
+            self.primitive(),
             count_text(self.chunks as u64, "chunk")
         )?;
-        writeln!(out, "peak active   {} at one height", count_text(self.peak_active, "strut"))?;
+        writeln!(out, "peak active   {} at one height", count_text(self.peak_active, self.primitive()))?;
         match self.at_mm {
             Some([x_mm, y_mm]) => writeln!(out, "on the plate  middle at {x_mm}, {y_mm} mm")?,
             None => writeln!(out, "on the plate  centred")?,

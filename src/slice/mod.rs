@@ -52,7 +52,9 @@ mod volume;
 mod workers;
 
 pub use body::BodySource;
-pub use body::lattice::{ChunkSpan, MemoryStruts, StrutSource};
+pub use body::feed::ChunkSpan;
+pub use body::lattice::{MemoryStruts, StrutSource};
+pub use body::surface::{MemoryTriangles, TriangleSource};
 pub use error::SliceError;
 pub use footing::Footing;
 pub use plan::{PlanError, SlicePlan};

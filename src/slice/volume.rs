@@ -7,7 +7,7 @@
 use std::sync::Arc;
 
 use super::{BodySource, SliceError, SlicePlan, Slicer};
-use crate::buildfile::{Blend, BodyHeader, BuildFile, Header};
+use crate::buildfile::{Blend, BuildFile, Header};
 use crate::layer::{Bitmap, Depth, Mirror, Raster};
 use crate::stream::MemoryBudget;
 
@@ -69,7 +69,7 @@ impl Volume {
             let budget = MemoryBudget::new(Slicer::memory_bytes(&bodies, &plan, threads));
             self::areas(bodies, &plan, threads, &budget, || {})
         };
-        let is_union = file.header().bodies.iter().all(|BodyHeader::Lattice(lattice)| lattice.blend == Blend::Union);
+        let is_union = file.header().lattices().all(|lattice| lattice.blend == Blend::Union);
         let union = (!is_union).then(|| areas(BodySource::unions_of(file))).transpose()?;
         let areas = areas(BodySource::of(file))?;
         let slab_mm3 = slab_mm3(&plan);
@@ -108,7 +108,7 @@ fn slab_mm3(plan: &SlicePlan) -> f64 {
 
 /// A plan whose picture is one pixel larger than the part on all sides, and whose layers are the slabs.
 fn plan(header: &Header, peak_active: u64, max_planes: u64, max_struts: u64) -> SlicePlan {
-    let lattices = || header.bodies.iter().map(|BodyHeader::Lattice(lattice)| lattice);
+    let lattices = || header.lattices();
     let bulge_um = lattices().map(|lattice| lattice.bulge_um(header.quantum_um)).fold(0.0, f64::max);
     let least_radius = lattices().map(|lattice| lattice.radius_range[0]).min().unwrap_or(0);
     let mut low_um = header.bounds.min.map(|x| f64::from(x) * header.quantum_um - bulge_um);

@@ -1,4 +1,5 @@
-//! Which points are solid: the fields of convolution struts, exact unions, and the kernels that evaluate them row by row.
+//! Which points are solid: the fields of convolution struts, exact unions, what triangles enclose, and the kernels that evaluate them row by
+//! row.
 //!
 //! This module does not know files, devices or threads. A `Shape` draws a `Block` of struts and balls on a `Strip`, which is a few
 //! rows of pixels in one `Plane`. Lengths are in the unit of the solid: the support R of the kernel for a `Convolution` (all
@@ -17,6 +18,7 @@ mod convolution;
 mod excess;
 mod instruction_set;
 mod lowest;
+mod mesh;
 mod pixels;
 mod probe;
 pub mod reference;
@@ -30,6 +32,7 @@ pub(crate) use convolution::Convolution;
 pub(crate) use excess::UnionExcess;
 pub use instruction_set::InstructionSet;
 pub(crate) use lowest::lowest_z;
+pub(crate) use mesh::{Crossings, Facet, FieldRows, Resolution, SectionPlane};
 pub(crate) use probe::PlaneProbe;
 pub use strip::Effort;
 pub(crate) use strip::{Grid, Plane, Strip};

@@ -7,7 +7,7 @@ use std::io::Write as _;
 use std::num::NonZero;
 use std::path::{Path, PathBuf};
 
-use layerd::buildfile::{BlendChoice, BuildFile, Lattice, PackError, PackOptions, PackReport, Strut, pack};
+use layerd::buildfile::{BlendChoice, BodyHeader, BuildFile, Lattice, PackError, PackOptions, PackReport, Strut, pack};
 use zip::write::SimpleFileOptions;
 
 /// Names `3D/odd name.model` as the model.
@@ -47,7 +47,11 @@ impl Bench {
         let report = pack(&[input.to_owned()], &output, &self.options, &mut |_| {})?;
         let file = BuildFile::open(&output).expect("what pack writes is whole");
         let mut struts = Vec::new();
-        (0..file.chunks().len()).for_each(|index| file.read_chunk(index, &mut struts).expect("is whole"));
+        for (number, body) in file.header().bodies.iter().enumerate() {
+            if matches!(body, BodyHeader::Lattice(_)) {
+                file.body_chunks(number).for_each(|chunk| file.read_chunk(chunk, &mut struts).expect("is whole"));
+            }
+        }
         Ok((report, struts))
     }
 

@@ -8,10 +8,11 @@ use sha2::{Digest, Sha256};
 use super::lane::{Beam, Lane, Tally};
 use super::rules::Rules;
 use super::stretch::{ROUND_TOLERANCE_UM, Stretch};
+use super::surface::{CollectedSurface, SurfaceLane};
 use crate::buildfile::error::PackError;
-use crate::buildfile::model::{Blend, SUPPORT_FACTOR, Strut};
+use crate::buildfile::model::{Blend, SUPPORT_FACTOR, Strut, Triangle};
 use crate::buildfile::options::{BlendChoice, PackOptions};
-use crate::buildfile::primitive::EXPECTED_STRUT_BYTES;
+use crate::buildfile::primitive::{EXPECTED_STRUT_BYTES, EXPECTED_TRIANGLE_BYTES};
 use crate::buildfile::progress::PackProgress;
 use crate::buildfile::sort::{self, Sorter};
 use crate::text::count_text;
@@ -27,41 +28,51 @@ const COARSE_RADIUS: u32 = 10;
 pub(in crate::buildfile) struct Collector<'a> {
     rules: &'a Rules,
     lanes: Vec<Lane<'a>>,
+    surface: SurfaceLane<'a>,
     hasher: Sha256,
     /// Convolution radii that sources state: place and millimetres.
     stated_supports: Vec<(String, f64)>,
     notes: Vec<String>,
     directory: PathBuf,
     memory_bytes: u64,
-    /// Struts in the sources announced so far, at most.
-    expected: u64,
+    /// Struts and triangles in the sources announced so far, at most.
+    expected: [u64; 2],
     /// The lane that took the last beam of a source that one thread reads.
     turn: usize,
 }
 
-/// Everything that a build file is written from.
-pub(in crate::buildfile) struct Collected {
+/// The struts of all sources.
+pub(in crate::buildfile) struct CollectedLattice {
     pub(in crate::buildfile) sorters: Vec<Sorter<Strut>>,
     pub(in crate::buildfile) blend: Blend,
     pub(in crate::buildfile) largest_radius: u32,
     pub(in crate::buildfile) count: u64,
+}
+
+/// Everything that a build file is written from. There is at least one body.
+pub(in crate::buildfile) struct Collected {
+    pub(in crate::buildfile) lattice: Option<CollectedLattice>,
+    pub(in crate::buildfile) surface: Option<CollectedSurface>,
     pub(in crate::buildfile) source_digest: [u8; 32],
     pub(in crate::buildfile) notes: Vec<String>,
 }
 
 impl<'a> Collector<'a> {
-    /// A collector with one lane for each thread that `options` asks for. Runs are spilled to `directory`.
-    pub(in crate::buildfile) fn new(rules: &'a Rules, options: &PackOptions, directory: &Path) -> Self {
-        let sorters = Sorter::team(directory, options.memory_bytes, options.threads.get());
+    /// A collector with one lane for each thread that `options` asks for. Runs are spilled to `directory`. Struts and triangles have half of
+    /// the memory each if there may be both.
+    pub(in crate::buildfile) fn new(rules: &'a Rules, options: &PackOptions, has_both: bool, directory: &Path) -> Self {
+        let memory_bytes = if has_both { options.memory_bytes / 2 } else { options.memory_bytes };
+        let sorters = Sorter::team(directory, memory_bytes, options.threads.get());
         Self {
             rules,
             lanes: sorters.into_iter().map(|sorter| Lane::new(rules, sorter, directory)).collect(),
+            surface: SurfaceLane::new(rules, memory_bytes, directory),
             hasher: Sha256::new(),
             stated_supports: Vec::new(),
             notes: Vec::new(),
             directory: directory.into(),
-            memory_bytes: options.memory_bytes,
-            expected: 0,
+            memory_bytes,
+            expected: [0; 2],
             turn: 0,
         }
     }
@@ -82,13 +93,36 @@ impl<'a> Collector<'a> {
     /// # Errors
     /// If that space is not free.
     pub(super) fn expect(&mut self, struts: u64, progress: &mut dyn FnMut(PackProgress)) -> Result<(), PackError> {
-        self.expected = self.expected.saturating_add(struts);
-        let temporary_bytes = sort::spill_bytes::<Strut>(self.expected, self.memory_bytes, self.lanes.len())
+        self.expected[0] = self.expected[0].saturating_add(struts);
+        self.check_space(progress)
+    }
+
+    /// As [`Collector::expect`], of triangles.
+    ///
+    /// # Errors
+    /// As [`Collector::expect`].
+    pub(super) fn expect_triangles(
+        &mut self,
+        triangles: u64,
+        progress: &mut dyn FnMut(PackProgress),
+    ) -> Result<(), PackError> {
+        self.expected[1] = self.expected[1].saturating_add(triangles);
+        self.check_space(progress)
+    }
+
+    fn check_space(&self, progress: &mut dyn FnMut(PackProgress)) -> Result<(), PackError> {
+        let [struts, triangles] = self.expected;
+        let of_struts = sort::spill_bytes::<Strut>(struts, self.memory_bytes, self.lanes.len())
             .saturating_sub(self.lanes[0].sorter.spilled_bytes());
+        let of_triangles =
+            sort::spill_bytes::<Triangle>(triangles, self.memory_bytes, 1).saturating_sub(self.surface.spilled_bytes());
+        let temporary_bytes = of_struts.saturating_add(of_triangles);
         if temporary_bytes == 0 {
             return Ok(());
         }
-        let output_bytes = self.expected.saturating_mul(EXPECTED_STRUT_BYTES);
+        let output_bytes = struts
+            .saturating_mul(EXPECTED_STRUT_BYTES)
+            .saturating_add(triangles.saturating_mul(EXPECTED_TRIANGLE_BYTES));
         let directory = &self.directory;
         let sort_error = |source| PackError::Sort { directory: directory.clone(), source };
         let free_bytes = crate::disk::free_bytes(directory).map_err(sort_error)?;
@@ -122,6 +156,22 @@ impl<'a> Collector<'a> {
         self.next_lane().ball(centre, radius_mm, stretch, place)
     }
 
+    /// Adds a triangle, millimetres, which the options transform; `place` names it in errors.
+    ///
+    /// # Errors
+    /// If a corner is too far from the origin or no number, or the temporary file cannot be written.
+    pub(super) fn triangle(&mut self, corners: [DVec3; 3], place: &dyn Fn() -> String) -> Result<(), PackError> {
+        self.surface.triangle(corners, place)
+    }
+
+    /// Ends a file or an object, which `place` names, whose triangles enclose a solid.
+    ///
+    /// # Errors
+    /// If they do not enclose anything: the surface is open, or inside out.
+    pub(super) fn end_solid(&mut self, place: &str) -> Result<(), PackError> {
+        self.surface.end_solid(place)
+    }
+
     /// The lanes in turn, because each has only its share of the memory.
     fn next_lane(&mut self) -> &mut Lane<'a> {
         self.turn = (self.turn + 1) % self.lanes.len();
@@ -131,21 +181,26 @@ impl<'a> Collector<'a> {
     /// Decides the blend and adds the notes that need all sources.
     ///
     /// # Errors
-    /// If there are no struts.
+    /// If there is nothing to print.
     pub(in crate::buildfile) fn finish(mut self, inputs: &[PathBuf]) -> Result<Collected, PackError> {
         let tally = self.lanes.iter().fold(Tally::default(), |sum, lane| sum.joined(lane.tally()));
-        if tally.count == 0 {
+        if tally.count == 0 && self.surface.count() == 0 {
             return Err(self.nothing(inputs, tally.short_count));
         }
         let blend = match self.rules.blend() {
-            BlendChoice::Union => Blend::Union,
-            BlendChoice::Convolution { support_mm } => self.convolution(support_mm, &tally),
+            _ if tally.count == 0 => None,
+            BlendChoice::Union => Some(Blend::Union),
+            BlendChoice::Convolution { support_mm } => Some(self.convolution(support_mm, &tally)),
         };
-        self.note_tally(&tally, blend);
-        let Self { lanes, notes, hasher, .. } = self;
-        let sorters = lanes.into_iter().map(|lane| lane.sorter).collect();
+        if let Some(blend) = blend {
+            self.note_tally(&tally, blend);
+        }
+        let Self { lanes, surface, mut notes, hasher, .. } = self;
         let Tally { largest_radius, count, .. } = tally;
-        Ok(Collected { sorters, blend, largest_radius, count, source_digest: hasher.finalize().into(), notes })
+        let sorters = lanes.into_iter().map(|lane| lane.sorter).collect();
+        let lattice = blend.map(|blend| CollectedLattice { sorters, blend, largest_radius, count });
+        let surface = surface.finish(&mut notes);
+        Ok(Collected { lattice, surface, source_digest: hasher.finalize().into(), notes })
     }
 
     /// The convolution of the given or the default support, with notes on that support.
@@ -201,16 +256,18 @@ impl<'a> Collector<'a> {
     }
 
     fn nothing(&self, inputs: &[PathBuf], short_count: u64) -> PackError {
-        let names: Vec<_> = inputs.iter().map(|path| path.display().to_string()).collect();
         let short = match short_count {
             0 => String::new(),
-            count => format!(" ({count} are shorter than {} mm)", self.rules.quantum_um() / 1000.0),
+            count => {
+                let struts = count_text(count, "strut");
+                format!(" ({struts} shorter than {} mm)", self.rules.quantum_um() / 1000.0)
+            }
         };
         let left_out = match self.notes.as_slice() {
             [] => String::new(),
             notes => format!("; left out: {}", notes.join("; ")),
         };
-        PackError::input(names.join(", "), format!("there are no struts to print{short}{left_out}"))
+        PackError::input(names(inputs), format!("there is nothing to print{short}{left_out}"))
     }
 
     fn note_supports(&mut self, support_mm: f64) {
@@ -225,6 +282,10 @@ impl<'a> Collector<'a> {
     }
 }
 
+fn names(inputs: &[PathBuf]) -> String {
+    inputs.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -236,7 +297,7 @@ mod tests {
         let options = PackOptions { memory_bytes: 2 << 20, threads, ..PackOptions::default() };
         let rules = Rules::new(&options, BlendChoice::Union).expect("in range");
         let directory = tempfile::tempdir().expect("temporary directory");
-        let mut collector = Collector::new(&rules, &options, directory.path());
+        let mut collector = Collector::new(&rules, &options, false, directory.path());
         // 2 MiB hold 65,536 of them.
         for number in 0..60_000 {
             let (a, b) = (DVec3::new(f64::from(number), 0.0, 0.0), DVec3::new(0.0, 0.0, 9.0));

@@ -1,10 +1,12 @@
-//! Readers of sources. Each streams its file and hands beams and balls to the [`Collector`]; `pack` calls them.
+//! Readers of sources. Each streams its file and hands beams, balls and triangles to the [`Collector`]; `pack` calls them.
 
 mod collect;
 mod edge_text;
 mod lane;
+mod mesh;
 mod rules;
 mod stretch;
+mod surface;
 mod three_mf;
 
 use std::path::Path;
@@ -12,13 +14,15 @@ use std::path::Path;
 use super::error::PackError;
 use super::options::{BlendChoice, PackOptions};
 use super::progress::PackProgress;
-pub(super) use collect::Collector;
+pub(super) use collect::{CollectedLattice, Collector};
 pub(super) use rules::{Rules, check_options};
+pub(super) use surface::CollectedSurface;
 
 /// The format of a source.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Source {
     EdgeText,
+    Stl,
     ThreeMf,
 }
 
@@ -31,20 +35,27 @@ impl Source {
         let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
         match extension.as_deref() {
             Some("3mf") => Ok(Self::ThreeMf),
+            Some("stl") => Ok(Self::Stl),
             Some("txt") => Ok(Self::EdgeText),
             _ => Err(PackError::input(
                 path.display().to_string(),
-                "unknown kind of file; pack reads .3mf (3MF) and .txt (edge text)",
+                "unknown kind of file; pack reads .3mf (3MF), .stl (STL) and .txt (edge text)",
             )),
         }
     }
 
-    /// The blend that the format means.
-    pub(super) fn blend(self) -> BlendChoice {
+    /// The blend that the format means; `None` if it holds no struts.
+    pub(super) fn blend(self) -> Option<BlendChoice> {
         match self {
-            Self::EdgeText => BlendChoice::Convolution { support_mm: None },
-            Self::ThreeMf => BlendChoice::Union,
+            Self::EdgeText => Some(BlendChoice::Convolution { support_mm: None }),
+            Self::Stl => None,
+            Self::ThreeMf => Some(BlendChoice::Union),
         }
+    }
+
+    /// Whether it may hold triangles.
+    pub(super) fn has_triangles(self) -> bool {
+        matches!(self, Self::Stl | Self::ThreeMf)
     }
 
     /// Reads one source. `progress` counts the bytes of this source.
@@ -60,6 +71,7 @@ impl Source {
     ) -> Result<(), PackError> {
         match self {
             Self::EdgeText => edge_text::import(path, collector, progress),
+            Self::Stl => mesh::import_stl(path, collector, progress),
             Self::ThreeMf => three_mf::import(path, options, collector, progress),
         }
     }

@@ -5,8 +5,7 @@ use glam::{DMat3, DVec3};
 
 use super::stretch::{ROUND_TOLERANCE_UM, Stretch};
 use crate::buildfile::error::PackError;
-use crate::buildfile::model::QUANTA_UM;
-use crate::buildfile::model::SUPPORT_FACTOR;
+use crate::buildfile::model::{QUANTA_UM, QUANTUM_FRACTIONS, SUPPORT_FACTOR, Triangle};
 use crate::buildfile::options::{BlendChoice, PackOptions};
 use crate::solid::{MAX_RADIUS, MAX_RADIUS_SHARE};
 
@@ -70,6 +69,10 @@ impl Rules {
         if quanta.iter().all(|value| value.abs() <= MAX_COORDINATE) {
             return Ok(quanta.map(nearest));
         }
+        Err(self.too_far(point, place))
+    }
+
+    fn too_far(&self, point: DVec3, place: &dyn Fn() -> String) -> PackError {
         let problem = format!(
             "the point {:?}, {:?}, {:?} mm, rotated and scaled, is farther than {} mm from the origin along an axis, the limit \
              at a quantum of {} µm; use a larger --quantum",
@@ -79,7 +82,20 @@ impl Rules {
             (MAX_COORDINATE * self.quantum_um / 1000.0).floor(),
             self.quantum_um
         );
-        Err(PackError::input(place(), problem))
+        PackError::input(place(), problem)
+    }
+
+    /// A point, given in millimetres, as a corner of a triangle, in fractions of a quantum. `place` names it in errors.
+    ///
+    /// # Errors
+    /// If it is too far from the origin or not finite.
+    pub(super) fn corner(&self, point: DVec3, place: &dyn Fn() -> String) -> Result<[i64; 3], PackError> {
+        let fractions = (self.to_quanta * point * QUANTUM_FRACTIONS as f64).to_array();
+        // False if any of them is NaN.
+        if fractions.iter().all(|value| value.abs() <= Triangle::MAX_COORDINATE as f64) {
+            return Ok(fractions.map(|value| value.round() as i64));
+        }
+        Err(self.too_far(point, place))
     }
 
     /// A radius, given in millimetres, in quanta. `place` names it in errors.

@@ -1,110 +1,152 @@
-//! Triangles, the second kind of primitive: only tests use them, to show that sorting and chunks do not depend on struts.
-//! The unit tests of `sort` and `store/chunker.rs` use them.
+//! Triangles as primitives. `tests/surface.rs` writes and reads them; the unit tests of `sort` and `store/chunker.rs` use them, too.
+//!
+//! ```text
+//! 0  u8 × 18 widths, one for each column
+//! 18 columns: for each corner, and for z, y, x of each: whole quanta, then fractions of a quantum (20 bits)
+//! ```
+//! Quanta of the first corner are counted from those of the triangle before it along z, and from 0 along y and x; those of the other two
+//! corners from the first. All are in zigzag.
 
 use super::columns::{self, Scratch, Unpacked};
 use super::{Key, Primitive};
+use crate::buildfile::model::{QUANTUM_FRACTIONS, Surface, Triangle, corner_key};
 
-/// A triangle of a mesh, its lowest vertex first.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::buildfile) struct Triangle([[i32; 3]; 3]);
+/// Columns of a chunk: quanta and fractions of three coordinates of three corners.
+const COLUMNS: usize = 18;
 
-/// z, y and x of each vertex, their sign bits inverted, so that unsigned order is signed order.
+/// Size of a triangle in a build file, bytes: the most that large files take in practice.
+pub(in crate::buildfile) const EXPECTED_TRIANGLE_BYTES: u64 = 40;
+
+/// z, y and x of each corner, their sign bits inverted, so that unsigned order is signed order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(in crate::buildfile) struct TriangleKey([u32; 9]);
+pub(in crate::buildfile) struct TriangleKey([u64; 9]);
 
 impl Key for TriangleKey {
-    const BYTES: usize = 36;
+    const BYTES: usize = 72;
 
-    const END: Self = Self([u32::MAX; 9]);
+    const END: Self = Self([u64::MAX; 9]);
 
     fn append_to(self, bytes: &mut Vec<u8>) {
         self.0.iter().for_each(|word| bytes.extend_from_slice(&word.to_le_bytes()));
     }
 
     fn from_bytes(bytes: &[u8]) -> Self {
-        let mut words = [0; 9];
-        for (word, bytes) in words.iter_mut().zip(bytes.as_chunks().0) {
-            *word = u32::from_le_bytes(*bytes);
-        }
-        Self(words)
+        let (words, rest) = bytes.as_chunks();
+        assert!(words.len() == 9 && rest.is_empty(), "a record of {} bytes", bytes.len());
+        Self(std::array::from_fn(|word| u64::from_le_bytes(words[word])))
     }
 }
 
 impl Primitive for Triangle {
     type Key = TriangleKey;
-    /// The lowest z allowed.
-    type Body = i32;
+    type Body = Surface;
 
-    const SCRATCH_BYTES: usize = 36;
+    const SCRATCH_BYTES: usize = COLUMNS * size_of::<u32>();
 
     fn key(&self) -> TriangleKey {
-        let mut words = [0; 9];
-        for (word, value) in words.iter_mut().zip(self.0.iter().flat_map(|vertex| vertex.iter().rev())) {
-            *word = *value as u32 ^ 1 << 31;
-        }
-        TriangleKey(words)
+        let words = self.corners.map(corner_key);
+        TriangleKey(std::array::from_fn(|word| words[word / 3][word % 3] as u64 ^ 1 << 63))
     }
 
     fn of_key(TriangleKey(words): &TriangleKey) -> Self {
-        let value = |at: usize| (words[at] ^ 1 << 31) as i32;
-        Self([0, 1, 2].map(|vertex| [2, 1, 0].map(|axis| value(3 * vertex + axis))))
+        let value = |word: usize| (words[word] ^ 1 << 63) as i64;
+        // `corner_key` turns a corner around, and back.
+        Self { corners: [0, 3, 6].map(|word| corner_key([value(word), value(word + 1), value(word + 2)])) }
     }
 
     fn z_range(&self) -> [i32; 2] {
-        let [a, b, c] = self.0;
-        [a[2], b[2].max(c[2])]
+        let bounds = self.bounds();
+        [bounds.min[2], bounds.max[2]]
     }
 
-    /// Nine columns, in zigzag.
     fn encode(triangles: &[Self], out: &mut Unpacked) {
-        for (vertex, axis) in places() {
-            let width = out.bytes.len();
-            out.bytes.push(0);
-            out.bytes[width] = out.add(triangles.iter().map(|triangle| columns::zigzag(triangle.0[vertex][axis])));
+        out.bytes.resize(COLUMNS, 0);
+        for (column, (corner, axis)) in places().enumerate() {
+            let mut before = 0;
+            let quanta = triangles.iter().map(|triangle| {
+                let here = whole(triangle.corners[corner][axis]);
+                let base = if corner > 0 { whole(triangle.corners[0][axis]) } else { before };
+                before = if axis == 2 { here } else { 0 };
+                columns::zigzag(here.wrapping_sub(base))
+            });
+            out.bytes[2 * column] = out.add(quanta);
+            out.bytes[2 * column + 1] =
+                out.add(triangles.iter().map(|triangle| fraction(triangle.corners[corner][axis])));
         }
     }
 
     fn decode(
-        mut bytes: &[u8],
+        bytes: &[u8],
         count: u32,
-        lowest: &i32,
+        surface: &Surface,
         scratch: &mut Scratch,
         out: &mut Vec<Self>,
     ) -> Result<(), String> {
-        for column in &mut scratch.columns {
-            let (width, rest) = bytes.split_first().ok_or("a column is missing")?;
-            bytes = columns::take(rest, count as usize, *width, column).ok_or("a column is cut short")?;
+        let (widths, mut bytes) = bytes.split_first_chunk::<COLUMNS>().ok_or("it is shorter than a chunk's head")?;
+        for (column, width) in scratch.columns.iter_mut().zip(widths) {
+            bytes = columns::take(bytes, count as usize, *width, column).ok_or("its columns are cut short")?;
         }
+        if !bytes.is_empty() {
+            return Err(format!("{} bytes follow its columns", bytes.len()));
+        }
+        let mut before = 0_i32;
         for number in 0..count as usize {
-            let mut triangle = Self([[0; 3]; 3]);
-            for ((vertex, axis), column) in places().zip(&scratch.columns) {
-                triangle.0[vertex][axis] = columns::unzigzag(column[number]);
+            let mut corners = [[0; 3]; 3];
+            let mut first = [0, 0, before];
+            for (column, (corner, axis)) in places().enumerate() {
+                let quanta = columns::unzigzag(scratch.columns[2 * column][number]).wrapping_add(first[axis]);
+                if corner == 0 {
+                    first[axis] = quanta;
+                }
+                let part = i64::from(scratch.columns[2 * column + 1][number]);
+                corners[corner][axis] = i64::from(quanta) * QUANTUM_FRACTIONS + part;
             }
+            before = first[2];
+            let triangle = Self { corners };
+            check(&triangle, surface)?;
             out.push(triangle);
-            if triangle.0[0][2] < *lowest {
-                return Err(format!("{triangle:?} is too low"));
-            }
         }
         Ok(())
     }
 }
 
-/// Vertex and axis of each column.
-fn places() -> impl Iterator<Item = (usize, usize)> {
-    (0..9).map(|column| (column / 3, column % 3))
+/// # Errors
+/// A text if the triangle does not begin with its lowest corner, or leaves the bounds of the surface.
+fn check(triangle: &Triangle, surface: &Surface) -> Result<(), String> {
+    if Triangle::new(triangle.corners) != *triangle {
+        return Err(format!("{triangle:?} does not begin with its lowest corner"));
+    }
+    let (found, allowed) = (triangle.bounds(), &surface.bounds);
+    if (0..3).any(|axis| found.min[axis] < allowed.min[axis] || found.max[axis] > allowed.max[axis]) {
+        return Err(format!("{triangle:?} leaves the header's bounds {allowed:?}"));
+    }
+    Ok(())
 }
 
-/// Some triangles in no order, all above z = −1000.
-pub(in crate::buildfile) fn triangles(count: usize, seed: u64) -> Vec<Triangle> {
+/// The quanta of a coordinate, rounded down.
+fn whole(coordinate: i64) -> i32 {
+    coordinate.div_euclid(QUANTUM_FRACTIONS) as i32
+}
+
+/// The rest of a coordinate.
+fn fraction(coordinate: i64) -> u32 {
+    coordinate.rem_euclid(QUANTUM_FRACTIONS) as u32
+}
+
+/// Corner and axis of each pair of columns.
+fn places() -> impl Iterator<Item = (usize, usize)> {
+    (0..9).map(|place| (place / 3, 2 - place % 3))
+}
+
+/// Some triangles in no order, and a surface of their bounds.
+#[cfg(test)]
+pub(in crate::buildfile) fn triangles(count: usize, seed: u64) -> (Surface, Vec<Triangle>) {
     let mut state = seed;
     let mut value = || {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 33) as i32 % 100_000 - 1000
+        (state >> 20) as i64 % (100_000 * QUANTUM_FRACTIONS) - 1000 * QUANTUM_FRACTIONS
     };
-    let mut triangle = || {
-        let mut vertices = [0; 3].map(|_| [0; 3].map(|_| value()));
-        vertices.sort_by_key(|vertex| vertex[2]);
-        Triangle(vertices)
-    };
-    (0..count).map(|_| triangle()).collect()
+    let mut triangle = || Triangle::new([0; 3].map(|_| [0; 3].map(|_| value())));
+    let triangles: Vec<_> = (0..count).map(|_| triangle()).collect();
+    (Surface::of(&triangles), triangles)
 }

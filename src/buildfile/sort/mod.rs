@@ -2,7 +2,7 @@
 //!
 //! The temporary file never has a name, so nothing stays behind, however the process ends. Several threads may sort at once, each with
 //! its own [`Sorter`] of a team that shares the file. The order is total, so the result does not depend on which run holds which
-//! primitive. The tests below sort triangles; `pack` sorts struts.
+//! primitive. The tests below sort triangles.
 
 mod merge;
 mod spill;
@@ -194,15 +194,16 @@ fn passes(mut runs: usize, fan_in: usize) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::buildfile::primitive::triangle::{Triangle, triangles};
+    use crate::buildfile::model::Triangle;
+    use crate::buildfile::primitive::triangle::triangles;
 
     /// In memory, merged once, and merged in several passes.
     #[test]
     fn a_second_kind_of_primitive_is_sorted_in_memory_and_out_of_core() {
-        let unsorted = triangles(30_000, 7);
+        let (_, unsorted) = triangles(30_000, 7);
         let mut expected = unsorted.clone();
         expected.sort_by_key(Primitive::key);
-        for (memory_bytes, spilled) in [(16 << 20, 0), (400 << 10, 36), (64 << 10, 72)] {
+        for (memory_bytes, spilled) in [(16 << 20, 0), (800 << 10, 72), (64 << 10, 144)] {
             let directory = tempfile::tempdir().expect("temporary directory");
             let mut team = Sorter::<Triangle>::team(directory.path(), memory_bytes, 3);
             for (number, triangle) in unsorted.iter().enumerate() {

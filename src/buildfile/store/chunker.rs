@@ -130,13 +130,14 @@ impl<P: Primitive> Chunker<P> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::buildfile::primitive::triangle::{Triangle, triangles};
+    use crate::buildfile::model::Triangle;
+    use crate::buildfile::primitive::triangle::triangles;
     use crate::buildfile::store::chunk::{ChunkError, ChunkReader};
 
     #[test]
     fn a_second_kind_of_primitive_is_written_and_read_in_chunks() {
         let file = tempfile::tempfile().expect("temporary file");
-        let mut sorted = triangles(20_000, 11);
+        let (surface, mut sorted) = triangles(20_000, 11);
         sorted.sort_by_key(Primitive::key);
         let mut chunks = ChunkFile::begin(file.try_clone().expect("is open"), b"front").expect("can be written");
         let mut chunker = Chunker::<Triangle>::new(NonZero::<usize>::MIN.saturating_add(1)).expect("threads start");
@@ -154,13 +155,15 @@ mod tests {
         let file = crate::disk::File::from(file);
         let (mut reader, mut read) = (ChunkReader::default(), Vec::<Triangle>::new());
         for entry in &index {
-            reader.read(&file, entry, &-1000, &mut read).expect("is whole");
+            reader.read(&file, entry, &surface, &mut read).expect("is whole");
         }
         assert_eq!(read, sorted);
-        let refused = reader.read(&file, &index[0], &-999, &mut read).expect_err("its body begins higher");
-        assert!(matches!(refused, ChunkError::Damaged(text) if text.contains("is too low")));
+        let mut higher = surface.clone();
+        higher.bounds.min[2] += 1;
+        let refused = reader.read(&file, &index[0], &higher, &mut read).expect_err("its body begins higher");
+        assert!(matches!(refused, ChunkError::Damaged(text) if text.contains("leaves the header's bounds")));
         let other = ChunkEntry { z_high_max: index[0].z_high_max + 1, ..index[0] };
-        assert!(reader.read(&file, &other, &-1000, &mut read).is_err(), "the entry is not that of the chunk");
+        assert!(reader.read(&file, &other, &surface, &mut read).is_err(), "the entry is not that of the chunk");
         assert_eq!(read.len(), sorted.len(), "a refused chunk adds nothing");
     }
 }

@@ -1,7 +1,7 @@
 //! The frame around the chunks: prelude and header at the front; index, profile and footer at the end. `docs/build-file.md` describes
 //! every byte. `reader` and `writer` use it.
 
-use crate::buildfile::model::{Blend, BodyHeader, Bounds, Header, Lattice, Placement, QUANTA_UM};
+use crate::buildfile::model::{Blend, BodyHeader, Bounds, Header, Lattice, Placement, QUANTA_UM, Surface};
 use crate::codec;
 use crate::solid::{MAX_RADIUS, MAX_RADIUS_SHARE};
 
@@ -129,10 +129,15 @@ pub(super) fn check_header(header: &Header) -> Result<(), String> {
         return Err(format!("{} bodies: allowed are 1 to {}", bodies.len(), Header::MAX_BODIES));
     }
     let (mut joined, mut bulge_um) = (Bounds::EMPTY, 0.0_f64);
-    for BodyHeader::Lattice(lattice) in bodies {
-        check_lattice(lattice, *quantum_um)?;
-        joined = joined.joined(&lattice.bounds);
-        bulge_um = bulge_um.max(lattice.bulge_um(*quantum_um));
+    for body in bodies {
+        match body {
+            BodyHeader::Lattice(lattice) => {
+                check_lattice(lattice, *quantum_um)?;
+                bulge_um = bulge_um.max(lattice.bulge_um(*quantum_um));
+            }
+            BodyHeader::Surface(surface) => check_surface(surface)?,
+        }
+        joined = joined.joined(body.bounds());
     }
     if joined != *bounds {
         return Err(format!("bounds {bounds:?}: those of its bodies are {joined:?}"));
@@ -185,6 +190,19 @@ fn check_lattice(lattice: &Lattice, quantum_um: f64) -> Result<(), String> {
     }
     if node_count / 2 > lattice.total() {
         return Err(format!("{node_count} nodes are more than its struts have ends"));
+    }
+    Ok(())
+}
+
+fn check_surface(surface: &Surface) -> Result<(), String> {
+    let Surface { bounds: Bounds { min, max }, triangle_count } = surface;
+    // A corner has at most 2³⁰ quanta.
+    let in_range = |at: &i32| at.unsigned_abs() <= 1 << 30;
+    if (0..3).any(|axis| min[axis] > max[axis]) || !min.iter().chain(max).all(in_range) {
+        return Err(format!("bounds {min:?} to {max:?} quanta of a surface: allowed are ±2³⁰, in ascending order"));
+    }
+    if *triangle_count == 0 {
+        return Err("a surface without triangles".into());
     }
     Ok(())
 }

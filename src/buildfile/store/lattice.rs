@@ -1,9 +1,9 @@
 //! Builds the header of a lattice from its struts as they are written. `writer` adds it to the header of the file.
 
-use super::lowest::LowestOfUnion;
+use super::lowest::Lowest;
 use super::nodes::NodeCounter;
 use super::profile::ProfileBuilder;
-use super::settings::BodySettings;
+use super::settings::smallest_lattice;
 use crate::buildfile::model::{Blend, Bounds, Lattice, Strut, node_key};
 
 /// A lattice that is being written.
@@ -13,13 +13,12 @@ pub(super) struct LatticeBuilder {
     reach: i64,
     profile: ProfileBuilder,
     nodes: NodeCounter,
-    lowest: LowestOfUnion,
+    lowest: Lowest,
     last: Option<Strut>,
 }
 
 impl LatticeBuilder {
-    pub(super) fn new(settings: BodySettings, quantum_um: f64) -> Self {
-        let BodySettings::Lattice { blend, largest_radius } = settings;
+    pub(super) fn new(blend: Blend, largest_radius: u32, quantum_um: f64) -> Self {
         let lattice = Lattice {
             blend,
             bounds: Bounds::EMPTY,
@@ -31,10 +30,10 @@ impl LatticeBuilder {
         Self {
             lattice,
             largest_radius,
-            reach: settings.smallest().reach_quanta(quantum_um),
+            reach: smallest_lattice(blend, largest_radius).reach_quanta(quantum_um),
             profile: ProfileBuilder::default(),
             nodes: NodeCounter::default(),
-            lowest: LowestOfUnion::default(),
+            lowest: Lowest::default(),
             last: None,
         }
     }

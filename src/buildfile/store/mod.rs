@@ -17,6 +17,7 @@ mod packer;
 mod profile;
 mod reader;
 mod settings;
+mod surface;
 mod writer;
 
 pub(crate) use chunk::MAX_CHUNK_PRIMITIVES;

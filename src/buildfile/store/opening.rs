@@ -9,7 +9,7 @@ use super::error::BuildFileError;
 use super::format::{self, Footer, MAX_HEADER_BYTES, PRELUDE_BYTES, check_beginning};
 use super::index::ChunkEntry;
 use super::profile;
-use crate::buildfile::model::{BodyHeader, Header, Lattice};
+use crate::buildfile::model::{BodyHeader, Header};
 use crate::codec;
 use crate::disk::File;
 
@@ -123,7 +123,7 @@ impl<'a> Opening<'a> {
         }
         let bytes = zstd::bulk::decompress(&packed, limit_bytes)
             .map_err(|error| wrong(format!("it does not decompress: {error}")))?;
-        let totals = header.bodies.iter().map(|BodyHeader::Lattice(lattice)| lattice.total());
+        let totals = header.bodies.iter().map(BodyHeader::total);
         profile::peaks(&bytes, totals).map_err(wrong)
     }
 
@@ -146,16 +146,17 @@ struct IndexCheck<'a> {
     bodies: &'a [BodyHeader],
     /// End of the previous chunk.
     end: u64,
-    /// The current body; `z_low`, `struts` and `balls` belong to it.
+    /// The current body; `z_low`, `others` and `balls` belong to it.
     body: usize,
     z_low: i32,
-    struts: u64,
+    /// Primitives that are no balls.
+    others: u64,
     balls: u64,
 }
 
 impl<'a> IndexCheck<'a> {
     fn new(end: u64, header: &'a Header) -> Self {
-        Self { bodies: &header.bodies, end, body: 0, z_low: i32::MIN, struts: 0, balls: 0 }
+        Self { bodies: &header.bodies, end, body: 0, z_low: i32::MIN, others: 0, balls: 0 }
     }
 
     fn entry(&mut self, entry: ChunkEntry) -> Result<ChunkEntry, String> {
@@ -165,14 +166,14 @@ impl<'a> IndexCheck<'a> {
         self.end = entry.offset.checked_add(u64::from(entry.packed_bytes)).ok_or("its end overflows")?;
         if usize::from(entry.body) == self.body + 1 && usize::from(entry.body) < self.bodies.len() {
             self.counts_agree()?;
-            (self.body, self.z_low, self.struts, self.balls) = (self.body + 1, i32::MIN, 0, 0);
+            (self.body, self.z_low, self.others, self.balls) = (self.body + 1, i32::MIN, 0, 0);
         } else if usize::from(entry.body) != self.body {
             let bodies = self.bodies.len();
             return Err(format!("it belongs to body {} of {bodies}, but follows body {}", entry.body, self.body));
         }
-        let (struts, balls) = (entry.count, u32::from(entry.ball_count));
-        if struts == 0 || struts as usize > MAX_CHUNK_PRIMITIVES || balls > struts {
-            return Err(format!("{struts} struts, {balls} of them balls; allowed are 1 to {MAX_CHUNK_PRIMITIVES}"));
+        let (count, balls) = (entry.count, u32::from(entry.ball_count));
+        if count == 0 || count as usize > MAX_CHUNK_PRIMITIVES || balls > count {
+            return Err(format!("{count} primitives, {balls} of them balls; allowed are 1 to {MAX_CHUNK_PRIMITIVES}"));
         }
         if entry.packed_bytes > MAX_PACKED_BYTES || entry.unpacked_bytes > MAX_UNPACKED_BYTES {
             return Err(format!(
@@ -181,7 +182,7 @@ impl<'a> IndexCheck<'a> {
             ));
         }
         let ChunkEntry { z_low_min, z_low_max, z_high_max, .. } = entry;
-        let BodyHeader::Lattice(Lattice { bounds, .. }) = &self.bodies[self.body];
+        let bounds = self.bodies[self.body].bounds();
         let least = self.z_low.max(bounds.min[2]);
         if z_low_min < least || z_low_max < z_low_min || z_high_max < z_low_max || z_high_max > bounds.max[2] {
             return Err(format!(
@@ -189,20 +190,26 @@ impl<'a> IndexCheck<'a> {
             ));
         }
         self.z_low = z_low_max;
-        self.struts += u64::from(struts - balls);
+        self.others += u64::from(count - balls);
         self.balls += u64::from(balls);
         Ok(entry)
     }
 
     fn counts_agree(&self) -> Result<(), String> {
-        let BodyHeader::Lattice(lattice) = &self.bodies[self.body];
-        if (self.struts, self.balls) != (lattice.strut_count, lattice.ball_count) {
-            return Err(format!(
-                "it counts {} struts and {} balls, but the header says {} and {}",
-                self.struts, self.balls, lattice.strut_count, lattice.ball_count
-            ));
+        let (others, balls) = (self.others, self.balls);
+        match &self.bodies[self.body] {
+            BodyHeader::Lattice(lattice) if (others, balls) != (lattice.strut_count, lattice.ball_count) => {
+                Err(format!(
+                    "it counts {others} struts and {balls} balls, but the header says {} and {}",
+                    lattice.strut_count, lattice.ball_count
+                ))
+            }
+            BodyHeader::Surface(surface) if (others, balls) != (surface.triangle_count, 0) => Err(format!(
+                "it counts {others} triangles and {balls} balls, but the header says {} and none",
+                surface.triangle_count
+            )),
+            _ => Ok(()),
         }
-        Ok(())
     }
 
     fn finish(&self, index_offset: u64) -> Result<(), String> {

@@ -8,10 +8,10 @@ use std::path::{Path, PathBuf};
 use super::chunk::{ChunkError, ChunkReader};
 use super::error::BuildFileError;
 use super::index::ChunkEntry;
-use super::lowest::LowestOfUnion;
+use super::lowest::Lowest;
 use super::opening::{Opening, Stored};
 use super::profile::ProfileBuilder;
-use crate::buildfile::model::{Blend, BodyHeader, Bounds, Header, Lattice, Strut};
+use crate::buildfile::model::{BodyHeader, Bounds, Header, Lattice, Strut, Surface, Triangle};
 use crate::buildfile::primitive::Primitive;
 use crate::disk::{self, File, How};
 use crate::system::FileKind;
@@ -86,36 +86,63 @@ impl BuildFile {
     /// Reads chunk `index` and appends its struts to `out`, in ascending order of their lower nodes.
     ///
     /// # Errors
-    /// [`BuildFileError`] if the chunk cannot be read or is damaged. Then `out` is as before.
+    /// [`BuildFileError`] if the chunk cannot be read, is damaged, or is one of a surface. Then `out` is as before.
     ///
     /// # Panics
     /// If `index` is not below `chunks().len()`.
     pub fn read_chunk(&self, index: usize, out: &mut Vec<Strut>) -> Result<(), BuildFileError> {
-        let entry = &self.chunks[index];
-        let BodyHeader::Lattice(lattice) = &self.header.bodies[usize::from(entry.body)];
-        let read = READER.with_borrow_mut(|reader| reader.read(&self.file, entry, lattice, out));
+        match &self.header.bodies[usize::from(self.chunks[index].body)] {
+            BodyHeader::Lattice(lattice) => self.read_primitives(index, lattice, out),
+            BodyHeader::Surface(_) => Err(self.wrong_chunk(index, "it holds triangles, not struts".into())),
+        }
+    }
+
+    /// As [`BuildFile::read_chunk`], of a surface: its triangles, in ascending order of their lowest corners.
+    ///
+    /// # Errors
+    /// [`BuildFileError`] if the chunk cannot be read, is damaged, or is one of a lattice. Then `out` is as before.
+    ///
+    /// # Panics
+    /// If `index` is not below `chunks().len()`.
+    pub fn read_triangles(&self, index: usize, out: &mut Vec<Triangle>) -> Result<(), BuildFileError> {
+        match &self.header.bodies[usize::from(self.chunks[index].body)] {
+            BodyHeader::Surface(surface) => self.read_primitives(index, surface, out),
+            BodyHeader::Lattice(_) => Err(self.wrong_chunk(index, "it holds struts, not triangles".into())),
+        }
+    }
+
+    fn read_primitives<P: Primitive>(
+        &self,
+        index: usize,
+        body: &P::Body,
+        out: &mut Vec<P>,
+    ) -> Result<(), BuildFileError> {
+        let read = READER.with_borrow_mut(|reader| reader.read(&self.file, &self.chunks[index], body, out));
         read.map_err(|error| match error {
             ChunkError::Read(source) => BuildFileError::Read { path: self.path.clone(), source },
-            ChunkError::Damaged(problem) => {
-                BuildFileError::Chunk { path: self.path.clone(), chunk: index, chunk_count: self.chunks.len(), problem }
-            }
+            ChunkError::Damaged(problem) => self.wrong_chunk(index, problem),
         })
     }
 
-    /// Reads every chunk once and compares header and profile with the struts, so that damage in the middle of a file is found before the
+    fn wrong_chunk(&self, chunk: usize, problem: String) -> BuildFileError {
+        BuildFileError::Chunk { path: self.path.clone(), chunk, chunk_count: self.chunks.len(), problem }
+    }
+
+    /// Reads every chunk once and compares header and profile with the primitives, so that damage in the middle of a file is found before the
     /// first layer. Takes about as long as reading the file.
     ///
     /// # Errors
-    /// [`BuildFileError`] names the first damaged chunk, or the statement that the struts contradict.
+    /// [`BuildFileError`] names the first damaged chunk, or the statement that the primitives contradict.
     pub fn verify(&self) -> Result<(), BuildFileError> {
-        let mut lowest = LowestOfUnion::default();
+        let mut lowest = Lowest::default();
         for (body, stored) in self.header.bodies.iter().zip(&self.bodies) {
-            let BodyHeader::Lattice(lattice) = body;
-            self.verify_lattice(lattice, stored, &mut lowest)?;
+            match body {
+                BodyHeader::Lattice(lattice) => self.verify_lattice(lattice, stored, &mut lowest)?,
+                BodyHeader::Surface(surface) => self.verify_surface(surface, stored, &mut lowest)?,
+            }
         }
         let (stated_um, lowest_um) = (self.header.bottom_um, lowest.um(self.header.quantum_um));
-        let is_union = |BodyHeader::Lattice(lattice): &BodyHeader| lattice.blend == Blend::Union;
-        if self.header.bodies.iter().all(is_union) && stated_um != lowest_um {
+        if self.header.bodies.iter().all(BodyHeader::is_exact) && stated_um != lowest_um {
             return Err(self.contradiction(
                 "header",
                 format!("it says that the lowest solid point lies at {stated_um} µm, but it lies at {lowest_um} µm"),
@@ -124,12 +151,7 @@ impl BuildFile {
         Ok(())
     }
 
-    fn verify_lattice(
-        &self,
-        lattice: &Lattice,
-        stored: &Stored,
-        lowest: &mut LowestOfUnion,
-    ) -> Result<(), BuildFileError> {
+    fn verify_lattice(&self, lattice: &Lattice, stored: &Stored, lowest: &mut Lowest) -> Result<(), BuildFileError> {
         let Lattice { bounds, radius_range, .. } = lattice;
         let reach = lattice.reach_quanta(self.header.quantum_um);
         let (mut found, mut radii, mut profile) = (Bounds::EMPTY, [u32::MAX, 0], ProfileBuilder::default());
@@ -152,10 +174,38 @@ impl BuildFile {
                 format!("it says {bounds:?} and radii {radius_range:?}, but the struts have {found:?} and {radii:?}"),
             ));
         }
+        self.verify_peak(stored, &profile)
+    }
+
+    fn verify_surface(&self, surface: &Surface, stored: &Stored, lowest: &mut Lowest) -> Result<(), BuildFileError> {
+        let (mut found, mut profile) = (Bounds::EMPTY, ProfileBuilder::default());
+        let (mut triangles, mut last) = (Vec::new(), None);
+        for index in stored.chunks.clone() {
+            triangles.clear();
+            self.read_triangles(index, &mut triangles)?;
+            for triangle in &triangles {
+                if last.is_some_and(|last| last > triangle.key()) {
+                    return Err(self.wrong_chunk(index, format!("{triangle:?} comes after a higher one")));
+                }
+                last = Some(triangle.key());
+                found = found.joined(&triangle.bounds());
+                let [low, high] = triangle.z_range().map(i64::from);
+                profile.add(low, high);
+                lowest.add_triangle(triangle);
+            }
+        }
+        if found != surface.bounds {
+            let problem = format!("it says {:?}, but the triangles have {found:?}", surface.bounds);
+            return Err(self.contradiction("header", problem));
+        }
+        self.verify_peak(stored, &profile)
+    }
+
+    fn verify_peak(&self, stored: &Stored, profile: &ProfileBuilder) -> Result<(), BuildFileError> {
         let (stated, peak) = (stored.peak_active, profile.peak_active());
         if peak > stated {
-            return Err(self
-                .contradiction("profile", format!("it states at most {stated} active struts, but there are {peak}")));
+            let problem = format!("it states at most {stated} active primitives, but there are {peak}");
+            return Err(self.contradiction("profile", problem));
         }
         Ok(())
     }
@@ -164,8 +214,9 @@ impl BuildFile {
         BuildFileError::Frame { path: self.path.clone(), part, problem }
     }
 
-    /// Upper bound of the number of struts of a body that are active at any z: those with `z_low − reach ≤ z ≤ z_high + reach`. It is
-    /// exact for each of the up to 4096 slabs of the body, in which all struts that are active anywhere in the slab count.
+    /// Upper bound of the number of primitives of a body that are active at any z: those with `z_low − reach ≤ z ≤ z_high + reach`, where
+    /// triangles have no reach. It is exact for each of the up to 4096 slabs of the body, in which all primitives that are active anywhere in
+    /// the slab count.
     ///
     /// # Panics
     /// If `body` is not below the number of bodies.
@@ -191,6 +242,8 @@ impl BuildFile {
     /// Memory of each thread that reads chunks, bytes, at most: a packed and an unpacked chunk, node table and columns, and the state of
     /// the decompressor.
     pub fn scratch_bytes(&self) -> usize {
-        ChunkReader::memory_bytes(&self.chunks, Strut::SCRATCH_BYTES)
+        let has_triangles = self.header.bodies.iter().any(|body| matches!(body, BodyHeader::Surface(_)));
+        let primitive_bytes = if has_triangles { Triangle::SCRATCH_BYTES } else { 0 };
+        ChunkReader::memory_bytes(&self.chunks, primitive_bytes.max(Strut::SCRATCH_BYTES))
     }
 }

@@ -4,7 +4,7 @@ use std::io;
 use std::path::PathBuf;
 
 use super::format::MAX_SOURCE_NAME_BYTES;
-use crate::buildfile::model::{Blend, BodyHeader, Bounds, Header, Lattice, Placement};
+use crate::buildfile::model::{Blend, BodyHeader, Bounds, Header, Lattice, Placement, Surface};
 use crate::solid::MAX_RADIUS;
 
 /// Settings of a build file.
@@ -32,6 +32,8 @@ pub enum BodySettings {
         /// Upper limit of all radii, quanta.
         largest_radius: u32,
     },
+    /// Triangles.
+    Surface,
 }
 
 /// A build file could not be written. No file stays behind.
@@ -45,7 +47,7 @@ pub enum WriteError {
         /// Why.
         source: io::Error,
     },
-    /// A strut or the settings are not allowed in a build file.
+    /// A primitive or the settings are not allowed in a build file.
     #[error("cannot write {}: {problem}", path.display())]
     Refused {
         /// The build file.
@@ -75,24 +77,33 @@ impl WriterSettings {
 }
 
 impl BodySettings {
-    /// The header of the smallest such body: one ball of the largest radius.
-    pub(super) fn smallest(self) -> Lattice {
-        let Self::Lattice { blend, largest_radius } = self;
-        let reached = largest_radius.min(MAX_RADIUS) as i32;
-        Lattice {
-            blend,
-            bounds: Bounds { min: [-reached; 3], max: [reached; 3] },
-            radius_range: [largest_radius; 2],
-            strut_count: 0,
-            ball_count: 1,
-            node_count: 0,
+    /// The header of the smallest such body: one ball of the largest radius, or one triangle.
+    fn smallest(self) -> BodyHeader {
+        match self {
+            Self::Lattice { blend, largest_radius } => BodyHeader::Lattice(smallest_lattice(blend, largest_radius)),
+            Self::Surface => {
+                BodyHeader::Surface(Surface { bounds: Bounds { min: [0; 3], max: [1; 3] }, triangle_count: 1 })
+            }
         }
     }
 
     /// `header` with the smallest bodies of these settings: it has the length of the final header, and is valid if the settings are.
     pub(super) fn smallest_header(header: &Header, bodies: &[Self]) -> Header {
-        let lattices: Vec<_> = bodies.iter().map(|body| body.smallest()).collect();
-        let bounds = lattices.iter().fold(Bounds::EMPTY, |bounds, lattice| bounds.joined(&lattice.bounds));
-        Header { bounds, bodies: lattices.into_iter().map(BodyHeader::Lattice).collect(), ..header.clone() }
+        let bodies: Vec<_> = bodies.iter().map(|body| body.smallest()).collect();
+        let bounds = bodies.iter().fold(Bounds::EMPTY, |bounds, body| bounds.joined(body.bounds()));
+        Header { bounds, bodies, ..header.clone() }
+    }
+}
+
+/// The header of one ball.
+pub(super) fn smallest_lattice(blend: Blend, radius: u32) -> Lattice {
+    let reached = radius.min(MAX_RADIUS) as i32;
+    Lattice {
+        blend,
+        bounds: Bounds { min: [-reached; 3], max: [reached; 3] },
+        radius_range: [radius; 2],
+        strut_count: 0,
+        ball_count: 1,
+        node_count: 0,
     }
 }

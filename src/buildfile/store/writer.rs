@@ -1,4 +1,4 @@
-//! Writing: struts are added in ascending order; the file appears complete or not at all. [`buildfile`](crate::buildfile) has an
+//! Writing: primitives are added in ascending order; the file appears complete or not at all. [`buildfile`](crate::buildfile) has an
 //! example.
 
 use std::io;
@@ -11,21 +11,23 @@ use super::chunker::{ChunkFile, Chunker};
 use super::error::BuildFileError;
 use super::format;
 use super::lattice::LatticeBuilder;
+use super::profile::ProfileBuilder;
 use super::reader::BuildFile;
 use super::settings::{BodySettings, WriteError, WriterSettings};
-use crate::buildfile::model::{Blend, BodyHeader, Header, Strut};
+use super::surface::SurfaceBuilder;
+use crate::buildfile::model::{Blend, BodyHeader, Header, Lattice, Strut, Triangle};
 use crate::output::Output;
 
-/// Writes a build file body by body. The struts of each body come in ascending order of (z, y, x) of their lower, then of their upper
-/// node.
+/// Writes a build file body by body. The struts of a lattice come in ascending order of (z, y, x) of their lower, then of their upper node;
+/// the triangles of a surface in that of their corners.
 pub struct Writer {
     path: PathBuf,
     /// With the bodies that are finished.
     header: Header,
     /// Bodies that are still to come, the next one last.
     to_come: Vec<BodySettings>,
-    body: LatticeBuilder,
-    struts: Chunker<Strut>,
+    body: OpenBody,
+    threads: NonZero<usize>,
     /// Declared before `output`, so that its buffer is dropped before the file is closed.
     chunks: ChunkFile,
     output: Output,
@@ -33,6 +35,51 @@ pub struct Writer {
     profiles: Vec<u8>,
     /// The lowest solid point of each finished body, micrometres.
     bottoms_um: Vec<f64>,
+}
+
+/// The body that is being written.
+enum OpenBody {
+    Lattice(LatticeBuilder, Chunker<Strut>),
+    Surface(SurfaceBuilder, Chunker<Triangle>),
+}
+
+impl OpenBody {
+    fn new(settings: BodySettings, quantum_um: f64, threads: NonZero<usize>) -> io::Result<Self> {
+        Ok(match settings {
+            BodySettings::Lattice { blend, largest_radius } => {
+                Self::Lattice(LatticeBuilder::new(blend, largest_radius, quantum_um), Chunker::new(threads)?)
+            }
+            BodySettings::Surface => Self::Surface(SurfaceBuilder::new(), Chunker::new(threads)?),
+        })
+    }
+
+    fn finish(&mut self, chunks: &mut ChunkFile) -> io::Result<()> {
+        match self {
+            Self::Lattice(_, struts) => struts.finish_body(chunks),
+            Self::Surface(_, triangles) => triangles.finish_body(chunks),
+        }
+    }
+
+    fn header(&self) -> BodyHeader {
+        match self {
+            Self::Lattice(lattice, _) => BodyHeader::Lattice(lattice.header()),
+            Self::Surface(surface, _) => BodyHeader::Surface(surface.header()),
+        }
+    }
+
+    fn profile(&self) -> &ProfileBuilder {
+        match self {
+            Self::Lattice(lattice, _) => lattice.profile(),
+            Self::Surface(surface, _) => surface.profile(),
+        }
+    }
+
+    fn bottom_um(&self, quantum_um: f64) -> f64 {
+        match self {
+            Self::Lattice(lattice, _) => lattice.bottom_um(quantum_um),
+            Self::Surface(surface, _) => surface.bottom_um(quantum_um),
+        }
+    }
 }
 
 impl Writer {
@@ -64,10 +111,10 @@ impl Writer {
         let file = output.file().try_clone().map_err(io_error)?;
         Ok(Self {
             path: path.into(),
-            body: LatticeBuilder::new(first, header.quantum_um),
+            body: OpenBody::new(first, header.quantum_um, threads).map_err(io_error)?,
+            threads,
             header,
             to_come,
-            struts: Chunker::new(threads).map_err(io_error)?,
             chunks: ChunkFile::begin(file, &front).map_err(io_error)?,
             output,
             profiles: Vec::new(),
@@ -78,10 +125,30 @@ impl Writer {
     /// Adds a strut to the current body. It must not be lower than the one before it.
     ///
     /// # Errors
-    /// [`WriteError`] if the strut is out of order or not as [`Strut`] demands, or writing fails.
+    /// [`WriteError`] if the body is no lattice, the strut is out of order or not as [`Strut`] demands, or writing fails.
     pub fn push(&mut self, strut: Strut) -> Result<(), WriteError> {
-        self.body.add(strut).map_err(|problem| self.refused(problem))?;
-        let pushed = self.struts.push(strut, &mut self.chunks);
+        let OpenBody::Lattice(lattice, struts) = &mut self.body else {
+            return Err(self.refused("a strut in a surface".into()));
+        };
+        if let Err(problem) = lattice.add(strut) {
+            return Err(self.refused(problem));
+        }
+        let pushed = struts.push(strut, &mut self.chunks);
+        pushed.map_err(|source| self.io_error(source))
+    }
+
+    /// Adds a triangle to the current body. It must not be lower than the one before it.
+    ///
+    /// # Errors
+    /// [`WriteError`] if the body is no surface, the triangle is out of order or not as [`Triangle`] demands, or writing fails.
+    pub fn push_triangle(&mut self, triangle: Triangle) -> Result<(), WriteError> {
+        let OpenBody::Surface(surface, triangles) = &mut self.body else {
+            return Err(self.refused("a triangle in a lattice".into()));
+        };
+        if let Err(problem) = surface.add(triangle) {
+            return Err(self.refused(problem));
+        }
+        let pushed = triangles.push(triangle, &mut self.chunks);
         pushed.map_err(|source| self.io_error(source))
     }
 
@@ -95,22 +162,23 @@ impl Writer {
         };
         self.end_body()?;
         self.chunks.next_body();
-        self.body = LatticeBuilder::new(next, self.header.quantum_um);
+        let body = OpenBody::new(next, self.header.quantum_um, self.threads);
+        self.body = body.map_err(|source| self.io_error(source))?;
         Ok(())
     }
 
     /// Writes the last chunks of the current body and adds the body to the header.
     fn end_body(&mut self) -> Result<(), WriteError> {
-        let written = self.struts.finish_body(&mut self.chunks);
+        let written = self.body.finish(&mut self.chunks);
         written.map_err(|source| self.io_error(source))?;
-        let lattice = self.body.header();
-        if lattice.total() == 0 {
-            return Err(self.refused(format!("body {} has no struts", self.header.bodies.len())));
+        let body = self.body.header();
+        if body.total() == 0 {
+            return Err(self.refused(format!("body {} is empty", self.header.bodies.len())));
         }
         self.body.profile().append_to(&mut self.profiles);
         self.bottoms_um.push(self.body.bottom_um(self.header.quantum_um));
-        self.header.bounds = self.header.bounds.joined(&lattice.bounds);
-        self.header.bodies.push(BodyHeader::Lattice(lattice));
+        self.header.bounds = self.header.bounds.joined(body.bounds());
+        self.header.bodies.push(body);
         Ok(())
     }
 
@@ -131,7 +199,7 @@ impl Writer {
         let Self { path, mut header, output, chunks, profiles, mut bottoms_um, .. } = self;
         let io_error = |source| WriteError::Io { path: path.clone(), source };
         chunks.complete(&front, &profiles).map_err(io_error)?;
-        if header.bodies.iter().any(|BodyHeader::Lattice(lattice)| lattice.blend != Blend::Union) {
+        if !header.bodies.iter().all(BodyHeader::is_exact) {
             let refused = |problem: String| WriteError::Refused { path: path.clone(), problem };
             let whole = BuildFile::of(&path, output.file().try_clone().map_err(io_error)?.into());
             let found = whole.and_then(|file| find_bottoms(&file, &mut bottoms_um));
@@ -156,9 +224,8 @@ impl Writer {
 /// Finds the lowest solid points of the bodies that are convolutions.
 fn find_bottoms(file: &BuildFile, bottoms_um: &mut [f64]) -> Result<(), BuildFileError> {
     for (body, (header, bottom_um)) in file.header().bodies.iter().zip(bottoms_um).enumerate() {
-        let BodyHeader::Lattice(lattice) = header;
-        if let Blend::Convolution { support_um } = lattice.blend
-            && let Some(found_um) = lowest_of_convolution(file, body, lattice, support_um)?
+        if let BodyHeader::Lattice(lattice @ Lattice { blend: Blend::Convolution { support_um }, .. }) = header
+            && let Some(found_um) = lowest_of_convolution(file, body, lattice, *support_um)?
         {
             *bottom_um = found_um;
         }

@@ -72,11 +72,14 @@ struct Manifest {
 
 /// One body of the part.
 #[derive(Debug, Serialize)]
-struct BodyEntry {
-    kind: &'static str,
-    blend: &'static str,
-    /// R of a convolution surface; `null` for a union.
-    support_mm: Option<f64>,
+#[serde(tag = "kind", rename_all = "lowercase")]
+enum BodyEntry {
+    Lattice {
+        blend: &'static str,
+        /// R of a convolution surface; `null` for a union.
+        support_mm: Option<f64>,
+    },
+    Surface,
 }
 
 #[derive(Debug, Serialize)]
@@ -87,9 +90,12 @@ struct LayerEntry {
 
 impl Manifest {
     fn new(header: &Header, plan: &SlicePlan) -> Self {
-        let body = |BodyHeader::Lattice(lattice): &BodyHeader| {
-            let (blend, support_mm) = cli::blend_figures(lattice.blend);
-            BodyEntry { kind: "lattice", blend, support_mm }
+        let body = |body: &BodyHeader| match body {
+            BodyHeader::Lattice(lattice) => {
+                let (blend, support_mm) = cli::blend_figures(lattice.blend);
+                BodyEntry::Lattice { blend, support_mm }
+            }
+            BodyHeader::Surface(_) => BodyEntry::Surface,
         };
         Self {
             width_px: plan.raster.width_px,

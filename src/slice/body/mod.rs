@@ -1,9 +1,12 @@
 //! Bodies, from which layers are drawn. Each is cut by a plane that rises through it.
 //!
-//! A second kind of body is a variant of [`BodySource`] and an implementer of [`Body`],
-//! [`PixelBody`] and [`FieldBody`]. `slicer` shows how they are used.
+//! A kind of body is a variant of [`BodySource`] and an implementer of [`Body`], [`PixelBody`] and [`FieldBody`]. `slicer` shows how they
+//! are used. `feed` and `buckets` are what the sweeps of all kinds have in common.
 
+mod buckets;
+pub(super) mod feed;
 pub(super) mod lattice;
+pub(super) mod surface;
 
 use std::sync::Arc;
 
@@ -14,11 +17,14 @@ use crate::buildfile::{Blend, BodyHeader, BuildFile, Lattice};
 use crate::solid::{Effort, InstructionSet};
 use crate::stream::MemoryBudget;
 use lattice::{StoredLattice, StrutSource};
+use surface::{StoredSurface, TriangleSource};
 
 /// Source of the primitives of one body.
 pub enum BodySource {
     /// Struts and balls.
     Lattice(Box<dyn StrutSource>),
+    /// Triangles.
+    Surface(Box<dyn TriangleSource>),
 }
 
 impl BodySource {
@@ -34,29 +40,41 @@ impl BodySource {
     }
 
     fn drawn_as(file: &Arc<BuildFile>, drawn: impl Fn(&Lattice) -> Lattice) -> Vec<Self> {
-        let source = |(body, BodyHeader::Lattice(lattice)): (usize, &BodyHeader)| {
-            Self::Lattice(Box::new(StoredLattice { file: Arc::clone(file), body, lattice: drawn(lattice) }))
+        let source = |(body, header): (usize, &BodyHeader)| {
+            let file = Arc::clone(file);
+            match header {
+                BodyHeader::Lattice(lattice) => {
+                    Self::Lattice(Box::new(StoredLattice { file, body, lattice: drawn(lattice) }))
+                }
+                BodyHeader::Surface(_) => Self::Surface(Box::new(StoredSurface { file, body })),
+            }
         };
         file.header().bodies.iter().enumerate().map(source).collect()
     }
 
     /// The open build file that the body is read from, if any.
     pub(super) fn file(&self) -> Option<&Arc<BuildFile>> {
-        let Self::Lattice(source) = self;
-        source.file()
+        match self {
+            Self::Lattice(source) => source.file(),
+            Self::Surface(source) => source.file(),
+        }
     }
 
     /// Memory that [`BodySource::pixels`] charges, bytes. It is known before anything is read, and does not include
     /// [`BodySource::file`].
     pub(super) fn pixels_memory_bytes(&self, plan: &SlicePlan, threads: usize) -> u64 {
-        let Self::Lattice(source) = self;
-        lattice::pixels_memory_bytes(&**source, plan, threads)
+        match self {
+            Self::Lattice(source) => lattice::pixels_memory_bytes(&**source, plan, threads),
+            Self::Surface(source) => surface::pixels_memory_bytes(&**source, plan, threads),
+        }
     }
 
     /// As [`BodySource::pixels_memory_bytes`], for [`BodySource::field`].
     pub(super) fn field_memory_bytes(&self, plan: &SlicePlan, threads: usize) -> u64 {
-        let Self::Lattice(source) = self;
-        lattice::field_memory_bytes(&**source, plan, threads)
+        match self {
+            Self::Lattice(source) => lattice::field_memory_bytes(&**source, plan, threads),
+            Self::Surface(source) => surface::field_memory_bytes(&**source, plan, threads),
+        }
     }
 
     /// The body as pixels, to be drawn with `instructions` on `threads` threads. Its memory is charged to `budget`.
@@ -70,8 +88,10 @@ impl BodySource {
         threads: usize,
         budget: &MemoryBudget,
     ) -> Result<Box<dyn PixelBody>, SliceError> {
-        let Self::Lattice(source) = self;
-        lattice::pixels(instructions, source, plan, threads, budget)
+        match self {
+            Self::Lattice(source) => lattice::pixels(instructions, source, plan, threads, budget),
+            Self::Surface(source) => surface::pixels(source, plan, threads, budget),
+        }
     }
 
     /// As [`BodySource::pixels`], as a field.
@@ -85,8 +105,10 @@ impl BodySource {
         threads: usize,
         budget: &MemoryBudget,
     ) -> Result<Box<dyn FieldBody>, SliceError> {
-        let Self::Lattice(source) = self;
-        lattice::field(instructions, source, plan, threads, budget)
+        match self {
+            Self::Lattice(source) => lattice::field(instructions, source, plan, threads, budget),
+            Self::Surface(source) => surface::field(source, plan, threads, budget),
+        }
     }
 }
 

@@ -1,4 +1,4 @@
-//! The second pass: hands the beams and balls of every placed lattice to the collector. `tests/pack_3mf.rs` tests it.
+//! The second pass: hands the beams, balls and triangles of every placed object to the collector. `tests/pack_3mf.rs` tests it.
 
 use std::io::Read;
 
@@ -14,10 +14,10 @@ use crate::buildfile::import::collect::Collector;
 use crate::buildfile::import::lane::Beam;
 use crate::buildfile::model::{Cap, Caps};
 
-/// Most beams and balls that share one walk over the places of their object: some 400 KiB.
+/// Most beams, balls and triangles that share one walk over the places of their object: some 400 KiB.
 const MAX_BLOCK_PIECES: usize = 4096;
 
-/// Reads the lattices of a package whose structure is known.
+/// Reads the lattices and meshes of a package whose structure is known.
 pub(super) struct LatticeReader<'a, 'b, 'c> {
     pub(super) structure: &'a Structure,
     pub(super) collector: &'b mut Collector<'c>,
@@ -25,6 +25,8 @@ pub(super) struct LatticeReader<'a, 'b, 'c> {
     pub(super) place: String,
     /// Its number.
     pub(super) part: u32,
+    /// Leave out meshes.
+    pub(super) lattice_only: bool,
     /// Most vertices of one object.
     pub(super) vertex_limit: usize,
     /// Beams shorter than the minimum length of their lattice.
@@ -42,17 +44,20 @@ struct Open<'a> {
     /// For ball mode `all`: vertices at the end of a beam that have no ball yet.
     bare: Vec<bool>,
     beam_count: u64,
+    triangle_count: u64,
     defaults: Defaults,
-    /// Beams and balls that were read and are not placed yet.
+    /// Beams, balls and triangles that were read and are not placed yet.
     block: Vec<Piece>,
 }
 
-/// A beam or ball in millimetres, before it is placed.
+/// A beam, ball or triangle in millimetres, before it is placed.
 enum Piece {
     /// A beam with its number in the lattice, counted from 1.
     Beam(Beam, u64),
     /// Centre and radius.
     Ball(DVec3, f64),
+    /// A triangle with its number in the mesh, counted from 1.
+    Triangle([DVec3; 3], u64),
 }
 
 /// Attributes of the lattice that hold for all its beams and balls.
@@ -91,17 +96,19 @@ impl<'a> LatticeReader<'a, '_, '_> {
         self.close(open)
     }
 
-    /// Begins an object. `None` if it has no lattice or is not in the build.
+    /// Begins an object. `None` if it has nothing to print or is not in the build.
     fn open(&self, id: u32) -> Option<Open<'a>> {
         let number = self.structure.resources.number((self.part, id))?;
         let object = &self.structure.resources.objects[number as usize];
-        (object.has_lattice && self.structure.place_count(number) > 0).then(|| Open {
+        let is_wanted = object.has_lattice || object.triangle_count > 0 && !self.lattice_only;
+        (is_wanted && self.structure.place_count(number) > 0).then(|| Open {
             number,
             object,
             unit_mm: self.structure.units_mm[self.part as usize],
             vertices: Vec::new(),
             bare: Vec::new(),
             beam_count: 0,
+            triangle_count: 0,
             defaults: Defaults::default(),
             block: Vec::new(),
         })
@@ -113,6 +120,13 @@ impl<'a> LatticeReader<'a, '_, '_> {
             (Space::Core | Space::Displacement, "vertex") => {
                 let vertex = self.vertex(open, element).map_err(|problem| self.wrong(open, None, problem))?;
                 open.vertices.push(vertex);
+            }
+            (Space::Core, "triangle") if !self.lattice_only => {
+                open.triangle_count += 1;
+                let number = open.triangle_count;
+                let triangle = triangle(open, element)
+                    .map_err(|problem| self.wrong(open, None, format!("triangle {number}: {problem}")))?;
+                open.block.push(Piece::Triangle(triangle, number));
             }
             (Space::Lattice, "beamlattice") => {
                 open.defaults = Defaults::read(element).map_err(|problem| self.wrong(open, None, problem))?;
@@ -184,6 +198,8 @@ impl<'a> LatticeReader<'a, '_, '_> {
             return Ok(());
         }
         for placed in self.structure.places(open.number) {
+            // A mirrored triangle shows its other side.
+            let is_mirrored = placed.matrix3.determinant() < 0.0;
             let Some(stretch) = self.collector.stretch_after(placed.matrix3) else {
                 return Err(self.wrong(open, None, "its transform flattens it".into()));
             };
@@ -193,6 +209,14 @@ impl<'a> LatticeReader<'a, '_, '_> {
                         let [a, b] = [beam.a, beam.b].map(|point| placed.transform_point3(point));
                         let named = || place(self.structure, &self.place, open, Some(number));
                         self.collector.beam(&Beam { a, b, ..beam }, stretch, &named)?;
+                    }
+                    Piece::Triangle(mut corners, number) => {
+                        if is_mirrored {
+                            corners.swap(1, 2);
+                        }
+                        let corners = corners.map(|corner| placed.transform_point3(corner));
+                        let named = || format!("{}: triangle {number}", place(self.structure, &self.place, open, None));
+                        self.collector.triangle(corners, &named)?;
                     }
                     Piece::Ball(centre, radius) => {
                         let centre = placed.transform_point3(centre);
@@ -218,7 +242,11 @@ impl<'a> LatticeReader<'a, '_, '_> {
                 }
             }
         }
-        self.place_block(&mut open)
+        self.place_block(&mut open)?;
+        if open.triangle_count == 0 {
+            return Ok(());
+        }
+        self.collector.end_solid(&place(self.structure, &self.place, &open, None))
     }
 
     fn wrong(&self, open: &Open<'_>, beam: Option<u64>, problem: String) -> PackError {
@@ -230,6 +258,17 @@ impl<'a> LatticeReader<'a, '_, '_> {
 fn place(structure: &Structure, part: &str, open: &Open<'_>, beam: Option<u64>) -> String {
     let object = structure.resources.name(open.object.id);
     beam.map_or(format!("{part}: {object}"), |number| format!("{part}: {object}: beam {number}"))
+}
+
+/// A triangle in millimetres.
+fn triangle(open: &Open<'_>, element: &Element) -> Result<[DVec3; 3], String> {
+    let count = open.vertices.len();
+    let corner = |name| {
+        let index: usize = required(element, name)?;
+        let vertex = open.vertices.get(index).map(|vertex| *vertex * open.unit_mm);
+        vertex.ok_or_else(|| format!("vertex {index}; there are {count} vertices"))
+    };
+    Ok([corner("v1")?, corner("v2")?, corner("v3")?])
 }
 
 /// A ball in millimetres.

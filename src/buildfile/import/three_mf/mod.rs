@@ -1,8 +1,8 @@
 //! 3MF: core model, production extension and beam lattice extension 1.2. The compressed parts of the package are read in two passes and
 //! never extracted.
 //!
-//! In a file, beams come before the build items that place them. So the first pass (`structure`, `assembly`) finds out where every object
-//! is placed, and the second (`lattice`) hands over each beam once for each place. Only the vertices of one object and the list of objects
+//! In a file, beams and triangles come before the build items that place them. So the first pass (`structure`, `assembly`) finds out where
+//! every object is placed, and the second (`lattice`) hands over each beam and triangle once for each place. Only the vertices of one object and the list of objects
 //! and components are in memory. `tests/pack_3mf.rs` and `tests/pack_assembly.rs` have examples.
 
 mod assembly;
@@ -50,6 +50,9 @@ pub(super) fn import(
     structure.notes.iter().for_each(|note| collector.note(format!("{root}: {note}")));
     check_left_out(&structure, options, &package, collector)?;
     collector.expect(structure.strut_count(), progress)?;
+    if !options.lattice_only {
+        collector.expect_triangles(structure.triangle_count(), progress)?;
+    }
     // One more byte per vertex marks where balls of mode `all` belong.
     let vertex_limit = usize::try_from(options.memory_bytes).unwrap_or(usize::MAX) / (size_of::<DVec3>() + 1);
     let mut reader = LatticeReader {
@@ -57,6 +60,7 @@ pub(super) fn import(
         collector,
         place: root.clone(),
         part: 0,
+        lattice_only: options.lattice_only,
         vertex_limit,
         short_count: 0,
         pointless_count: 0,
@@ -104,7 +108,7 @@ fn digest(path: &Path, collector: &mut Collector<'_>) -> Result<(), PackError> {
     }
 }
 
-/// Refuses everything in the build that is not a lattice, or adds notes on it.
+/// Refuses everything in the build that cannot be printed, or adds notes on it.
 fn check_left_out(
     structure: &Structure,
     options: &PackOptions,
@@ -117,9 +121,11 @@ fn check_left_out(
             continue;
         }
         let place = format!("{root}: {}", structure.resources.name(object.id));
-        let mesh = object.has_triangles.then_some("it holds a solid mesh");
-        let displaced = object.has_displacement.then_some("it holds a displacement mesh");
-        for what in mesh.into_iter().chain(displaced) {
+        if object.triangle_count > 0 && options.lattice_only {
+            collector.note(format!("{place}: it holds a solid mesh, which was left out"));
+        }
+        if object.has_displacement {
+            let what = "it holds a displacement mesh";
             if !options.lattice_only {
                 let problem = format!("{what}, which is not printed yet; --lattice-only leaves it out");
                 return Err(PackError::input(place, problem));

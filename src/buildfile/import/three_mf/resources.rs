@@ -28,8 +28,8 @@ pub(super) struct Object {
     /// Its type is `other`.
     pub(super) is_other: bool,
     pub(super) has_lattice: bool,
-    /// Its mesh has a `<triangle>`.
-    pub(super) has_triangles: bool,
+    /// Number of triangles of its mesh.
+    pub(super) triangle_count: u64,
     pub(super) has_displacement: bool,
     /// How its lattice is clipped; `None` if it is not.
     pub(super) clipping: Option<String>,

@@ -62,8 +62,17 @@ impl Structure {
 
     /// Number of beams and balls in the build, at most: some may be left out because of their length.
     pub(super) fn strut_count(&self) -> u64 {
+        self.placed_count(|object| object.strut_count)
+    }
+
+    /// Number of triangles in the build.
+    pub(super) fn triangle_count(&self) -> u64 {
+        self.placed_count(|object| object.triangle_count)
+    }
+
+    fn placed_count(&self, count: impl Fn(&Object) -> u64) -> u64 {
         let objects = self.resources.objects.iter().zip(0..);
-        let placed = objects.map(|(object, number)| object.strut_count.saturating_mul(self.place_count(number)));
+        let placed = objects.map(|(object, number)| count(object).saturating_mul(self.place_count(number)));
         placed.fold(0, u64::saturating_add)
     }
 
@@ -151,7 +160,7 @@ impl Reader {
             (Space::Lattice, "beam" | "ball") | (Space::Balls, "ball") => {
                 self.current(element, *current)?.strut_count += 1;
             }
-            (Space::Core, "triangle") => self.current(element, *current)?.has_triangles = true,
+            (Space::Core, "triangle") => self.current(element, *current)?.triangle_count += 1,
             (Space::Displacement, "displacementmesh") => self.current(element, *current)?.has_displacement = true,
             (Space::Lattice, "beamlattice") => lattice(element, self.current(element, *current)?),
             _ => {}

@@ -1,14 +1,11 @@
-//! The active set: the struts within reach of the plane, arranged so that each band finds its struts quickly.
-//!
-//! Struts are kept in buckets of rows. There are several levels of buckets; the buckets of each level are twice as high as those of the
-//! level below. A strut is in exactly one bucket: on the lowest level whose buckets are at least as high as the range of rows that the
-//! strut can ever reach, and there in the bucket of the first of these rows. So a band finds all its struts in at most two or three
-//! buckets of each level. The order within a bucket is that of the file, so sums do not depend on the layer a sweep began with.
+//! The active set: the struts within reach of the plane, in [`Buckets`] of rows. The order within a bucket is that of the file, so sums do
+//! not depend on the layer a sweep began with.
 //!
 //! `sweep` adds and retires struts; `brush` draws its blocks.
 
 use std::ops::Range;
 
+use crate::slice::body::buckets::Buckets;
 use crate::solid::{Block, StrutRecord};
 
 /// A bucket is compacted when one in this many of its struts is out of reach. With a quarter, it holds at most a third more struts than
@@ -18,17 +15,10 @@ const DEAD_SHARE: usize = 4;
 /// The struts, in buckets.
 #[derive(Debug)]
 pub(super) struct ActiveSet {
-    levels: Vec<Level>,
+    place: Buckets,
     buckets: Vec<Bucket>,
     /// Struts within reach: those counted by [`ActiveSet::count`] and those added since.
     alive: usize,
-}
-
-/// Buckets of one height.
-#[derive(Debug)]
-struct Level {
-    rows: i64,
-    buckets: Range<usize>,
 }
 
 /// Blocks of struts. All but the last are full.
@@ -46,18 +36,13 @@ pub(super) struct Bucket {
 impl ActiveSet {
     /// An empty set for a picture of `height` rows. Buckets of the lowest level have `min_rows` rows.
     pub(super) fn new(height: usize, min_rows: usize) -> Self {
-        let mut levels = Vec::new();
-        let mut first = 0;
-        for (rows, count) in level_sizes(height, min_rows) {
-            levels.push(Level { rows: rows as i64, buckets: first..first + count });
-            first += count;
-        }
-        Self { levels, buckets: (0..first).map(|_| Bucket::default()).collect(), alive: 0 }
+        let buckets = (0..Buckets::count(height, min_rows)).map(|_| Bucket::default()).collect();
+        Self { place: Buckets::new(height, min_rows), buckets, alive: 0 }
     }
 
     /// Memory for up to `max_active` struts within reach, bytes.
     pub(super) fn memory_bytes(max_active: u64, height: usize, min_rows: usize) -> u64 {
-        let buckets = level_sizes(height, min_rows).map(|(_, count)| count as u64).sum::<u64>();
+        let buckets = Buckets::count(height, min_rows) as u64;
         // The last block of each bucket may be nearly empty.
         let blocks = (max_active / Block::LEN as u64).saturating_add(buckets.min(max_active));
         let blocks = blocks.saturating_add(blocks / (DEAD_SHARE as u64 - 1));
@@ -72,11 +57,8 @@ impl ActiveSet {
     }
 
     /// Adds a strut. The rows are the range that it can reach in any plane; they may lie outside the picture.
-    pub(super) fn add(&mut self, record: StrutRecord, [first_row, last_row]: [i64; 2]) {
-        let fits = |level: &&Level| level.rows > last_row.saturating_sub(first_row);
-        let Some(level) = self.levels.iter().find(fits).or(self.levels.last()) else { return };
-        let bucket = level.bucket(first_row);
-        self.buckets[bucket].push(record);
+    pub(super) fn add(&mut self, record: StrutRecord, rows: [i64; 2]) {
+        self.buckets[self.place.of(rows)].push(record);
         self.alive += 1;
     }
 
@@ -92,30 +74,8 @@ impl ActiveSet {
 
     /// The blocks that may hold struts that reach these rows. Their order depends on the rows alone.
     pub(super) fn blocks(&self, rows: Range<i64>) -> impl Iterator<Item = &Block> {
-        let buckets = self
-            .levels
-            .iter()
-            .flat_map(move |level| level.bucket(rows.start - level.rows + 1)..level.bucket(rows.end - 1) + 1);
+        let buckets = self.place.reaching(rows);
         buckets.flat_map(|bucket| self.buckets[bucket].blocks.iter().map(|block| &**block))
-    }
-}
-
-/// Height in rows and number of the buckets of each level. The last level has one bucket, for struts that reach more rows than the
-/// buckets of all other levels have.
-fn level_sizes(height: usize, min_rows: usize) -> impl Iterator<Item = (usize, usize)> {
-    let mut next = Some(min_rows);
-    std::iter::from_fn(move || {
-        let rows = next?;
-        let count = height.div_ceil(rows).max(1);
-        next = (count > 1).then_some(2 * rows);
-        Some((rows, count))
-    })
-}
-
-impl Level {
-    fn bucket(&self, row: i64) -> usize {
-        let last = self.buckets.len() as i64 - 1;
-        self.buckets.start + row.div_euclid(self.rows).clamp(0, last) as usize
     }
 }
 

@@ -6,7 +6,7 @@ mod source;
 mod sweep;
 
 pub(in crate::slice) use source::StoredLattice;
-pub use source::{ChunkSpan, MemoryStruts, StrutSource};
+pub use source::{MemoryStruts, StrutSource};
 
 use super::{Body, Brush, Cut, FieldBody, FieldBrush, PixelBody};
 use crate::buildfile::Blend;

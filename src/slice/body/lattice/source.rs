@@ -3,15 +3,7 @@
 use std::sync::Arc;
 
 use crate::buildfile::{BuildFile, Lattice, MAX_CHUNK_PRIMITIVES, Strut};
-
-/// Range of z of the struts in a chunk, quanta.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct ChunkSpan {
-    /// Lowest `a[2]`.
-    pub lowest_z: i32,
-    /// Highest `b[2]`.
-    pub highest_z: i32,
-}
+use crate::slice::body::feed::{ChunkSpan, Chunks};
 
 /// A lattice that can be read chunk by chunk. Its struts are in ascending order of `a[2]`.
 pub trait StrutSource: Send + Sync {
@@ -43,6 +35,20 @@ pub trait StrutSource: Send + Sync {
     /// # Errors
     /// If the chunk cannot be read; names the file and the place in it.
     fn read_chunk(&self, chunk: usize, struts: &mut Vec<Strut>) -> anyhow::Result<()>;
+}
+
+impl Chunks<Strut> for dyn StrutSource {
+    fn count(&self) -> usize {
+        self.chunk_count()
+    }
+
+    fn span(&self, chunk: usize) -> ChunkSpan {
+        self.chunk_span(chunk)
+    }
+
+    fn read(&self, chunk: usize, struts: &mut Vec<Strut>) -> anyhow::Result<()> {
+        self.read_chunk(chunk, struts)
+    }
 }
 
 /// One lattice of a build file.

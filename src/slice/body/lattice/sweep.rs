@@ -3,7 +3,8 @@
 
 use super::StrutSource;
 use super::active::ActiveSet;
-use crate::buildfile::{MAX_CHUNK_PRIMITIVES, Strut};
+use crate::buildfile::Strut;
+use crate::slice::body::feed::Feed;
 use crate::slice::workers::Workers;
 use crate::slice::{SliceError, SlicePlan};
 use crate::solid::{self, MAX_RADIUS, Shape, StrutRecord};
@@ -20,33 +21,13 @@ pub(super) struct Sweep {
     quantum_um: f64,
     /// Length of a quantum in the unit of the solid.
     quantum: f64,
-    /// Upper bound that the source states.
-    max_active: usize,
+    checks: Checks,
     active: ActiveSet,
-    /// Chunks that were read at once, one per thread. The struts from `slot` and `next_strut` on are still to join.
-    slots: Vec<Slot>,
-    filled: usize,
-    slot: usize,
-    next_strut: usize,
-    next_chunk: usize,
-    last_z: i32,
+    feed: Feed<Strut>,
     _charge: Charge,
 }
 
 type Ends = fn(radii: [u32; 2], caps: [solid::Cap; 2], is_ball: bool, quantum: f64) -> [u32; 2];
-
-/// A chunk that was read.
-struct Slot {
-    chunk: usize,
-    struts: Vec<Strut>,
-    problem: Option<anyhow::Error>,
-}
-
-impl Slot {
-    fn empty() -> Self {
-        Self { chunk: 0, struts: Vec::with_capacity(MAX_CHUNK_PRIMITIVES), problem: None }
-    }
-}
 
 /// Converts y in quanta to rows of the picture.
 #[derive(Clone, Copy)]
@@ -85,14 +66,13 @@ impl Sweep {
             reach: reach_um / quantum_um,
             quantum_um,
             quantum: quantum_um / unit_um,
-            max_active: usize::try_from(source.peak_active()).unwrap_or(usize::MAX),
+            checks: Checks {
+                radius_range: source.lattice().radius_range,
+                max_active: usize::try_from(source.peak_active()).unwrap_or(usize::MAX),
+                last_z: i32::MIN,
+            },
             active: ActiveSet::new(plan.raster.height_px as usize, min_rows),
-            slots: (0..threads).map(|_| Slot::empty()).collect(),
-            filled: 0,
-            slot: 0,
-            next_strut: 0,
-            next_chunk: 0,
-            last_z: i32::MIN,
+            feed: Feed::new(threads),
             _charge: charge,
             source,
         })
@@ -100,7 +80,7 @@ impl Sweep {
 
     /// Memory of a sweep, bytes, at most: the active set, the chunks that are read at once, and the source itself.
     pub(super) fn memory_bytes(source: &dyn StrutSource, plan: &SlicePlan, min_rows: usize, threads: usize) -> u64 {
-        let chunks = ((MAX_CHUNK_PRIMITIVES * size_of::<Strut>()) as u64).saturating_mul(threads as u64);
+        let chunks = Feed::<Strut>::memory_bytes(threads);
         let active = ActiveSet::memory_bytes(source.peak_active(), plan.raster.height_px as usize, min_rows);
         active.saturating_add(chunks).saturating_add(source.memory_bytes())
     }
@@ -112,25 +92,21 @@ impl Sweep {
         let lowest_top = (z - self.reach).floor() as i32;
         workers.each(self.active.buckets_mut(), |bucket| bucket.retire(lowest_top));
         self.active.count();
-        loop {
-            while self.slot < self.filled {
-                while let Some(&strut) = self.slots[self.slot].struts.get(self.next_strut) {
-                    if f64::from(strut.a[2]) - self.reach > z {
-                        return Ok(());
-                    }
-                    self.check(&strut)?;
-                    self.next_strut += 1;
-                    if strut.b[2] >= lowest_top {
-                        self.join(&strut)?;
-                    }
-                }
-                self.slot += 1;
-                self.next_strut = 0;
+        let (checks, active, rows) = (&mut self.checks, &mut self.active, self.rows);
+        let (ends, quantum, reach) = (self.ends, self.quantum, self.reach);
+        self.feed.take(&*self.source, [z - reach, z + reach], workers, |strut, chunk| {
+            if f64::from(strut.a[2]) - reach > z {
+                return Ok(false);
             }
-            if !self.read_chunks(z, workers)? {
-                return Ok(());
+            checks.check(strut, chunk)?;
+            if strut.b[2] >= lowest_top {
+                checks.count(active.alive())?;
+                let Strut { a, b, radius_a, radius_b, caps } = *strut;
+                let ends = ends([radius_a, radius_b], [caps.a, caps.b], strut.is_ball(), quantum);
+                active.add(StrutRecord { a, b, ends }, rows.reached(a[1], b[1]));
             }
-        }
+            Ok(true)
+        })
     }
 
     /// The struts within reach.
@@ -142,53 +118,34 @@ impl Sweep {
     pub(super) fn quantum(&self) -> f64 {
         self.quantum
     }
+}
 
-    fn join(&mut self, strut: &Strut) -> Result<(), SliceError> {
-        if self.active.alive() == self.max_active {
-            return Err(SliceError::Damaged(format!(
-                "more struts are within reach of one layer than the {} that the profile of the build file states",
-                self.max_active
-            )));
+/// What the header and the profile of the build file promise of the struts.
+struct Checks {
+    radius_range: [u32; 2],
+    /// Most struts within reach.
+    max_active: usize,
+    last_z: i32,
+}
+
+impl Checks {
+    fn count(&self, alive: usize) -> Result<(), SliceError> {
+        if alive < self.max_active {
+            return Ok(());
         }
-        let Strut { a, b, radius_a, radius_b, caps } = *strut;
-        let ends = (self.ends)([radius_a, radius_b], [caps.a, caps.b], strut.is_ball(), self.quantum);
-        self.active.add(StrutRecord { a, b, ends }, self.rows.reached(a[1], b[1]));
-        Ok(())
+        Err(SliceError::Damaged(format!(
+            "more struts are within reach of one layer than the {} that the profile of the build file states",
+            self.max_active
+        )))
     }
 
-    /// Reads the next chunks with struts that reach height `z`, quanta, or planes above it: one per thread at once. Returns `false` if
-    /// no chunk begins within reach of `z`.
-    fn read_chunks(&mut self, z: f64, workers: &Workers) -> Result<bool, SliceError> {
-        (self.slot, self.filled) = (0, 0);
-        while self.filled < self.slots.len() && self.next_chunk < self.source.chunk_count() {
-            let span = self.source.chunk_span(self.next_chunk);
-            if f64::from(span.lowest_z) - self.reach > z {
-                break;
-            }
-            if f64::from(span.highest_z) + self.reach >= z {
-                self.slots[self.filled].chunk = self.next_chunk;
-                self.filled += 1;
-            }
-            self.next_chunk += 1;
-        }
-        let source = &self.source;
-        workers.each(self.slots[..self.filled].iter_mut(), |slot| {
-            slot.problem = source.read_chunk(slot.chunk, &mut slot.struts).err();
-        });
-        let problem = self.slots[..self.filled].iter_mut().find_map(|slot| slot.problem.take());
-        problem.map_or(Ok(self.filled > 0), |problem| Err(SliceError::Source(problem)))
-    }
-
-    fn check(&mut self, strut: &Strut) -> Result<(), SliceError> {
-        let radii = self.source.lattice().radius_range;
+    fn check(&mut self, strut: &Strut, chunk: usize) -> Result<(), SliceError> {
+        let radii = self.radius_range;
         let in_order = strut.a[2] >= self.last_z && strut.b[2] >= strut.a[2];
         let in_range = |radius: u32| (radii[0].max(1)..=radii[1].min(MAX_RADIUS)).contains(&radius);
         if !in_order || !in_range(strut.radius_a) || !in_range(strut.radius_b) {
             let what = if in_order { "a radius outside the header's range" } else { "a strut out of order" };
-            return Err(SliceError::Damaged(format!(
-                "chunk {} of the build file has {what}",
-                self.slots[self.slot].chunk
-            )));
+            return Err(SliceError::Damaged(format!("chunk {chunk} of the build file has {what}")));
         }
         self.last_z = strut.a[2];
         Ok(())

@@ -1,0 +1,70 @@
+//! Buckets of rows, so that each band quickly finds the primitives that may reach it. The active sets of all kinds of bodies use them.
+//!
+//! There are several levels of buckets; the buckets of each level are twice as high as those of the level below. A primitive is in exactly
+//! one bucket: on the lowest level whose buckets are at least as high as the range of rows that the primitive can ever reach, and there in
+//! the bucket of the first of these rows. So a band finds all its primitives in at most two or three buckets of each level.
+
+use std::ops::Range;
+
+/// Which bucket holds what.
+#[derive(Debug)]
+pub(super) struct Buckets {
+    levels: Vec<Level>,
+}
+
+/// Buckets of one height.
+#[derive(Debug)]
+struct Level {
+    rows: i64,
+    buckets: Range<usize>,
+}
+
+impl Buckets {
+    /// For a picture of `height` rows. Buckets of the lowest level have `min_rows` rows.
+    pub(super) fn new(height: usize, min_rows: usize) -> Self {
+        let mut levels = Vec::new();
+        let mut first = 0;
+        for (rows, count) in level_sizes(height, min_rows) {
+            levels.push(Level { rows: rows as i64, buckets: first..first + count });
+            first += count;
+        }
+        Self { levels }
+    }
+
+    /// Number of buckets of such a picture.
+    pub(super) fn count(height: usize, min_rows: usize) -> usize {
+        level_sizes(height, min_rows).map(|(_, count)| count).sum()
+    }
+
+    /// The bucket of a primitive. The rows are the range that it can reach in any plane; they may lie outside the picture.
+    pub(super) fn of(&self, [first_row, last_row]: [i64; 2]) -> usize {
+        let fits = |level: &&Level| level.rows > last_row.saturating_sub(first_row);
+        self.levels.iter().find(fits).or(self.levels.last()).map_or(0, |level| level.bucket(first_row))
+    }
+
+    /// The buckets of primitives that may reach these rows.
+    pub(super) fn reaching(&self, rows: Range<i64>) -> impl Iterator<Item = usize> {
+        self.levels
+            .iter()
+            .flat_map(move |level| level.bucket(rows.start - level.rows + 1)..level.bucket(rows.end - 1) + 1)
+    }
+}
+
+/// Height in rows and number of the buckets of each level. The last level has one bucket, for primitives that reach more rows than the
+/// buckets of all other levels have.
+fn level_sizes(height: usize, min_rows: usize) -> impl Iterator<Item = (usize, usize)> {
+    let mut next = Some(min_rows);
+    std::iter::from_fn(move || {
+        let rows = next?;
+        let count = height.div_ceil(rows).max(1);
+        next = (count > 1).then_some(2 * rows);
+        Some((rows, count))
+    })
+}
+
+impl Level {
+    fn bucket(&self, row: i64) -> usize {
+        let last = self.buckets.len() as i64 - 1;
+        self.buckets.start + row.div_euclid(self.rows).clamp(0, last) as usize
+    }
+}

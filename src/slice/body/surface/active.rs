@@ -1,0 +1,118 @@
+//! The active set: the triangles that the plane cuts, in [`Buckets`] of rows. `sweep` adds and retires them, `brush` draws them.
+
+use std::ops::Range;
+
+use crate::slice::SlicePlan;
+use crate::slice::body::buckets::Buckets;
+use crate::solid::Facet;
+
+/// No place.
+const NONE: u32 = u32::MAX;
+
+/// Triangles in lists, one for each bucket. Their order has no meaning: only their number and direction count where they are crossed.
+#[derive(Debug)]
+pub(super) struct ActiveFacets {
+    place: Buckets,
+    /// First triangle of each bucket.
+    heads: Vec<u32>,
+    /// Room for as many triangles as any plane cuts.
+    entries: Vec<Entry>,
+    /// First of the entries that are not in use.
+    free: u32,
+    count: usize,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Entry {
+    facet: Facet,
+    high: f64,
+    /// The next of its bucket, or the next that is not in use.
+    next: u32,
+}
+
+impl ActiveFacets {
+    /// An empty set for a picture of `height` rows. Buckets of the lowest level have `min_rows` rows.
+    pub(super) fn new(max_active: usize, height: usize, min_rows: usize) -> Self {
+        Self {
+            place: Buckets::new(height, min_rows),
+            heads: vec![NONE; Buckets::count(height, min_rows)],
+            entries: Vec::with_capacity(max_active),
+            free: NONE,
+            count: 0,
+        }
+    }
+
+    /// Memory for up to `max_active` triangles, bytes.
+    pub(super) fn memory_bytes(max_active: u64, height: usize, min_rows: usize) -> u64 {
+        let heads = (Buckets::count(height, min_rows) * size_of::<u32>()) as u64;
+        max_active.saturating_mul(size_of::<Entry>() as u64).saturating_add(heads)
+    }
+
+    /// Number of triangles.
+    pub(super) fn count(&self) -> usize {
+        self.count
+    }
+
+    /// Adds a triangle whose highest corner is at `high`, and which reaches these rows. There must be room.
+    pub(super) fn add(&mut self, facet: Facet, high: f64, rows: [i64; 2]) {
+        let head = &mut self.heads[self.place.of(rows)];
+        let entry = Entry { facet, high, next: *head };
+        if let Some(unused) = self.entries.get_mut(self.free as usize) {
+            *head = std::mem::replace(&mut self.free, unused.next);
+            *unused = entry;
+        } else {
+            *head = self.entries.len() as u32;
+            self.entries.push(entry);
+        }
+        self.count += 1;
+    }
+
+    /// Takes out the triangles that end below `z`.
+    pub(super) fn retire(&mut self, z: f64) {
+        for head in &mut self.heads {
+            let mut kept = NONE;
+            let mut next = *head;
+            while let Some(entry) = self.entries.get_mut(next as usize) {
+                let number = std::mem::replace(&mut next, entry.next);
+                let list = if entry.high >= z {
+                    &mut kept
+                } else {
+                    self.count -= 1;
+                    &mut self.free
+                };
+                entry.next = std::mem::replace(list, number);
+            }
+            *head = kept;
+        }
+    }
+
+    /// The triangles that may reach these rows.
+    pub(super) fn facets(&self, rows: Range<i64>) -> impl Iterator<Item = &Facet> {
+        let entry = |number: u32| self.entries.get(number as usize);
+        self.place
+            .reaching(rows)
+            .flat_map(move |bucket| std::iter::successors(entry(self.heads[bucket]), move |last| entry(last.next)))
+            .map(|entry| &entry.facet)
+    }
+}
+
+/// Converts y in quanta to rows of the picture.
+#[derive(Clone, Copy)]
+pub(super) struct Rows {
+    row_0: f64,
+    rows_per_quantum: f64,
+}
+
+impl Rows {
+    pub(super) fn of(plan: &SlicePlan, quantum_um: f64) -> Self {
+        let dy = plan.step_um()[1];
+        Self { row_0: plan.origin_um[1] / dy, rows_per_quantum: quantum_um / dy }
+    }
+
+    /// The rows that a facet reaches, with one more on each side for rows of samples, shifted rows and rounding.
+    pub(super) fn reached(self, facet: &Facet) -> [i64; 2] {
+        let rows = facet.map(|corner| corner[1] * self.rows_per_quantum - self.row_0);
+        let [low, high] = [rows.into_iter().fold(f64::MAX, f64::min), rows.into_iter().fold(f64::MIN, f64::max)];
+        [low.floor() as i64 - 1, high.ceil() as i64 + 1]
+    }
+}
