@@ -226,7 +226,7 @@ fn what_the_struts_contradict_is_found_by_verify() {
     replace_profile(&path, &good, &lying);
     assert_eq!(BuildFile::open(&path).expect("its sums are right").peak_active(), 1);
     let error = verified().expect_err("both are active at once").to_string();
-    assert!(error.contains("states at most 1 active struts, but there are 2"), "{error}");
+    assert!(error.contains("states at most 1 active primitives, but there are 2"), "{error}");
 }
 
 #[test]

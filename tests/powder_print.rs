@@ -1,5 +1,6 @@
 //! Whole prints on a laser machine through the real processes: simulated device, daemon, command.
 
+mod meshes;
 mod support;
 
 use std::time::Duration;
@@ -100,6 +101,19 @@ fn a_print_marks_every_layer_once_and_melts_what_was_sliced() {
     assert!(covered > 0.97 && beside < 0.03, "covered {covered}, beside {beside}");
     let (computed, measured) = marking_ms(&bench);
     assert!(computed.abs_diff(measured) * 20 <= measured, "{computed} ms computed, {measured} ms measured");
+}
+
+#[test]
+fn a_hollow_solid_is_melted_as_sliced() {
+    let bench = Bench::start(setup(QUICK));
+    std::fs::write(bench.path("ball.stl"), meshes::hollow_ball([4.0, 4.0, 1.5], 1.5, 0.8)).expect("can be written");
+    bench.ok(&["pack", "ball.stl", "-o", "part.layerd"]);
+    let id = bench.start_job("part.layerd");
+    let layers = bench.printed(id);
+    assert!(layers >= 29, "{layers}");
+    assert_eq!(assert_marked_once(&bench, layers), 0);
+    let (covered, beside) = coverage(&bench, layers);
+    assert!(covered > 0.97 && beside < 0.03, "covered {covered}, beside {beside}");
 }
 
 /// How long the layers take to mark: as computed, and by the device's clock, milliseconds.

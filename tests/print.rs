@@ -1,5 +1,6 @@
 //! Whole prints through the real processes: simulated device, daemon, command.
 
+mod meshes;
 mod support;
 
 use std::io::{Read, Write};
@@ -33,6 +34,21 @@ fn grey_layers_print_as_sliced() {
     let job = bench.wait_for(id, &["completed", "failed", "interrupted"]);
     assert_eq!(job["state"], "completed", "{job}");
     bench.assert_pictures_match("part.layerd", job["layers_total"].as_u64().expect("layers_total"));
+}
+
+#[test]
+fn a_hollow_solid_with_a_lattice_in_it_prints_as_sliced_through_kills() {
+    let mut bench = Bench::start(Setup { time_scale: 4, ..Setup::default() });
+    std::fs::write(bench.path("ball.stl"), meshes::hollow_ball([4.0, 4.0, 2.0], 2.0, 1.6)).expect("can be written");
+    std::fs::write(bench.path("cross.txt"), "2 0.2 0 0\n2.3 4 2 5.7 4 2\n4 2.3 2 4 5.7 2\n").expect("can be written");
+    bench.ok(&["pack", "ball.stl", "cross.txt", "--blend", "union", "-o", "part.layerd"]);
+    let told = bench.ok(&["info", "part.layerd"]);
+    assert!(told.contains("struts        2") && told.contains("triangles     4608"), "{told}");
+    let id = bench.start_job("part.layerd");
+    bench.kill_and_resume(id, |kill| Duration::from_millis(20 + kill * 7919 % 170));
+    let layers = bench.printed(id);
+    assert_eq!(bench.exposed_layers(), (0..layers).collect::<Vec<_>>());
+    bench.assert_pictures_match("part.layerd", layers);
 }
 
 #[test]

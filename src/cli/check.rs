@@ -74,7 +74,7 @@ struct Findings {
 #[derive(Debug, Serialize)]
 struct Size {
     layer_count: u32,
-    peak_active_struts: u64,
+    peak_active: u64,
     /// Threads that the cores and the memory budget allow.
     threads: usize,
     memory_needed_bytes: u64,
@@ -157,7 +157,7 @@ fn judge(
     let need_bytes = memory.need_bytes();
     let size = Size {
         layer_count: plan.layer_count,
-        peak_active_struts: placed.peak_active(),
+        peak_active: placed.peak_active(),
         threads: memory.threads,
         memory_needed_bytes: need_bytes,
         memory_max_bytes: (need_bytes <= budget).then(|| memory.max_bytes(budget)),
@@ -273,7 +273,7 @@ fn size_lines(size: &Size) -> String {
         None => format!("device          {:.1} ms a layer, and its marking", size.device_ms_normal_layer),
     };
     let layers = format!("layers          {}", size.layer_count);
-    let struts = format!("active struts   {} at most in one layer", size.peak_active_struts);
+    let struts = format!("active          {} struts or triangles at most in one layer", size.peak_active);
     let time = size.print_time_s.map(time_line);
     [layers, struts, memory_line(size), device].into_iter().chain(time).collect::<Vec<_>>().join("\n")
 }
