@@ -93,7 +93,17 @@ impl Triangle {
         Self { corners }
     }
 
-    /// The smallest box of whole quanta around it.
+    /// # Errors
+    /// A text if a coordinate is beyond [`Triangle::MAX_COORDINATE`].
+    pub(super) fn check_range(&self) -> Result<(), String> {
+        let is_far = |at: &i64| !(-Self::MAX_COORDINATE..=Self::MAX_COORDINATE).contains(at);
+        if self.corners.as_flattened().iter().any(is_far) {
+            return Err(format!("{self:?} reaches beyond ±2³⁰ quanta"));
+        }
+        Ok(())
+    }
+
+    /// The smallest box of whole quanta around it. Its coordinates must be in range.
     pub(super) fn bounds(&self) -> Bounds {
         let along = |axis: usize| self.corners.map(|corner| corner[axis]);
         let low = |axis| along(axis).into_iter().fold(i64::MAX, i64::min).div_euclid(QUANTUM_FRACTIONS) as i32;

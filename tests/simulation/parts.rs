@@ -115,7 +115,7 @@ impl Kind {
         }
     }
 
-    /// The parts, the one with most layers first.
+    /// The parts, the one with most layers first; on a vat machine the second is a solid.
     pub(crate) fn parts(self) -> &'static [Part] {
         static VAT: OnceLock<Vec<Part>> = OnceLock::new();
         static ZIGZAG: OnceLock<Vec<Part>> = OnceLock::new();
@@ -142,10 +142,11 @@ impl Kind {
         }
     }
 
-    /// The part of an edge text.
+    /// The part of an edge text or of an STL text.
     fn part(self, text: &str) -> Part {
         let directory = tempfile::tempdir().expect("a directory");
-        let [source, file] = ["edges.txt", "part.layerd"].map(|name| directory.path().join(name));
+        let name = if text.starts_with("solid") { "solid.stl" } else { "edges.txt" };
+        let [source, file] = [name, "part.layerd"].map(|name| directory.path().join(name));
         std::fs::write(&source, text).expect("written");
         pack(&[source], &file, &PackOptions::default(), &mut |_| {}).expect("packed");
         let [_, (_, machine), (_, recipe)] = self.files(true);

@@ -113,6 +113,7 @@ impl Primitive for Triangle {
 /// # Errors
 /// A text if the triangle does not begin with its lowest corner, or leaves the bounds of the surface.
 fn check(triangle: &Triangle, surface: &Surface) -> Result<(), String> {
+    triangle.check_range()?;
     if Triangle::new(triangle.corners) != *triangle {
         return Err(format!("{triangle:?} does not begin with its lowest corner"));
     }
@@ -149,4 +150,40 @@ pub(in crate::buildfile) fn triangles(count: usize, seed: u64) -> (Surface, Vec<
     let mut triangle = || Triangle::new([0; 3].map(|_| [0; 3].map(|_| value())));
     let triangles: Vec<_> = (0..count).map(|_| triangle()).collect();
     (Surface::of(&triangles), triangles)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn damaged_columns_are_refused_or_lie_within_the_bounds() {
+        let (surface, mut sorted) = triangles(300, 5);
+        sorted.sort_by_key(Primitive::key);
+        let mut whole = Unpacked::default();
+        Triangle::encode(&sorted, &mut whole);
+        let mut scratch = Scratch::default();
+        let (mut refused, mut state) = (0, 1_u64);
+        for _ in 0..4000 {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            let mut bytes = whole.bytes.clone();
+            let at = (state >> 33) as usize % bytes.len();
+            bytes[at] = (state >> 24) as u8;
+            let mut found = Vec::new();
+            if Triangle::decode(&bytes, 300, &surface, &mut scratch, &mut found).is_err() {
+                refused += 1;
+                continue;
+            }
+            let within = |triangle: &Triangle| {
+                triangle.corners.iter().all(|corner| {
+                    (0..3).all(|axis| {
+                        let quanta = corner[axis] as f64 / QUANTUM_FRACTIONS as f64;
+                        (f64::from(surface.bounds.min[axis])..=f64::from(surface.bounds.max[axis])).contains(&quanta)
+                    })
+                })
+            };
+            assert!(found.iter().all(within), "byte {at}");
+        }
+        assert!(refused > 500, "{refused} of 4000");
+    }
 }

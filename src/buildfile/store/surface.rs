@@ -27,9 +27,7 @@ impl SurfaceBuilder {
         if Triangle::new(triangle.corners) != triangle {
             return Err(format!("{triangle:?}: its lowest corner must come first"));
         }
-        if triangle.corners.as_flattened().iter().any(|at| at.abs() > Triangle::MAX_COORDINATE) {
-            return Err(format!("{triangle:?} reaches beyond ±2³⁰ quanta"));
-        }
+        triangle.check_range()?;
         if self.last.is_some_and(|last| last.key() > triangle.key()) {
             return Err(format!("{triangle:?} comes after a higher one"));
         }

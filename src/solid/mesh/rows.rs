@@ -64,8 +64,8 @@ impl Crossings {
 
     /// Its memory, bytes.
     pub(crate) fn bytes(rows: usize, facets: usize, resolution: Resolution) -> u64 {
-        let keys = Self::capacity(facets, resolution) * (size_of::<[u32; 2]>() + size_of::<u32>());
-        (keys + rows * resolution.rows as usize * size_of::<u32>()) as u64
+        let keys = Self::capacity(facets, resolution).saturating_mul(size_of::<[u32; 2]>() + size_of::<u32>());
+        keys.saturating_add(rows * resolution.rows as usize * size_of::<u32>()) as u64
     }
 
     /// Room for all crossings of one row of pixels.

@@ -1,4 +1,6 @@
-//! A small vat machine, a quick recipe for it, and leaning struts.
+//! A small vat machine, a quick recipe for it, two leaning struts and a leaning solid.
+
+use std::fmt::Write as _;
 
 use layerd::link::message::{Encoding, MachineCapabilities, VatCapabilities};
 use layerd::pipeline::EncodedLayer;
@@ -35,12 +37,33 @@ pub(super) fn capabilities() -> (MachineCapabilities, Vec<Encoding>) {
     (MachineCapabilities::Vat(vat), vec![Encoding::RawBit, Encoding::Group4])
 }
 
-/// Three parts of a leaning strut, of 30 layers and of fewer. A strut is 6 layers thick, and its nodes are so many layers apart.
+/// Two leaning struts, and between them a leaning prism; of 30 layers and of fewer. A strut is 6 layers thick, and its nodes are so many
+/// layers apart.
 pub(super) fn sources() -> [String; 3] {
-    [25, 7, 3].map(|layers| {
-        let top_mm = f64::from(layers) * f64::from(LAYER_UM) / 1000.0;
-        format!("1 0.15\n0 0 0 0.1 0.07 {top_mm}\n")
-    })
+    let strut = |layers| format!("1 0.15\n0 0 0 0.1 0.07 {}\n", layers_mm(layers));
+    [strut(25), prism(13), strut(3)]
+}
+
+fn layers_mm(layers: i32) -> f64 {
+    f64::from(layers * LAYER_UM) / 1000.0
+}
+
+/// An STL text of a triangular prism of so many layers.
+fn prism(layers: i32) -> String {
+    let corner = |number: usize| {
+        let [x, y] = [[-0.3, -0.2], [0.3, -0.1], [0.05, 0.25]][number % 3];
+        if number < 3 { [x, y, 0.0] } else { [x + 0.1, y + 0.07, layers_mm(layers)] }
+    };
+    let sides = [[0, 2, 1], [3, 4, 5], [0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4], [2, 0, 3], [2, 3, 5]];
+    let mut text = "solid prism\n".to_owned();
+    for side in sides {
+        text += "facet normal 0 0 0\nouter loop\n";
+        for [x, y, z] in side.map(corner) {
+            writeln!(text, "vertex {x} {y} {z}").expect("a string");
+        }
+        text += "endloop\nendfacet\n";
+    }
+    text + "endsolid\n"
 }
 
 /// The rows of a layer.
