@@ -4,6 +4,7 @@ mod collect;
 mod edge_text;
 mod lane;
 mod mesh;
+mod open_edges;
 mod rules;
 mod stretch;
 mod surface;

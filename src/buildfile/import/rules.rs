@@ -72,6 +72,12 @@ impl Rules {
         Err(self.too_far(point, place))
     }
 
+    /// Where a corner was before it was rotated and scaled, millimetres.
+    pub(super) fn source_mm(&self, corner: [i64; 3]) -> [f64; 3] {
+        let quanta = DVec3::from(corner.map(|at| at as f64 / QUANTUM_FRACTIONS as f64));
+        (self.to_quanta.inverse() * quanta).to_array()
+    }
+
     fn too_far(&self, point: DVec3, place: &dyn Fn() -> String) -> PackError {
         let problem = format!(
             "the point {:?}, {:?}, {:?} mm, rotated and scaled, is farther than {} mm from the origin along an axis, the limit \

@@ -1,13 +1,15 @@
-//! What is collected of surfaces: triangles go to the sort, and their edges are balanced against each other. `collect` has one.
+//! What is collected of surfaces: triangles go to the sort, and `open_edges` tells whether they are closed. `collect` has one.
 
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
+use super::open_edges::{Open, OpenEdges};
 use super::rules::Rules;
 use crate::buildfile::error::PackError;
 use crate::buildfile::model::Triangle;
 use crate::buildfile::sort::Sorter;
+use crate::text::count_text;
 
 /// Takes the triangles of all sources.
 pub(super) struct SurfaceLane<'a> {
@@ -17,9 +19,8 @@ pub(super) struct SurfaceLane<'a> {
     count: u64,
     /// Triangles whose corners lie on one line. They enclose nothing and are left out.
     flat_count: u64,
-    /// Sum of a hash of each edge, positive in one direction and negative in the other. 0 if each edge has as many triangles on one side as on
-    /// the other, that is, if the current solid is closed; otherwise it is 0 with a chance of 2⁻⁶⁴.
-    balance: u64,
+    /// Edges of the current solid that have no other side yet.
+    edges: OpenEdges,
     /// Six times the volume of the current solid, cubic quanta.
     volume: f64,
 }
@@ -34,7 +35,15 @@ impl<'a> SurfaceLane<'a> {
     /// A lane that takes up to `memory_bytes` and spills to `directory`.
     pub(super) fn new(rules: &'a Rules, memory_bytes: u64, directory: &Path) -> Self {
         let sorter = Sorter::new(directory, memory_bytes);
-        Self { rules, sorter, directory: directory.into(), count: 0, flat_count: 0, balance: 0, volume: 0.0 }
+        Self {
+            rules,
+            sorter,
+            directory: directory.into(),
+            count: 0,
+            flat_count: 0,
+            edges: OpenEdges::default(),
+            volume: 0.0,
+        }
     }
 
     /// Number of triangles.
@@ -54,14 +63,11 @@ impl<'a> SurfaceLane<'a> {
     pub(super) fn triangle(&mut self, corners: [DVec3; 3], place: &dyn Fn() -> String) -> Result<(), PackError> {
         let [a, b, c] = corners.map(|corner| self.rules.corner(corner, place));
         let triangle = Triangle::new([a?, b?, c?]);
-        let [a, b, c] = triangle.corners;
         if is_flat(&triangle) {
             self.flat_count += 1;
         }
-        // Even a flat one: its neighbours meet its edges.
-        for [from, to] in [[a, b], [b, c], [c, a]] {
-            self.balance = self.balance.wrapping_add(signed_hash(from, to));
-        }
+        // Even of a flat one: its neighbours meet its edges.
+        self.edges.add(triangle.corners);
         let [a, b, c] = triangle.corners.map(|corner| DVec3::from(corner.map(|at| at as f64)) / FRACTIONS);
         self.volume += a.dot(b.cross(c));
         self.count += 1;
@@ -74,13 +80,9 @@ impl<'a> SurfaceLane<'a> {
     /// # Errors
     /// If they do not enclose anything: the surface is open, or inside out.
     pub(super) fn end_solid(&mut self, place: &str) -> Result<(), PackError> {
-        let (balance, volume) = (std::mem::take(&mut self.balance), std::mem::take(&mut self.volume));
-        if balance != 0 {
-            return Err(PackError::input(
-                place,
-                "the surface is open: it has edges without a triangle on each side, or neighbours of which one shows its inner side. \
-                 Repair it in the program that made it: close holes, join corners that nearly touch, reverse triangles",
-            ));
+        let volume = std::mem::take(&mut self.volume);
+        if let Some(open) = self.edges.finish() {
+            return Err(PackError::input(place, self.open_text(&open)));
         }
         if volume <= 0.0 {
             let volume_mm3 = volume / 6.0 * (self.rules.quantum_um() / 1000.0).powi(3);
@@ -91,6 +93,23 @@ impl<'a> SurfaceLane<'a> {
             ));
         }
         Ok(())
+    }
+
+    fn open_text(&self, open: &Open) -> String {
+        let where_open = match open {
+            Open::Edges(count, edge) => {
+                let [from, to] = edge.map(|corner| {
+                    let [x, y, z] = self.rules.source_mm(corner);
+                    format!("{x:.4}, {y:.4}, {z:.4}")
+                });
+                format!("{}, one of them from {from} to {to} mm", count_text(*count as u64, "edge"))
+            }
+            Open::Unknown => "many edges".to_owned(),
+        };
+        format!(
+            "the surface is open at {where_open}: there is no triangle on the other side, or one too many, or one that shows its inner \
+             side. Repair it in the program that made it: close holes, join corners that nearly touch, reverse triangles, delete doubles"
+        )
     }
 
     /// All triangles; `None` if there are none. Adds notes for the operator.
@@ -116,24 +135,4 @@ fn is_flat(triangle: &Triangle) -> bool {
         let (one, other) = ((axis + 1) % 3, (axis + 2) % 3);
         b[one] * c[other] == b[other] * c[one]
     })
-}
-
-/// A hash of an edge, whose sign is its direction. That of an edge without length is 0.
-fn signed_hash(from: [i64; 3], to: [i64; 3]) -> u64 {
-    let hash = |low: [i64; 3], high: [i64; 3]| {
-        low.into_iter().chain(high).fold(0x9e37_79b9_7f4a_7c15_u64, |state, at| mix(state ^ at as u64))
-    };
-    match from.cmp(&to) {
-        std::cmp::Ordering::Less => hash(from, to),
-        std::cmp::Ordering::Equal => 0,
-        std::cmp::Ordering::Greater => hash(to, from).wrapping_neg(),
-    }
-}
-
-/// The finaliser of SplitMix64 (Steele, Lea and Flood 2014).
-fn mix(value: u64) -> u64 {
-    let value = value.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    let value = (value ^ value >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let value = (value ^ value >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-    value ^ value >> 31
 }
