@@ -1,4 +1,4 @@
-//! Buckets of rows, so that each band quickly finds the primitives that may reach it. The active sets of all kinds of bodies use them.
+//! Buckets of rows, so that each band quickly finds the primitives that may reach it. `lattice/active.rs` and `surface/active.rs` use them.
 //!
 //! There are several levels of buckets; the buckets of each level are twice as high as those of the level below. A primitive is in exactly
 //! one bucket: on the lowest level whose buckets are at least as high as the range of rows that the primitive can ever reach, and there in

@@ -1,5 +1,5 @@
-//! Reads the primitives of a body in ascending order while the plane rises: several chunks at once, one a thread. The sweeps of all kinds of
-//! bodies use it.
+//! Reads the primitives of a body in ascending order while the plane rises: several chunks at once, one a thread. `lattice/sweep.rs` and
+//! `surface/sweep.rs` use it.
 
 use crate::buildfile::MAX_CHUNK_PRIMITIVES;
 use crate::slice::SliceError;

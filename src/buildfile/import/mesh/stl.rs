@@ -1,5 +1,5 @@
 //! STL, binary and text, millimetres. The library reads one triangle after the other. Normals in the file are not used: the order of the
-//! corners says which side is outside.
+//! corners says which side is outside. `tests/pack_mesh.rs` has examples.
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};

@@ -1,4 +1,4 @@
-//! Draws a surface in a band: facets are cut, the segments cross rows, and the spans between are filled. `tests/surface.rs` compares what
+//! Draws a surface in a band: facets are cut, the segments cross rows, and the spans between are filled. `tests/surface/` compares what
 //! it draws.
 
 use std::ops::Range;

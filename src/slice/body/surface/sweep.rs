@@ -1,5 +1,5 @@
 //! The sweep plane of a surface. Triangles are read in ascending order. A triangle joins the active set when the plane reaches its lowest
-//! corner, and leaves it when the plane has passed its highest. `tests/surface.rs` tests it.
+//! corner, and leaves it when the plane has passed its highest. `tests/surface/` tests it.
 
 use super::active::{ActiveFacets, Rows};
 use super::{ROWS_PER_BAND, TriangleSource};
