@@ -36,7 +36,7 @@ fn bad_edge_text_is_refused_with_file_line_and_text() {
         assert!(!bench.path("out.layerd").exists(), "nothing is left behind by `{text}`");
     }
     assert!(said(bench.text(&format!("1 0.1 0 0\n{}", "0 ".repeat(5000)))).contains("longer than 1024 bytes"));
-    assert!(said(bench.pack(&bench.file("in.ply", b"ply"))).contains(".3mf"));
+    assert!(said(bench.pack(&bench.file("in.step", b"step"))).contains(".3mf"));
     assert!(said(bench.pack(&bench.path("none.txt"))).contains("none.txt"));
 }
 

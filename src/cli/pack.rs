@@ -1,4 +1,4 @@
-//! `layerctl pack`: makes a build file from 3MF, STL and edge text. `layerctl pack --help` has examples.
+//! `layerctl pack`: makes a build file from 3MF, STL, OBJ, PLY and edge text. `layerctl pack --help` has examples.
 
 use std::fmt;
 use std::num::NonZero;
@@ -17,21 +17,24 @@ const MIN_MEMORY_BYTES: u64 = 1 << 20;
 /// Most threads that parse and sort: the one thread that reads the source and computes its digest cannot supply more.
 const MAX_THREADS: NonZero<usize> = NonZero::<usize>::MIN.saturating_add(7);
 
-/// Pack lattices (3MF, edge text) and solids (STL) into a build file.
+/// Pack lattices (3MF, edge text) and solids (3MF, STL, OBJ, PLY) into a build file.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
   layerctl pack lattice.3mf -o lattice.layerd
   layerctl pack bracket.stl -o bracket.layerd
+  layerctl pack scan.ply --scale 1000 -o scan.layerd                      a mesh in metres
   layerctl pack lattice.3mf frame.stl -o part.layerd                      a lattice and a solid as one part
   layerctl pack edges.txt --rotate 0,0,90 --scale 0.5 -o half.layerd
   layerctl pack lattice.3mf --scale 1.002,1.002,1.01 -o lattice.layerd    compensates shrinkage
   layerctl pack huge.txt --memory 64MiB -o huge.layerd                    sorts on the disk what does not fit
 
 Edge text has a first line `COUNT RADIUS [CONVOLUTION_RADIUS [0]]`, whose third number is reported but not used (see --support), then \
-one strut per line, `x1 y1 z1 x2 y2 z2 [radius]`, in millimetres. Lines that begin with `#` or `//` are comments.")]
+one strut per line, `x1 y1 z1 x2 y2 z2 [radius]`, in millimetres. Lines that begin with `#` or `//` are comments.
+
+The surface of a solid has to be closed. STL, OBJ and PLY are read in millimetres; colours, normals and materials are not used.")]
 pub struct PackArgs {
-    /// Sources: 3MF (.3mf), STL (.stl) or edge text (.txt). They are packed as one part: where they overlap, they are one solid.
+    /// Sources: 3MF (.3mf), STL (.stl), OBJ (.obj), PLY (.ply) or edge text (.txt). They are packed as one part: where they overlap, they are one solid.
     #[arg(required = true, value_name = "IN")]
     inputs: Vec<PathBuf>,
     /// The build file to write.
@@ -111,7 +114,7 @@ pub fn run(args: PackArgs) -> anyhow::Result<()> {
 /// Refuses an output with the extension of a source: it could replace a source, and would later be mistaken for one.
 pub(super) fn check_output(output: &Path) -> Result<(), PackError> {
     let extension = output.extension().unwrap_or_default();
-    if ["3mf", "stl", "txt"].iter().any(|other| extension.eq_ignore_ascii_case(other)) {
+    if ["3mf", "stl", "obj", "ply", "txt"].iter().any(|other| extension.eq_ignore_ascii_case(other)) {
         let text = format!("--output {}: a build file is named .layerd", output.display());
         return Err(PackError::Option(text));
     }

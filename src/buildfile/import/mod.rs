@@ -23,6 +23,8 @@ pub(super) use surface::CollectedSurface;
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Source {
     EdgeText,
+    Obj,
+    Ply,
     Stl,
     ThreeMf,
 }
@@ -36,11 +38,13 @@ impl Source {
         let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
         match extension.as_deref() {
             Some("3mf") => Ok(Self::ThreeMf),
+            Some("obj") => Ok(Self::Obj),
+            Some("ply") => Ok(Self::Ply),
             Some("stl") => Ok(Self::Stl),
             Some("txt") => Ok(Self::EdgeText),
             _ => Err(PackError::input(
                 path.display().to_string(),
-                "unknown kind of file; pack reads .3mf (3MF), .stl (STL) and .txt (edge text)",
+                "unknown kind of file; pack reads .3mf (3MF), .stl (STL), .obj (OBJ), .ply (PLY) and .txt (edge text)",
             )),
         }
     }
@@ -49,14 +53,14 @@ impl Source {
     pub(super) fn blend(self) -> Option<BlendChoice> {
         match self {
             Self::EdgeText => Some(BlendChoice::Convolution { support_mm: None }),
-            Self::Stl => None,
+            Self::Obj | Self::Ply | Self::Stl => None,
             Self::ThreeMf => Some(BlendChoice::Union),
         }
     }
 
     /// Whether it may hold triangles.
     pub(super) fn has_triangles(self) -> bool {
-        matches!(self, Self::Stl | Self::ThreeMf)
+        matches!(self, Self::Obj | Self::Ply | Self::Stl | Self::ThreeMf)
     }
 
     /// Reads one source. `progress` counts the bytes of this source.
@@ -72,6 +76,8 @@ impl Source {
     ) -> Result<(), PackError> {
         match self {
             Self::EdgeText => edge_text::import(path, collector, progress),
+            Self::Obj => mesh::import_obj(path, options.memory_bytes, collector, progress),
+            Self::Ply => mesh::import_ply(path, options.memory_bytes, collector, progress),
             Self::Stl => mesh::import_stl(path, collector, progress),
             Self::ThreeMf => three_mf::import(path, options, collector, progress),
         }

@@ -1,4 +1,4 @@
-//! Triangles as primitives. `tests/pack_mesh.rs` writes and reads them; the unit tests of `sort` and `store/chunker.rs` use them, too.
+//! Triangles as primitives. `tests/pack_mesh` writes and reads them; the unit tests of `sort` and `store/chunker.rs` use them, too.
 //!
 //! ```text
 //! 0  u8 × 18 widths, one for each column

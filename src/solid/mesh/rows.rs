@@ -1,4 +1,4 @@
-//! Segments of a plane to spans of pixels: where each row crosses them, and where the winding number is above 0.
+//! Segments of a plane to spans of pixels: where each row crosses them, and where the winding number is above 0. `tests/surface` tests it.
 
 use super::section::Segment;
 

@@ -1,5 +1,11 @@
-//! Meshes of triangles: STL. Each reader hands its triangles to the [`Collector`]. `tests/pack_mesh.rs` has examples.
+//! Meshes of triangles: STL, OBJ and PLY. Each reader hands its triangles to the [`Collector`]. `tests/pack_mesh` has examples.
 
+mod obj;
+mod ply;
+mod ply_head;
+mod source;
 mod stl;
 
+pub(super) use obj::import as import_obj;
+pub(super) use ply::import as import_ply;
 pub(super) use stl::import as import_stl;

@@ -1,33 +1,13 @@
-//! Packing solids: STL and meshes of 3MF.
-
-mod pack_bench;
+//! STL, binary and text.
 
 use std::fmt::Write as _;
-use std::path::PathBuf;
-use std::sync::Arc;
 
-use layerd::buildfile::{BodyHeader, BuildFile, PackError, PackReport, Triangle, pack};
-use layerd::slice::Volume;
-use pack_bench::{BEAM, Bench, HEAD, ITEM, MODEL, RELATIONSHIPS};
+use layerd::buildfile::BodyHeader;
 
-/// Corners of a box, and its sides, counter-clockwise seen from outside.
-const SIDES: [[usize; 4]; 6] = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
+use crate::pack_bench::Bench;
+use crate::{BOX, cuboid, packed, said, volume_mm3};
 
-fn corner(number: usize, low: [f32; 3], high: [f32; 3]) -> [f32; 3] {
-    [0, 1, 2].map(|axis| if number >> axis & 1 == 0 { low } else { high }[axis])
-}
-
-/// The corners of a box's twelve triangles, as numbers.
-fn box_triangles() -> impl Iterator<Item = [usize; 3]> {
-    SIDES.into_iter().flat_map(|[a, b, c, d]| [[a, b, c], [a, c, d]])
-}
-
-/// A box, millimetres.
-fn cuboid(low: [f32; 3], high: [f32; 3]) -> Vec<[[f32; 3]; 3]> {
-    box_triangles().map(|triangle| triangle.map(|number| corner(number, low, high))).collect()
-}
-
-fn binary(head: &[u8], triangles: &[[[f32; 3]; 3]]) -> Vec<u8> {
+pub(crate) fn binary(head: &[u8], triangles: &[[[f32; 3]; 3]]) -> Vec<u8> {
     let mut bytes = head.to_vec();
     bytes.resize(80, 0);
     bytes.extend((triangles.len() as u32).to_le_bytes());
@@ -50,36 +30,6 @@ fn text(triangles: &[[[f32; 3]; 3]]) -> String {
     }
     text + "endsolid\n"
 }
-
-/// Packs sources and returns the triangles of what was written.
-fn packed(bench: &Bench, inputs: &[PathBuf]) -> Result<(PackReport, Vec<Triangle>), PackError> {
-    let output = bench.path("out.layerd");
-    let report = pack(inputs, &output, &bench.options, &mut |_| {})?;
-    let file = BuildFile::open(&output).expect("what pack writes is whole");
-    file.verify().expect("it agrees with itself");
-    let mut triangles = Vec::new();
-    for (number, body) in file.header().bodies.iter().enumerate() {
-        if matches!(body, BodyHeader::Surface(_)) {
-            file.body_chunks(number).for_each(|chunk| file.read_triangles(chunk, &mut triangles).expect("is whole"));
-        }
-    }
-    Ok((report, triangles))
-}
-
-fn said(bench: &Bench, name: &str, bytes: &[u8]) -> String {
-    let found = packed(bench, &[bench.file(name, bytes)]).expect_err("it must be refused").to_string();
-    assert!(found.contains(name), "`{found}` does not name the file");
-    assert!(!bench.path("out.layerd").exists(), "nothing is left behind");
-    found
-}
-
-/// Volume of what was packed, mm³.
-fn volume_mm3(bench: &Bench) -> f64 {
-    let file = Arc::new(BuildFile::open(&bench.path("out.layerd")).expect("it is whole"));
-    Volume::sample(&file, 1).expect("it can be sliced").solid_mm3.value
-}
-
-const BOX: ([f32; 3], [f32; 3]) = ([1.0, 2.0, 0.1], [4.0, 4.0, 1.6]);
 
 #[test]
 fn text_and_binary_hold_the_same_part() {
@@ -157,7 +107,7 @@ fn bad_stl_is_refused_with_file_place_and_remedy() {
         (
             "hole.stl",
             binary(b"", &triangles[1..]),
-            "open at 3 edges, one of them from 1.0000, 2.0000, 0.1000 to 1.0000, 4.0000, 0.1000 mm",
+            "open at 3 edges, one of them from 1.0000, 2.0000, 0.1000 to 1.0000, 2.0000, 1.6000 mm",
         ),
         ("patch.stl", binary(b"", &one_reversed), "open at 3 edges"),
         ("gap.stl", binary(b"", &gap), "open at 4 edges"),
@@ -169,76 +119,11 @@ fn bad_stl_is_refused_with_file_place_and_remedy() {
         ("cut_text.stl", words.as_bytes()[..400].to_vec(), "triangle 4"),
         ("words.stl", words.replacen("vertex", "vortex", 1).into_bytes(), "vortex"),
         ("letter.stl", words.replacen("vertex 1", "vertex one", 1).into_bytes(), "invalid float"),
-        ("line.stl", format!("solid {}", "x".repeat(100_000)).into_bytes(), "more than 4096 bytes"),
+        ("line.stl", format!("solid {}", "x".repeat(100_000)).into_bytes(), "more than 65536 bytes"),
     ] {
         let found = said(&bench, name, &bytes);
         assert!(found.contains(expected), "`{found}` does not say `{expected}`");
     }
-}
-
-/// A mesh of 3MF.
-fn mesh(low: [f32; 3], high: [f32; 3]) -> String {
-    let mut xml = "<mesh><vertices>".to_owned();
-    for number in 0..8 {
-        let [x, y, z] = corner(number, low, high);
-        write!(xml, r#"<vertex x="{x}" y="{y}" z="{z}"/>"#).expect("a string");
-    }
-    xml += "</vertices><triangles>";
-    for [a, b, c] in box_triangles() {
-        write!(xml, r#"<triangle v1="{a}" v2="{b}" v3="{c}"/>"#).expect("a string");
-    }
-    xml + "</triangles></mesh>"
-}
-
-fn package(bench: &Bench, model: &str) -> PathBuf {
-    // Packs and fails or not; the package is what counts.
-    let _ = bench.package(&[("_rels/.rels", RELATIONSHIPS), (MODEL, model)]);
-    bench.path("in.3mf")
-}
-
-#[test]
-fn solids_of_3mf_stand_beside_lattices_also_mirrored() {
-    let bench = Bench::new();
-    let solid = mesh([0.0; 3], [8.0, 2.0, 1.0]);
-    let lattice = pack_bench::model("", "", BEAM, "", "");
-    let model = lattice.replace("</resources>", &format!(r#"<object id="20" name="Foot">{solid}</object></resources>"#)).replace(
-        "<build></build>",
-        r#"<build><item objectid="7"/><item objectid="20"/><item objectid="20" transform="-1 0 0 0 1 0 0 0 1 0 20 0"/></build>"#,
-    );
-    let (report, triangles) = packed(&bench, &[package(&bench, &model)]).expect("a lattice and two boxes");
-    assert_eq!((report.header.bodies.len(), triangles.len()), (2, 24));
-    assert_eq!(report.header.lattices().next().map(|lattice| lattice.strut_count), Some(1));
-    // A post of radius 1 mm and height 10 mm with round ends, of which a quarter of the lowest mm lies in the foot.
-    let post = std::f64::consts::PI * 10.0 + 4.0 / 3.0 * std::f64::consts::PI - std::f64::consts::PI / 4.0;
-    assert!((volume_mm3(&bench) - 32.0 - post).abs() < 0.7, "{} mm³", volume_mm3(&bench));
-
-    let open = model.replacen(r#"<triangle v1="0" v2="4" v3="6"/>"#, "", 1);
-    let found = packed(&bench, &[package(&bench, &open)]).expect_err("it has a hole").to_string();
-    assert!(found.contains("object 20 (Foot)") && found.contains("open"), "{found}");
-    let wild = model.replacen(r#"v3="6""#, r#"v3="60""#, 1);
-    let found = packed(&bench, &[package(&bench, &wild)]).expect_err("a vertex is missing").to_string();
-    assert!(found.contains("triangle 1: vertex 60; there are 8 vertices"), "{found}");
-}
-
-#[test]
-fn lattice_only_leaves_solids_out_with_a_note() {
-    let mut bench = Bench::new();
-    let solid = mesh([0.0; 3], [8.0, 2.0, 1.0]);
-    let beam = r#"<b:beamlattice radius="1" minlength="0.001"><b:beams><b:beam v1="0" v2="7"/></b:beams></b:beamlattice></mesh>"#;
-    let both = solid.replace("</mesh>", beam);
-    let model = format!(
-        r#"{HEAD}><resources><object id="7" name="Both">{both}</object></resources><build>{ITEM}</build></model>"#
-    );
-    let (report, triangles) = packed(&bench, &[package(&bench, &model)]).expect("a solid and a beam in one mesh");
-    assert_eq!((report.header.bodies.len(), triangles.len(), report.notes.len()), (2, 12, 0));
-    bench.options.lattice_only = true;
-    let (report, triangles) = packed(&bench, &[package(&bench, &model)]).expect("the beam");
-    assert_eq!((report.header.bodies.len(), triangles.len()), (1, 0));
-    assert!(
-        report.notes.iter().any(|note| note.contains("object 7 (Both): it holds a solid mesh")),
-        "{:?}",
-        report.notes
-    );
 }
 
 #[test]

@@ -1,0 +1,216 @@
+//! PLY, text and binary, millimetres: vertices `x`, `y`, `z`, and faces as lists of their numbers. The library reads one element after the
+//! other; only the vertices stay in memory. `tests/pack_mesh/ply.rs` has examples.
+
+use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
+use std::path::Path;
+
+use glam::DVec3;
+use ply_rs_bw::parser::{ParseError, Parser, Reader};
+use ply_rs_bw::ply::{ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult};
+
+use super::ply_head;
+use super::source::{MAX_LINE_BYTES, Source};
+use crate::buildfile::error::PackError;
+use crate::buildfile::import::collect::Collector;
+use crate::buildfile::progress::PackProgress;
+use crate::text::{plain_line, size_text};
+
+/// Longest head, bytes: even one with many comments is shorter. The library holds it in memory.
+const MAX_HEAD_BYTES: u64 = 64 << 10;
+
+/// Most of a message of the library that is shown, characters: it quotes whole lines.
+const MAX_QUOTE_CHARS: usize = 160;
+
+/// How often progress is reported, elements.
+const REPORT_EVERY: u64 = 1 << 14;
+
+/// Reads one file. `memory_bytes` is what its vertices may take.
+///
+/// # Errors
+/// [`PackError`] names the file and the line or element.
+pub(in crate::buildfile::import) fn import(
+    path: &Path,
+    memory_bytes: u64,
+    collector: &mut Collector<'_>,
+    progress: &mut dyn FnMut(PackProgress),
+) -> Result<(), PackError> {
+    let name = path.display().to_string();
+    let read_error = |source| PackError::Read { path: path.into(), source };
+    let wrong = |problem: String| PackError::input(&name, problem);
+    let mut source = Source::open(path).map_err(read_error)?;
+    let total = source.length;
+    let head = source.head(MAX_HEAD_BYTES).map_err(read_error)?;
+    let mut reader = Reader::new(&head[..]);
+    let header = Parser::<Element>::new()
+        .read_header(&mut reader)
+        .map_err(|error| wrong(format!("{}; is it PLY? Export the part again", said(&error))))?;
+    let head_bytes = (head.len() - reader.get_ref().len()) as u64;
+    let body_bytes = total - head_bytes;
+    let vertices = ply_head::check(&header, body_bytes).map_err(wrong)?;
+    let vertex_bytes = vertices.saturating_mul(size_of::<DVec3>() as u64);
+    if vertex_bytes > memory_bytes {
+        let [needed, allowed] = [vertex_bytes, memory_bytes].map(size_text);
+        let problem = format!("its {vertices} vertices take {needed}, and --memory allows {allowed}; give more");
+        return Err(wrong(problem));
+    }
+    // Each triangle of a fan takes one more corner.
+    collector.expect_triangles(body_bytes / ply_head::corner_bytes(&header), progress)?;
+    source.is_text = header.encoding == Encoding::Ascii;
+    source.seek(SeekFrom::Start(head_bytes)).map_err(read_error)?;
+    let elements = Elements {
+        reader: BufReader::with_capacity(64 << 10, source),
+        encoding: header.encoding,
+        parser: Parser::new(),
+        line: String::new(),
+        line_number: reader.line() as u64 - 1,
+    };
+    let source = read(elements, &header, &name, collector, progress)?;
+    source.finish(path, collector)?;
+    collector.end_solid(&name)
+}
+
+/// Reads all elements.
+fn read(
+    mut elements: Elements,
+    header: &Header,
+    name: &str,
+    collector: &mut Collector<'_>,
+    progress: &mut dyn FnMut(PackProgress),
+) -> Result<Source, PackError> {
+    let mut points = Vec::new();
+    let total = elements.reader.get_ref().length;
+    for definition in header.elements.values() {
+        for number in 1..=definition.count as u64 {
+            let place = || format!("{name}: {} {number}", definition.name);
+            let element = elements.next(definition).map_err(|problem| {
+                PackError::input(place(), format!("{problem}; is the file cut short or damaged? Export the part again"))
+            })?;
+            if definition.name == ply_head::VERTEX {
+                points.push(DVec3::from(element.point));
+            } else if definition.name == ply_head::FACE {
+                add_face(&element.corners, &points, &place, collector)?;
+            }
+            if number.is_multiple_of(REPORT_EVERY) {
+                let done = elements.reader.get_mut().stream_position().unwrap_or(total);
+                progress(PackProgress::Reading { done, total });
+            }
+        }
+    }
+    Ok(elements.reader.into_inner())
+}
+
+/// Adds the fan of triangles of a polygon. Fewer than three corners are none.
+fn add_face(
+    corners: &[i64],
+    points: &[DVec3],
+    place: &dyn Fn() -> String,
+    collector: &mut Collector<'_>,
+) -> Result<(), PackError> {
+    let point = |number: i64| {
+        let point = usize::try_from(number).ok().and_then(|number| points.get(number));
+        point.copied().ok_or_else(|| {
+            let problem = format!("vertex {number}; there are {}, counted from 0; export the part again", points.len());
+            PackError::input(place(), problem)
+        })
+    };
+    let [first, rest @ ..] = corners else { return Ok(()) };
+    for pair in rest.windows(2) {
+        collector.triangle([point(*first)?, point(pair[0])?, point(pair[1])?], place)?;
+    }
+    Ok(())
+}
+
+/// What follows the head.
+struct Elements {
+    reader: BufReader<Source>,
+    encoding: Encoding,
+    parser: Parser<Element>,
+    line: String,
+    line_number: u64,
+}
+
+impl Elements {
+    fn next(&mut self, definition: &ElementDef) -> Result<Element, String> {
+        if self.encoding == Encoding::Ascii {
+            self.line.clear();
+            self.line_number += 1;
+            let in_line = |problem: String| format!("line {}: {problem}", self.line_number);
+            self.reader.read_line(&mut self.line).map_err(|error| in_line(error.to_string()))?;
+            return self.parser.read_ascii_element(&self.line, definition).map_err(|error| in_line(said(&error)));
+        }
+        let mut element = (&mut self.reader).take(MAX_LINE_BYTES as u64);
+        let found = match self.encoding {
+            Encoding::BinaryBigEndian => self.parser.read_big_endian_element(&mut element, definition),
+            _ => self.parser.read_little_endian_element(&mut element, definition),
+        };
+        found.map_err(|error| match element.limit() {
+            0 => format!("more than {MAX_LINE_BYTES} bytes"),
+            _ => said(&error),
+        })
+    }
+}
+
+/// What the library says, on one line, without what its grammar would have taken.
+fn said(error: &ParseError) -> String {
+    let text = error.to_string();
+    let text = text.split("\tError: ParseError").next().unwrap_or_default();
+    let text = plain_line(&text.replace(['\n', '\r', '\t'], " "));
+    let words: Vec<_> = text.split_whitespace().collect();
+    words.join(" ").trim_end_matches('.').chars().take(MAX_QUOTE_CHARS).collect()
+}
+
+/// A vertex or a face. Other elements and properties leave nothing.
+struct Element {
+    point: [f64; 3],
+    corners: Vec<i64>,
+}
+
+impl PropertyAccess for Element {
+    fn new() -> Self {
+        Self { point: [0.0; 3], corners: Vec::new() }
+    }
+
+    fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
+        if let Some(axis) = ply_head::AXES.iter().position(|axis| *axis == name) {
+            match scalar(&property) {
+                Some(value) => self.point[axis] = value,
+                None => return PropertyAccessResult::Ignored,
+            }
+        } else if ply_head::CORNERS.contains(&name) {
+            match list(&property) {
+                Some(corners) => self.corners = corners,
+                None => return PropertyAccessResult::Ignored,
+            }
+        }
+        PropertyAccessResult::Set
+    }
+}
+
+fn scalar(property: &Property) -> Option<f64> {
+    Some(match *property {
+        Property::Char(value) => value.into(),
+        Property::UChar(value) => value.into(),
+        Property::Short(value) => value.into(),
+        Property::UShort(value) => value.into(),
+        Property::Int(value) => value.into(),
+        Property::UInt(value) => value.into(),
+        Property::Float(value) => value.into(),
+        Property::Double(value) => value,
+        _ => return None,
+    })
+}
+
+fn list(property: &Property) -> Option<Vec<i64>> {
+    fn wide<T: Copy + Into<i64>>(values: &[T]) -> Vec<i64> {
+        values.iter().map(|value| (*value).into()).collect()
+    }
+    Some(match property {
+        Property::ListChar(values) => wide(values),
+        Property::ListUChar(values) => wide(values),
+        Property::ListShort(values) => wide(values),
+        Property::ListUShort(values) => wide(values),
+        Property::ListInt(values) => wide(values),
+        Property::ListUInt(values) => wide(values),
+        _ => return None,
+    })
+}
