@@ -10,7 +10,11 @@ mod stretch;
 mod surface;
 mod three_mf;
 
+use std::fs::File;
+use std::io::Read;
 use std::path::Path;
+
+use sha2::Digest;
 
 use super::error::PackError;
 use super::options::{BlendChoice, PackOptions};
@@ -18,6 +22,20 @@ use super::progress::PackProgress;
 pub(super) use collect::{CollectedLattice, Collector};
 pub(super) use rules::{Rules, check_options};
 pub(super) use surface::CollectedSurface;
+
+/// Adds the bytes of the file to the digest of the sources.
+fn digest(path: &Path, collector: &mut Collector<'_>) -> Result<(), PackError> {
+    let error = |source| PackError::Read { path: path.into(), source };
+    let mut file = File::open(path).map_err(error)?;
+    let (_, digest) = collector.parts();
+    let mut buffer = vec![0; 64 << 10];
+    loop {
+        match file.read(&mut buffer).map_err(error)? {
+            0 => return Ok(()),
+            count => digest.update(&buffer[..count]),
+        }
+    }
+}
 
 /// The format of a source.
 #[derive(Clone, Copy, Debug)]

@@ -10,6 +10,7 @@ use tobj::{LoadError, LoadOptions};
 use super::source::Source;
 use crate::buildfile::error::PackError;
 use crate::buildfile::import::collect::Collector;
+use crate::buildfile::import::digest;
 use crate::buildfile::progress::PackProgress;
 use crate::text::{plain_line, size_text};
 
@@ -42,7 +43,6 @@ pub(in crate::buildfile::import) fn import(
         Ok((models, _)) => models,
         Err(error) => return Err(PackError::input(name, statements.why(error))),
     };
-    let source = statements.lines.into_inner();
     let count = models.iter().map(|model| model.mesh.indices.len() as u64 / 3).sum();
     if count == 0 {
         return Err(PackError::input(name, "it has no faces; export the part again as a mesh of triangles"));
@@ -58,7 +58,7 @@ pub(in crate::buildfile::import) fn import(
             collector.triangle(corners, &|| format!("{name}: triangle {seen}"))?;
         }
     }
-    source.finish(path, collector)?;
+    digest(path, collector)?;
     collector.end_solid(&name)
 }
 

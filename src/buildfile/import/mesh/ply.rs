@@ -12,6 +12,7 @@ use super::ply_head;
 use super::source::{MAX_LINE_BYTES, Source};
 use crate::buildfile::error::PackError;
 use crate::buildfile::import::collect::Collector;
+use crate::buildfile::import::digest;
 use crate::buildfile::progress::PackProgress;
 use crate::text::{plain_line, size_text};
 
@@ -64,8 +65,8 @@ pub(in crate::buildfile::import) fn import(
         line: String::new(),
         line_number: reader.line() as u64 - 1,
     };
-    let source = read(elements, &header, &name, collector, progress)?;
-    source.finish(path, collector)?;
+    read(elements, &header, &name, collector, progress)?;
+    digest(path, collector)?;
     collector.end_solid(&name)
 }
 
@@ -76,7 +77,7 @@ fn read(
     name: &str,
     collector: &mut Collector<'_>,
     progress: &mut dyn FnMut(PackProgress),
-) -> Result<Source, PackError> {
+) -> Result<(), PackError> {
     let mut points = Vec::new();
     let total = elements.reader.get_ref().length;
     for definition in header.elements.values() {
@@ -96,7 +97,7 @@ fn read(
             }
         }
     }
-    Ok(elements.reader.into_inner())
+    Ok(())
 }
 
 /// Adds the fan of triangles of a polygon. Fewer than three corners are none.

@@ -9,6 +9,7 @@ use glam::DVec3;
 use super::source::Source;
 use crate::buildfile::error::PackError;
 use crate::buildfile::import::collect::Collector;
+use crate::buildfile::import::digest;
 use crate::buildfile::progress::PackProgress;
 
 /// Length of a binary file: a head with the number of triangles, then so many bytes for each.
@@ -57,7 +58,7 @@ pub(in crate::buildfile::import) fn import(
     if seen == 0 {
         return Err(PackError::input(path.display().to_string(), "it has no triangles"));
     }
-    source.finish(path, collector)?;
+    digest(path, collector)?;
     collector.end_solid(&path.display().to_string())
 }
 

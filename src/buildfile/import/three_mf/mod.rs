@@ -2,8 +2,8 @@
 //! never extracted.
 //!
 //! In a file, beams and triangles come before the build items that place them. So the first pass (`structure`, `assembly`) finds out where
-//! every object is placed, and the second (`lattice`) hands over each beam and triangle once for each place. Only the vertices of one object and the list of objects
-//! and components are in memory. `tests/pack_3mf.rs` and `tests/pack_assembly.rs` have examples.
+//! every object is placed, and the second (`lattice`) hands over each beam and triangle once for each place. Only the vertices of one
+//! object and the list of objects and components are in memory. `tests/pack_3mf.rs` and `tests/pack_assembly.rs` have examples.
 
 mod assembly;
 mod attributes;
@@ -17,18 +17,16 @@ mod structure;
 mod tags;
 mod xml;
 
-use std::fs::File;
-use std::io::Read;
 use std::path::Path;
 
 use glam::DVec3;
-use sha2::Digest;
 
 use self::lattice::LatticeReader;
 use self::package::Package;
 use self::structure::Structure;
 use crate::buildfile::error::PackError;
 use crate::buildfile::import::collect::Collector;
+use crate::buildfile::import::digest;
 use crate::buildfile::options::PackOptions;
 use crate::buildfile::progress::PackProgress;
 use crate::text::count_text;
@@ -92,20 +90,6 @@ pub(super) fn import(
         collector.note(format!("{root}: left out {pointless} of no length, from a vertex to itself"));
     }
     Ok(())
-}
-
-/// Adds the bytes of the file to the digest of the sources.
-fn digest(path: &Path, collector: &mut Collector<'_>) -> Result<(), PackError> {
-    let error = |source| PackError::Read { path: path.into(), source };
-    let mut file = File::open(path).map_err(error)?;
-    let (_, digest) = collector.parts();
-    let mut buffer = vec![0; 64 << 10];
-    loop {
-        match file.read(&mut buffer).map_err(error)? {
-            0 => return Ok(()),
-            count => digest.update(&buffer[..count]),
-        }
-    }
 }
 
 /// Refuses everything in the build that cannot be printed, or adds notes on it.
