@@ -1,7 +1,7 @@
-//! The build file (`.layerd`): a part as bodies. Each body is a sequence of struts in ascending z, compressed in chunks, which are read in
-//! one forward stream.
+//! The build file (`.layerd`): a part as bodies. Each body is a sequence of struts or triangles in ascending z, compressed in chunks, which are
+//! read in one forward stream.
 //!
-//! [`pack`] imports 3MF and edge text and sorts them with limited memory. [`generate`] makes lattices. [`Writer`] writes a file and
+//! [`pack`] imports lattices and solids and sorts them with limited memory. [`generate`] makes lattices. [`Writer`] writes a file and
 //! [`BuildFile`] reads it: forward, from any layer on. Header, index and profile bound the active set of every layer before a chunk is
 //! read. `docs/build-file.md` describes every byte.
 //!

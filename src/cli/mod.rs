@@ -70,7 +70,7 @@ Exit codes: 0 done, 1 failed, 2 wrong usage; start --wait: 3 aborted or stopped,
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Make a build file of 3MF or edge text.
+    /// Make a build file of lattices and solids (3MF, STL, OBJ, PLY, edge text).
     Pack(pack::PackArgs),
     /// Make a build file of a synthetic lattice.
     Generate(generate::GenerateArgs),
