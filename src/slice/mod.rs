@@ -52,9 +52,7 @@ mod volume;
 mod workers;
 
 pub use body::BodySource;
-pub use body::feed::ChunkSpan;
-pub use body::lattice::{MemoryStruts, StrutSource};
-pub use body::surface::{MemoryTriangles, TriangleSource};
+pub use body::source::{BodyPrimitive, ChunkSource, ChunkSpan, MemoryChunks, MemoryStruts, MemoryTriangles};
 pub use error::SliceError;
 pub use footing::Footing;
 pub use plan::{PlanError, SlicePlan};

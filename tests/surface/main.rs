@@ -6,7 +6,7 @@ mod properties;
 mod regions;
 mod shapes;
 
-use layerd::buildfile::{BodyHeader, Header, Placement, Triangle};
+use layerd::buildfile::{BodyHeader, Header, Placement, Surface, Triangle};
 use layerd::layer::{Bitmap, Depth, Mirror, Raster};
 use layerd::slice::{BodySource, MemoryTriangles, SlicePlan, Slicer};
 use layerd::stream::MemoryBudget;
@@ -25,8 +25,7 @@ struct Part {
 impl Part {
     fn new(mesh: &Mesh, depth: Depth, mirror: Mirror, layer_height_um: f64) -> Self {
         let triangles: Vec<_> = mesh.triangles().collect();
-        let source = MemoryTriangles::new(1.0, triangles.clone(), 7);
-        let surface = source.surface();
+        let surface = Surface::of(&triangles);
         let bounds = surface.bounds;
         let header = Header {
             quantum_um: 1.0,
@@ -47,7 +46,12 @@ impl Part {
     }
 
     fn bodies(&self) -> Vec<BodySource> {
-        vec![BodySource::Surface(Box::new(MemoryTriangles::new(1.0, self.triangles.clone(), 7)))]
+        vec![BodySource::Surface(Box::new(MemoryTriangles::new(
+            1.0,
+            Surface::of(&self.triangles),
+            self.triangles.clone(),
+            7,
+        )))]
     }
 
     /// All layers from `first` on.

@@ -1,33 +1,10 @@
 //! Reads the primitives of a body in ascending order while the plane rises: several chunks at once, one a thread. `lattice/sweep.rs` and
 //! `surface/sweep.rs` use it.
 
+use super::source::{BodyPrimitive, ChunkSource};
 use crate::buildfile::MAX_CHUNK_PRIMITIVES;
 use crate::slice::SliceError;
 use crate::slice::workers::Workers;
-
-/// Range of z of the primitives in a chunk, quanta.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct ChunkSpan {
-    /// Lowest z of any primitive's lowest point: of a strut, `a[2]`.
-    pub lowest_z: i32,
-    /// Highest z of any primitive: of a strut, `b[2]`.
-    pub highest_z: i32,
-}
-
-/// A body that is read chunk by chunk. Its primitives are in ascending order of their lowest z.
-pub(super) trait Chunks<P>: Sync {
-    /// Number of chunks.
-    fn count(&self) -> usize;
-
-    /// Range of z of a chunk.
-    fn span(&self, chunk: usize) -> ChunkSpan;
-
-    /// Replaces the contents of `primitives` with those of a chunk.
-    ///
-    /// # Errors
-    /// If the chunk cannot be read; names the file and the place in it.
-    fn read(&self, chunk: usize, primitives: &mut Vec<P>) -> anyhow::Result<()>;
-}
 
 /// What has been read ahead.
 pub(super) struct Feed<P> {
@@ -46,7 +23,7 @@ struct Slot<P> {
     problem: Option<anyhow::Error>,
 }
 
-impl<P: Copy + Send> Feed<P> {
+impl<P: BodyPrimitive> Feed<P> {
     /// A feed that begins with the first chunk, and reads with `threads` threads.
     pub(super) fn new(threads: usize) -> Self {
         let slot = || Slot { chunk: 0, primitives: Vec::with_capacity(MAX_CHUNK_PRIMITIVES), problem: None };
@@ -65,7 +42,7 @@ impl<P: Copy + Send> Feed<P> {
     /// If a chunk cannot be read, or that of `take`.
     pub(super) fn take(
         &mut self,
-        source: &(impl Chunks<P> + ?Sized),
+        source: &dyn ChunkSource<P>,
         z: [f64; 2],
         workers: &Workers,
         mut take: impl FnMut(&P, usize) -> Result<bool, SliceError>,
@@ -91,13 +68,13 @@ impl<P: Copy + Send> Feed<P> {
     /// Reads the next chunks that reach `z`. Returns `false` if no chunk begins below its upper end.
     fn read(
         &mut self,
-        source: &(impl Chunks<P> + ?Sized),
+        source: &dyn ChunkSource<P>,
         [low, high]: [f64; 2],
         workers: &Workers,
     ) -> Result<bool, SliceError> {
         (self.slot, self.filled) = (0, 0);
-        while self.filled < self.slots.len() && self.next_chunk < source.count() {
-            let span = source.span(self.next_chunk);
+        while self.filled < self.slots.len() && self.next_chunk < source.chunk_count() {
+            let span = source.chunk_span(self.next_chunk);
             if f64::from(span.lowest_z) > high {
                 break;
             }
@@ -108,7 +85,7 @@ impl<P: Copy + Send> Feed<P> {
             self.next_chunk += 1;
         }
         workers.each(self.slots[..self.filled].iter_mut(), |slot| {
-            slot.problem = source.read(slot.chunk, &mut slot.primitives).err();
+            slot.problem = source.read_chunk(slot.chunk, &mut slot.primitives).err();
         });
         let problem = self.slots[..self.filled].iter_mut().find_map(|slot| slot.problem.take());
         problem.map_or(Ok(self.filled > 0), |problem| Err(SliceError::Source(problem)))

@@ -1,30 +1,30 @@
 //! Bodies, from which layers are drawn. Each is cut by a plane that rises through it.
 //!
 //! A kind of body is a variant of [`BodySource`] and an implementer of [`Body`], [`PixelBody`] and [`FieldBody`]. `slicer` shows how they
-//! are used. `feed` and `buckets` are what the sweeps of all kinds have in common.
+//! are used. `source`, `feed` and `buckets` are what the sweeps of all kinds have in common.
 
 mod buckets;
-pub(super) mod feed;
-pub(super) mod lattice;
-pub(super) mod surface;
+mod feed;
+mod lattice;
+pub(super) mod source;
+mod surface;
 
 use std::sync::Arc;
 
 use super::band::{Band, FieldBand};
 use super::workers::Workers;
 use super::{SliceError, SlicePlan};
-use crate::buildfile::{Blend, BodyHeader, BuildFile, Lattice};
+use crate::buildfile::{Blend, BodyHeader, BuildFile, Lattice, Strut, Triangle};
 use crate::solid::{Effort, InstructionSet};
 use crate::stream::MemoryBudget;
-use lattice::{StoredLattice, StrutSource};
-use surface::{StoredSurface, TriangleSource};
+use source::{ChunkSource, Stored};
 
 /// Source of the primitives of one body.
 pub enum BodySource {
     /// Struts and balls.
-    Lattice(Box<dyn StrutSource>),
+    Lattice(Box<dyn ChunkSource<Strut>>),
     /// Triangles.
-    Surface(Box<dyn TriangleSource>),
+    Surface(Box<dyn ChunkSource<Triangle>>),
 }
 
 impl BodySource {
@@ -43,10 +43,8 @@ impl BodySource {
         let source = |(body, header): (usize, &BodyHeader)| {
             let file = Arc::clone(file);
             match header {
-                BodyHeader::Lattice(lattice) => {
-                    Self::Lattice(Box::new(StoredLattice { file, body, lattice: drawn(lattice) }))
-                }
-                BodyHeader::Surface(_) => Self::Surface(Box::new(StoredSurface { file, body })),
+                BodyHeader::Lattice(lattice) => Self::Lattice(Box::new(Stored { file, body, header: drawn(lattice) })),
+                BodyHeader::Surface(surface) => Self::Surface(Box::new(Stored { file, body, header: surface.clone() })),
             }
         };
         file.header().bodies.iter().enumerate().map(source).collect()

@@ -2,14 +2,11 @@
 
 mod active;
 mod brush;
-mod source;
 mod sweep;
 
-pub(in crate::slice) use source::StoredLattice;
-pub use source::{MemoryStruts, StrutSource};
-
+use super::source::ChunkSource;
 use super::{Body, Brush, Cut, FieldBody, FieldBrush, PixelBody};
-use crate::buildfile::Blend;
+use crate::buildfile::{Blend, Strut};
 use crate::layer::Depth;
 use crate::slice::workers::Workers;
 use crate::slice::{SliceError, SlicePlan};
@@ -39,17 +36,17 @@ struct Lattice<S: Shape> {
 /// [`SliceError`] if the memory is not free, or a strut is too thick for the support.
 pub(in crate::slice) fn pixels(
     instructions: InstructionSet,
-    source: Box<dyn StrutSource>,
+    source: Box<dyn ChunkSource<Strut>>,
     plan: &SlicePlan,
     threads: usize,
     budget: &MemoryBudget,
 ) -> Result<Box<dyn PixelBody>, SliceError> {
-    let halo = match source.lattice().blend {
+    let halo = match source.header().blend {
         Blend::Convolution { .. } => brush::halo::<Convolution>(plan.depth),
         Blend::Union => brush::halo::<Union>(plan.depth),
     };
     let unit_um = unit_um(&*source)?;
-    Ok(match source.lattice().blend {
+    Ok(match source.header().blend {
         Blend::Convolution { .. } => {
             Box::new(Lattice::<Convolution>::new(instructions, source, plan, unit_um, halo, threads, budget)?)
         }
@@ -63,13 +60,13 @@ pub(in crate::slice) fn pixels(
 /// As [`pixels`].
 pub(in crate::slice) fn field(
     instructions: InstructionSet,
-    source: Box<dyn StrutSource>,
+    source: Box<dyn ChunkSource<Strut>>,
     plan: &SlicePlan,
     threads: usize,
     budget: &MemoryBudget,
 ) -> Result<Box<dyn FieldBody>, SliceError> {
     let unit_um = unit_um(&*source)?;
-    Ok(match source.lattice().blend {
+    Ok(match source.header().blend {
         Blend::Convolution { .. } => {
             Box::new(Lattice::<Convolution>::new(instructions, source, plan, unit_um, 0, threads, budget)?)
         }
@@ -78,8 +75,8 @@ pub(in crate::slice) fn field(
 }
 
 /// Memory that [`pixels`] charges, bytes. It is known before a chunk is read.
-pub(in crate::slice) fn pixels_memory_bytes(source: &dyn StrutSource, plan: &SlicePlan, threads: usize) -> u64 {
-    match source.lattice().blend {
+pub(in crate::slice) fn pixels_memory_bytes(source: &dyn ChunkSource<Strut>, plan: &SlicePlan, threads: usize) -> u64 {
+    match source.header().blend {
         Blend::Convolution { .. } => {
             Lattice::<Convolution>::memory_bytes(source, plan, brush::halo::<Convolution>(plan.depth), threads)
         }
@@ -88,16 +85,16 @@ pub(in crate::slice) fn pixels_memory_bytes(source: &dyn StrutSource, plan: &Sli
 }
 
 /// Memory that [`field`] charges, bytes. It is known before a chunk is read.
-pub(in crate::slice) fn field_memory_bytes(source: &dyn StrutSource, plan: &SlicePlan, threads: usize) -> u64 {
-    match source.lattice().blend {
+pub(in crate::slice) fn field_memory_bytes(source: &dyn ChunkSource<Strut>, plan: &SlicePlan, threads: usize) -> u64 {
+    match source.header().blend {
         Blend::Convolution { .. } => Lattice::<Convolution>::memory_bytes(source, plan, 0, threads),
         Blend::Union => Lattice::<UnionExcess>::memory_bytes(source, plan, 0, threads),
     }
 }
 
 /// Unit of length of the solid: the support of a convolution, else a micrometre.
-fn unit_um(source: &dyn StrutSource) -> Result<f64, SliceError> {
-    let Blend::Convolution { support_um } = source.lattice().blend else { return Ok(1.0) };
+fn unit_um(source: &dyn ChunkSource<Strut>) -> Result<f64, SliceError> {
+    let Blend::Convolution { support_um } = source.header().blend else { return Ok(1.0) };
     let radius_um = radius_um(source);
     if radius_um.partial_cmp(&(support_um * MAX_RADIUS_SHARE)) != Some(std::cmp::Ordering::Less) {
         return Err(SliceError::RadiusTooLarge { radius_um, support_um });
@@ -105,14 +102,14 @@ fn unit_um(source: &dyn StrutSource) -> Result<f64, SliceError> {
     Ok(support_um)
 }
 
-fn radius_um(source: &dyn StrutSource) -> f64 {
-    f64::from(source.lattice().radius_range[1]) * source.quantum_um()
+fn radius_um(source: &dyn ChunkSource<Strut>) -> f64 {
+    f64::from(source.header().radius_range[1]) * source.quantum_um()
 }
 
 impl<S: Shape> Lattice<S> {
     fn new(
         instructions: InstructionSet,
-        source: Box<dyn StrutSource>,
+        source: Box<dyn ChunkSource<Strut>>,
         plan: &SlicePlan,
         unit_um: f64,
         halo: usize,
@@ -125,7 +122,7 @@ impl<S: Shape> Lattice<S> {
         Ok(Self { grid: grid(plan, unit_um), unit_um, radius_um, sweep, strips })
     }
 
-    fn memory_bytes(source: &dyn StrutSource, plan: &SlicePlan, halo: usize, threads: usize) -> u64 {
+    fn memory_bytes(source: &dyn ChunkSource<Strut>, plan: &SlicePlan, halo: usize, threads: usize) -> u64 {
         let sweep = Sweep::memory_bytes(source, plan, brush::rows_per_band::<S>(plan, halo), threads);
         sweep.saturating_add(Strips::<S>::memory_bytes(plan, halo, threads))
     }

@@ -1,10 +1,10 @@
 //! The sweep plane (Liu et al. 2021, §4 and Eq. 8). Struts are read in ascending order. A strut joins the active set when the plane comes
 //! within its reach, and leaves it when the plane has passed. `tests/slice.rs` tests it.
 
-use super::StrutSource;
 use super::active::ActiveSet;
 use crate::buildfile::Strut;
 use crate::slice::body::feed::Feed;
+use crate::slice::body::source::ChunkSource;
 use crate::slice::workers::Workers;
 use crate::slice::{SliceError, SlicePlan};
 use crate::solid::{self, MAX_RADIUS, Shape, StrutRecord};
@@ -12,7 +12,7 @@ use crate::stream::{Charge, MemoryBudget};
 
 /// Reads struts from a source while the plane rises, and keeps those within its reach.
 pub(super) struct Sweep {
-    source: Box<dyn StrutSource>,
+    source: Box<dyn ChunkSource<Strut>>,
     /// Radii and caps in the form of the shape.
     ends: Ends,
     rows: Rows,
@@ -42,7 +42,7 @@ impl Sweep {
     /// A sweep that can begin at any plane. `unit_um` is the unit of length of the solid, `min_rows` the height of the smallest
     /// buckets of the active set.
     pub(super) fn new<S: Shape>(
-        source: Box<dyn StrutSource>,
+        source: Box<dyn ChunkSource<Strut>>,
         plan: &SlicePlan,
         unit_um: f64,
         min_rows: usize,
@@ -52,7 +52,7 @@ impl Sweep {
         let bytes = Self::memory_bytes(&*source, plan, min_rows, threads);
         let charge = budget.charge("the struts within reach of one layer", bytes)?;
         let quantum_um = source.quantum_um();
-        let reach_um = source.lattice().reach_um(quantum_um);
+        let reach_um = source.header().reach_um(quantum_um);
         let dy = plan.step_um()[1];
         Ok(Self {
             ends: S::ends,
@@ -67,7 +67,7 @@ impl Sweep {
             quantum_um,
             quantum: quantum_um / unit_um,
             checks: Checks {
-                radius_range: source.lattice().radius_range,
+                radius_range: source.header().radius_range,
                 max_active: usize::try_from(source.peak_active()).unwrap_or(usize::MAX),
                 last_z: i32::MIN,
             },
@@ -79,7 +79,12 @@ impl Sweep {
     }
 
     /// Memory of a sweep, bytes, at most: the active set, the chunks that are read at once, and the source itself.
-    pub(super) fn memory_bytes(source: &dyn StrutSource, plan: &SlicePlan, min_rows: usize, threads: usize) -> u64 {
+    pub(super) fn memory_bytes(
+        source: &dyn ChunkSource<Strut>,
+        plan: &SlicePlan,
+        min_rows: usize,
+        threads: usize,
+    ) -> u64 {
         let chunks = Feed::<Strut>::memory_bytes(threads);
         let active = ActiveSet::memory_bytes(source.peak_active(), plan.raster.height_px as usize, min_rows);
         active.saturating_add(chunks).saturating_add(source.memory_bytes())

@@ -2,13 +2,11 @@
 
 mod active;
 mod brush;
-mod source;
 mod sweep;
 
-pub(in crate::slice) use source::StoredSurface;
-pub use source::{MemoryTriangles, TriangleSource};
-
+use super::source::ChunkSource;
 use super::{Body, Brush, Cut, FieldBody, FieldBrush, PixelBody};
+use crate::buildfile::Triangle;
 use crate::slice::workers::Workers;
 use crate::slice::{SliceError, SlicePlan};
 use crate::solid::{Effort, SectionPlane};
@@ -36,7 +34,7 @@ struct Surface<S> {
 /// # Errors
 /// [`SliceError`] if the memory is not free.
 pub(in crate::slice) fn pixels(
-    source: Box<dyn TriangleSource>,
+    source: Box<dyn ChunkSource<Triangle>>,
     plan: &SlicePlan,
     threads: usize,
     budget: &MemoryBudget,
@@ -49,7 +47,7 @@ pub(in crate::slice) fn pixels(
 /// # Errors
 /// As [`pixels`].
 pub(in crate::slice) fn field(
-    source: Box<dyn TriangleSource>,
+    source: Box<dyn ChunkSource<Triangle>>,
     plan: &SlicePlan,
     threads: usize,
     budget: &MemoryBudget,
@@ -58,27 +56,35 @@ pub(in crate::slice) fn field(
 }
 
 /// Memory that [`pixels`] charges, bytes. It is known before a chunk is read.
-pub(in crate::slice) fn pixels_memory_bytes(source: &dyn TriangleSource, plan: &SlicePlan, threads: usize) -> u64 {
+pub(in crate::slice) fn pixels_memory_bytes(
+    source: &dyn ChunkSource<Triangle>,
+    plan: &SlicePlan,
+    threads: usize,
+) -> u64 {
     Surface::<PixelSheet>::memory_bytes(source, plan, threads)
 }
 
 /// Memory that [`field`] charges, bytes. It is known before a chunk is read.
-pub(in crate::slice) fn field_memory_bytes(source: &dyn TriangleSource, plan: &SlicePlan, threads: usize) -> u64 {
+pub(in crate::slice) fn field_memory_bytes(
+    source: &dyn ChunkSource<Triangle>,
+    plan: &SlicePlan,
+    threads: usize,
+) -> u64 {
     Surface::<FieldSheet>::memory_bytes(source, plan, threads)
 }
 
 /// Most triangles that any plane cuts.
-fn facets(source: &dyn TriangleSource) -> usize {
+fn facets(source: &dyn ChunkSource<Triangle>) -> usize {
     usize::try_from(source.peak_active()).unwrap_or(usize::MAX)
 }
 
-fn sheets_bytes<S: Sheet>(source: &dyn TriangleSource, plan: &SlicePlan, threads: usize) -> u64 {
+fn sheets_bytes<S: Sheet>(source: &dyn ChunkSource<Triangle>, plan: &SlicePlan, threads: usize) -> u64 {
     S::bytes(plan, facets(source)).saturating_mul(threads as u64)
 }
 
 impl<S: Sheet> Surface<S> {
     fn new(
-        source: Box<dyn TriangleSource>,
+        source: Box<dyn ChunkSource<Triangle>>,
         plan: &SlicePlan,
         threads: usize,
         budget: &MemoryBudget,
@@ -92,7 +98,7 @@ impl<S: Sheet> Surface<S> {
         Ok(Self { sweep, sheets, origin, step, quantum_um, _charge: charge })
     }
 
-    fn memory_bytes(source: &dyn TriangleSource, plan: &SlicePlan, threads: usize) -> u64 {
+    fn memory_bytes(source: &dyn ChunkSource<Triangle>, plan: &SlicePlan, threads: usize) -> u64 {
         Sweep::memory_bytes(source, plan, threads).saturating_add(sheets_bytes::<S>(source, plan, threads))
     }
 

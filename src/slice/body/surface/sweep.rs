@@ -1,10 +1,11 @@
 //! The sweep plane of a surface. Triangles are read in ascending order. A triangle joins the active set when the plane reaches its lowest
 //! corner, and leaves it when the plane has passed its highest. `tests/surface/` tests it.
 
+use super::ROWS_PER_BAND;
 use super::active::{ActiveFacets, Rows};
-use super::{ROWS_PER_BAND, TriangleSource};
 use crate::buildfile::{QUANTUM_FRACTIONS, Triangle};
 use crate::slice::body::feed::Feed;
+use crate::slice::body::source::ChunkSource;
 use crate::slice::workers::Workers;
 use crate::slice::{SliceError, SlicePlan};
 use crate::solid::Facet;
@@ -12,7 +13,7 @@ use crate::stream::{Charge, MemoryBudget};
 
 /// Reads triangles from a source while the plane rises, and keeps those that it cuts.
 pub(super) struct Sweep {
-    source: Box<dyn TriangleSource>,
+    source: Box<dyn ChunkSource<Triangle>>,
     rows: Rows,
     max_active: usize,
     last_z: i64,
@@ -24,7 +25,7 @@ pub(super) struct Sweep {
 impl Sweep {
     /// A sweep that can begin at any plane.
     pub(super) fn new(
-        source: Box<dyn TriangleSource>,
+        source: Box<dyn ChunkSource<Triangle>>,
         plan: &SlicePlan,
         threads: usize,
         budget: &MemoryBudget,
@@ -44,7 +45,7 @@ impl Sweep {
     }
 
     /// Memory of a sweep, bytes, at most: the active set, the chunks that are read at once, and the source itself.
-    pub(super) fn memory_bytes(source: &dyn TriangleSource, plan: &SlicePlan, threads: usize) -> u64 {
+    pub(super) fn memory_bytes(source: &dyn ChunkSource<Triangle>, plan: &SlicePlan, threads: usize) -> u64 {
         let active = ActiveFacets::memory_bytes(source.peak_active(), plan.raster.height_px as usize, ROWS_PER_BAND);
         active.saturating_add(Feed::<Triangle>::memory_bytes(threads)).saturating_add(source.memory_bytes())
     }
