@@ -292,7 +292,7 @@ fn measure(order: &Order) -> anyhow::Result<Found> {
             slicer.next_layer(&mut bitmap)?;
             time += start.elapsed();
             layers += 1;
-            found.active = found.active.max(slicer.active_struts());
+            found.active = found.active.max(slicer.active_count());
             lit_px += bitmap.data().iter().map(|byte| u64::from(byte.count_ones())).sum::<u64>();
         }
         found.solid = lit_px as f64 / (f64::from(layers) * f64::from(width_px) * f64::from(height_px));

@@ -284,7 +284,7 @@ fn the_memory_of_a_build_file_is_counted_once_for_all_its_bodies() {
         assert_eq!(budget.used_bytes(), both, "what was stated is what is charged");
         let mut bitmap = Bitmap::new(plan.raster.width_px, plan.raster.height_px, Depth::Bit);
         assert_eq!(slicer.next_layer(&mut bitmap).expect("a layer"), Some(0));
-        assert_eq!(slicer.active_struts(), 20_001);
+        assert_eq!(slicer.active_count(), 20_001);
         drop(slicer);
         assert_eq!(budget.used_bytes(), 0);
     }

@@ -3,7 +3,7 @@
 /// A step of packing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PackProgress {
-    /// Comes before a source if its struts, together with those of earlier sources, may not fit memory.
+    /// Comes before a source if its struts and triangles, together with those of earlier sources, may not fit memory.
     Space {
         /// Temporary space needed in the directory of the build file, at most, without what earlier sources have taken.
         temporary_bytes: u64,
@@ -19,7 +19,7 @@ pub enum PackProgress {
         /// Bytes in total.
         total: u64,
     },
-    /// Sorted runs are being merged into longer ones. Happens only if there is little memory for so many struts.
+    /// Sorted runs are being merged into longer ones. Happens only if there is little memory for so many struts or triangles.
     Joining {
         /// Bytes merged.
         done: u64,
@@ -28,9 +28,9 @@ pub enum PackProgress {
     },
     /// The build file is being written.
     Writing {
-        /// Struts written.
+        /// Struts and triangles written.
         done: u64,
-        /// Struts in total.
+        /// Struts and triangles in total.
         total: u64,
     },
 }

@@ -145,7 +145,7 @@ impl Display<'_> {
             }),
             PackProgress::Reading { done, total } => self.step("reading", "{binary_bytes_per_sec}", done, total),
             PackProgress::Joining { done, total } => self.step("joining", "{binary_bytes_per_sec}", done, total),
-            PackProgress::Writing { done, total } => self.step("writing", "{struts_per_sec}", done, total),
+            PackProgress::Writing { done, total } => self.step("writing", "{primitives_per_sec}", done, total),
         }
     }
 
@@ -153,13 +153,13 @@ impl Display<'_> {
     fn step(&mut self, phase: &'static str, rate: &str, done: u64, total: u64) {
         if self.phase != phase {
             self.phase = phase;
-            let struts = |state: &ProgressState, out: &mut dyn fmt::Write| {
+            let primitives = |state: &ProgressState, out: &mut dyn fmt::Write| {
                 // An error here only leaves the rate out.
-                let _ = write!(out, "{:.2} M struts/s", state.per_sec() / 1e6);
+                let _ = write!(out, "{:.2} M primitives/s", state.per_sec() / 1e6);
             };
             let template = format!("{{msg:>8}} [{{wide_bar}}] {{percent:>3}}% {rate} {{eta}}");
             if let Ok(style) = ProgressStyle::with_template(&template) {
-                self.bar.set_style(style.with_key("struts_per_sec", struts));
+                self.bar.set_style(style.with_key("primitives_per_sec", primitives));
             }
             self.bar.reset();
             self.bar.set_message(phase);

@@ -9,10 +9,10 @@ pub enum SliceError {
     /// The memory budget is too small.
     #[error(transparent)]
     Budget(#[from] BudgetExceeded),
-    /// The struts could not be read.
+    /// Struts or triangles could not be read.
     #[error("{0:#}")]
     Source(anyhow::Error),
-    /// The struts contradict header, index or profile; the text says how.
+    /// Struts or triangles contradict header, index or profile; the text says how.
     #[error("{0}; the file is damaged: pack the part again")]
     Damaged(String),
     /// A strut is too thick: one as thick as the support of the kernel has no finite weight.

@@ -109,8 +109,8 @@ impl Slicer {
         });
     }
 
-    /// Number of struts and balls within reach of the plane drawn last.
-    pub fn active_struts(&self) -> usize {
+    /// Number of primitives within reach of the plane drawn last.
+    pub fn active_count(&self) -> usize {
         self.bodies.active_count()
     }
 

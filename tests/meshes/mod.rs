@@ -1,10 +1,9 @@
-//! Meshes as text files, for whole prints.
-#![allow(dead_code, unreachable_pub, reason = "each test file uses a part of it")]
+//! A mesh as a text file, for whole prints.
 
 use std::fmt::Write as _;
 
 /// An STL text of a ball with a cavity, millimetres.
-pub fn hollow_ball(centre: [f64; 3], outer_mm: f64, inner_mm: f64) -> String {
+pub(crate) fn hollow_ball(centre: [f64; 3], outer_mm: f64, inner_mm: f64) -> String {
     let mut text = "solid hollow ball\n".to_owned();
     sphere(&mut text, centre, outer_mm, false);
     sphere(&mut text, centre, inner_mm, true);

@@ -1,6 +1,8 @@
 //! Packing solids: STL, OBJ, PLY and meshes of 3MF.
 
 mod any_bytes;
+#[path = "../meshes/box_mesh.rs"]
+mod box_mesh;
 mod obj;
 #[path = "../pack_bench/mod.rs"]
 mod pack_bench;
@@ -15,21 +17,10 @@ mod three_mf;
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use box_mesh::{SIDES, box_triangles, corner};
 use layerd::buildfile::{BodyHeader, BuildFile, PackError, PackReport, Triangle, pack};
 use layerd::slice::Volume;
 use pack_bench::Bench;
-
-/// Corners of a box, and its sides, counter-clockwise seen from outside.
-const SIDES: [[usize; 4]; 6] = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
-
-fn corner(number: usize, low: [f32; 3], high: [f32; 3]) -> [f32; 3] {
-    [0, 1, 2].map(|axis| if number >> axis & 1 == 0 { low } else { high }[axis])
-}
-
-/// The corners of a box's twelve triangles, as numbers.
-fn box_triangles() -> impl Iterator<Item = [usize; 3]> {
-    SIDES.into_iter().flat_map(|[a, b, c, d]| [[a, b, c], [a, c, d]])
-}
 
 /// A box, millimetres.
 fn cuboid(low: [f32; 3], high: [f32; 3]) -> Vec<[[f32; 3]; 3]> {

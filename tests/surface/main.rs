@@ -1,16 +1,21 @@
 //! Surfaces: layers of solids that triangles enclose, against formulas.
 
 mod bits;
+#[path = "../meshes/box_mesh.rs"]
+mod box_mesh;
 #[path = "../properties/mod.rs"]
 mod properties;
 mod regions;
 mod shapes;
+#[path = "../slice_part/mod.rs"]
+mod slice_part;
 
 use layerd::buildfile::{BodyHeader, Header, Placement, Surface, Triangle};
 use layerd::layer::{Bitmap, Depth, Mirror, Raster};
 use layerd::slice::{BodySource, MemoryTriangles, SlicePlan, Slicer};
 use layerd::stream::MemoryBudget;
 use shapes::Mesh;
+use slice_part::lit;
 
 const WIDTH: u32 = 120;
 const HEIGHT: u32 = 90;
@@ -92,11 +97,6 @@ impl Part {
         }
         assert!(lit_count > 0, "nothing was drawn");
     }
-}
-
-fn lit(bitmap: &Bitmap, x: u32, y: u32) -> bool {
-    let byte = bitmap.data()[y as usize * bitmap.stride_bytes() + x as usize / 8];
-    byte >> (7 - x % 8) & 1 == 1
 }
 
 const UPRIGHT: Mirror = Mirror { x: false, y: false };

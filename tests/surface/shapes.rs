@@ -3,6 +3,8 @@
 use glam::{DMat3, DVec3};
 use layerd::buildfile::{QUANTUM_FRACTIONS, Triangle};
 
+use crate::box_mesh::{box_triangles, corner};
+
 /// Triangles, counter-clockwise seen from outside.
 #[derive(Clone, Default)]
 pub(crate) struct Mesh(pub(crate) Vec<[DVec3; 3]>);
@@ -43,12 +45,8 @@ fn fractions(um: f64) -> i64 {
 
 /// A box between two corners.
 pub(crate) fn cuboid(low: [f64; 3], high: [f64; 3]) -> Mesh {
-    let corner =
-        |number: usize| DVec3::from_array([0, 1, 2].map(|axis| if number >> axis & 1 == 0 { low } else { high }[axis]));
-    // Each side counter-clockwise seen from outside.
-    let sides = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
-    let halves = sides.into_iter().flat_map(|[a, b, c, d]| [[a, b, c], [a, c, d]]);
-    Mesh(halves.map(|triangle| triangle.map(corner)).collect())
+    let place = |number| DVec3::from_array(corner(number, low, high));
+    Mesh(box_triangles().map(|triangle| triangle.map(place)).collect())
 }
 
 /// A ball of `20 · 4^levels` triangles, whose corners lie on the sphere.

@@ -12,9 +12,9 @@ pub(super) type Edge = [[i64; 3]; 2];
 /// Tells whether a surface is closed: whether each edge has as many triangles on one side as on the other.
 #[derive(Default)]
 pub(super) struct OpenEdges {
-    /// How much more often each open edge came in one direction than in the other; `None` once there were too many to hold.
-    open: Option<HashMap<Edge, i32>>,
-    /// Whether too many were open.
+    /// How much more often each open edge came in one direction than in the other.
+    open: HashMap<Edge, i32>,
+    /// Too many were open at a time, and are not held any more.
     overflowed: bool,
     /// Sum of a hash of each edge, negative in the other direction. Of an open surface it is 0 with a chance of 2⁻⁶⁴.
     sum: u64,
@@ -49,14 +49,12 @@ impl OpenEdges {
         if self.overflowed {
             return;
         }
-        let open = self.open.get_or_insert_default();
-        let count = open.entry(edge).or_insert(0);
+        let count = self.open.entry(edge).or_insert(0);
         *count += way;
         if *count == 0 {
-            open.remove(&edge);
-        } else if open.len() > MAX_OPEN {
-            self.open = None;
-            self.overflowed = true;
+            self.open.remove(&edge);
+        } else if self.open.len() > MAX_OPEN {
+            (self.open, self.overflowed) = (HashMap::new(), true);
         }
     }
 
@@ -66,7 +64,6 @@ impl OpenEdges {
         if overflowed {
             return (sum != 0).then_some(Open::Unknown);
         }
-        let open = open.unwrap_or_default();
         // The lowest, so that the same file always gives the same message.
         let lowest = open.keys().min_by_key(|edge| edge.map(|[x, y, z]| [z, y, x]))?;
         Some(Open::Edges(open.len(), *lowest))

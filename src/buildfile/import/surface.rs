@@ -17,7 +17,7 @@ pub(super) struct SurfaceLane<'a> {
     sorter: Sorter<Triangle>,
     directory: PathBuf,
     count: u64,
-    /// Triangles whose corners lie on one line. They enclose nothing and are left out.
+    /// Triangles whose corners lie on one line. They are kept, because their neighbours meet their edges.
     flat_count: u64,
     /// Edges of the current solid that have no other side yet.
     edges: OpenEdges,
@@ -86,11 +86,14 @@ impl<'a> SurfaceLane<'a> {
         }
         if volume <= 0.0 {
             let volume_mm3 = volume / 6.0 * (self.rules.quantum_um() / 1000.0).powi(3);
-            let why = if volume < 0.0 { "the surface is inside out" } else { "the surface encloses nothing" };
-            return Err(PackError::input(
-                place,
-                format!("{why}: its volume is {volume_mm3:.3} mm³. Reverse its triangles in the program that made it"),
-            ));
+            let problem = if volume < 0.0 {
+                format!(
+                    "the surface is inside out: its volume is {volume_mm3:.3} mm³. Reverse its triangles in the program that made it"
+                )
+            } else {
+                "the surface encloses nothing: give it a thickness in the program that made it".into()
+            };
+            return Err(PackError::input(place, problem));
         }
         Ok(())
     }

@@ -10,7 +10,7 @@ use crate::disk::File;
 /// enough that the fixed cost of a chunk (40 bytes of index, a head, the compressor's tables) is small.
 pub(crate) const MAX_CHUNK_PRIMITIVES: usize = 8192;
 
-/// Most bytes of an unpacked chunk: three times what 8192 struts take in the widest columns.
+/// Most bytes of an unpacked chunk: twice what 8192 triangles take in the widest columns, three times what struts take.
 pub(super) const MAX_UNPACKED_BYTES: u32 = 1 << 20;
 
 /// Most bytes of a packed chunk. No compressor makes a chunk twice as long.

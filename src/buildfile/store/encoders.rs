@@ -106,7 +106,10 @@ fn start<P: Primitive>() -> io::Result<Ends<P>> {
 fn encode<P: Primitive>(primitives: Vec<P>, packer: &mut Packer, unpacked: &mut Unpacked) -> io::Result<Encoded<P>> {
     unpacked.clear();
     P::encode(&primitives, unpacked);
-    debug_assert!(unpacked.bytes.len() <= MAX_UNPACKED_BYTES as usize, "8192 struts need at most 37 bytes each");
+    debug_assert!(
+        unpacked.bytes.len() <= MAX_UNPACKED_BYTES as usize,
+        "8192 triangles need at most 63 bytes each, struts 37"
+    );
     let packed = packer.pack(unpacked)?;
     let entry = ChunkEntry {
         packed_bytes: packed.len() as u32,

@@ -1,9 +1,9 @@
-//! The profile: how many struts are active in each slab of the height of a body.
+//! The profile: how many primitives are active in each slab of the height of a body.
 //!
-//! A strut is active from `z_low − reach` to `z_high + reach` (Liu et al. 2021, Eq. 8). For each slab the profile counts the intervals
-//! that begin in it and those that end in it. The number of active struts anywhere in a slab is at most the number of intervals that
-//! began up to its end minus the number that ended before its start. When the body outgrows the slabs, they are joined in pairs; the
-//! bound then stays exact for each slab. `writer` makes profiles, `opening` reads them.
+//! A strut is active from `z_low − reach` to `z_high + reach` (Liu et al. 2021, Eq. 8), a triangle from `z_low` to `z_high`. For each slab
+//! the profile counts the intervals that begin in it and those that end in it. The number of active primitives anywhere in a slab is at most
+//! the number of intervals that began up to its end minus the number that ended before its start. When the body outgrows the slabs, they are
+//! joined in pairs; the bound then stays exact for each slab. `writer` makes profiles, `opening` reads them.
 
 /// Most slabs of a body. They take 64 KiB before compression, and are as fine as one or two layers of a usual print.
 pub(super) const MAX_SLABS: usize = 4096;
@@ -55,7 +55,7 @@ impl ProfileBuilder {
 /// Longest profile of one body, bytes.
 pub(super) const MAX_BYTES: usize = 24 + 16 * MAX_SLABS;
 
-/// The peak of active struts of each body. `bytes` are the profiles, one after another; `totals` are the numbers of struts and balls.
+/// The peak of active primitives of each body. `bytes` are the profiles, one after another; `totals` are the numbers of primitives.
 ///
 /// # Errors
 /// A text that says how the bytes contradict themselves or `totals`.
@@ -87,7 +87,7 @@ pub(super) fn peaks(bytes: &[u8], totals: impl Iterator<Item = u64>) -> Result<V
 fn peak(begins: &[u64], ends: &[u64], total: u64) -> Result<u64, String> {
     let sums = sum(begins.iter().zip(ends).map(|(begun, ended)| [*begun, *ended]));
     let sums = sums.filter(|sums| (sums.begun, sums.ended) == (total, total));
-    sums.map(|sums| sums.peak).ok_or_else(|| format!("its slabs do not count {total} struts"))
+    sums.map(|sums| sums.peak).ok_or_else(|| format!("its slabs do not count {total} primitives"))
 }
 
 /// What the slabs of a profile add up to.

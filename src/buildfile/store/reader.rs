@@ -224,7 +224,7 @@ impl BuildFile {
         self.bodies[body].peak_active
     }
 
-    /// Upper bound of the number of struts of all bodies that are active at any z: the sum of their peaks.
+    /// Upper bound of the number of primitives of all bodies that are active at any z: the sum of their peaks.
     pub fn peak_active(&self) -> u64 {
         self.bodies.iter().map(|stored| stored.peak_active).sum()
     }

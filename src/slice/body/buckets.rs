@@ -6,6 +6,8 @@
 
 use std::ops::Range;
 
+use crate::slice::SlicePlan;
+
 /// Which bucket holds what.
 #[derive(Debug)]
 pub(super) struct Buckets {
@@ -66,5 +68,35 @@ impl Level {
     fn bucket(&self, row: i64) -> usize {
         let last = self.buckets.len() as i64 - 1;
         self.buckets.start + row.div_euclid(self.rows).clamp(0, last) as usize
+    }
+}
+
+/// Converts y in quanta to rows of the picture.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Rows {
+    row_0: f64,
+    rows_per_quantum: f64,
+    /// Rows that a primitive may reach beyond its points.
+    reach: f64,
+}
+
+impl Rows {
+    /// For primitives that reach `reach_um` beyond their points.
+    pub(super) fn of(plan: &SlicePlan, quantum_um: f64, reach_um: f64) -> Self {
+        let dy = plan.step_um()[1];
+        Self {
+            row_0: plan.origin_um[1] / dy,
+            rows_per_quantum: quantum_um / dy,
+            // Rows of samples in grey, and shifted rows, lie up to half a row from the middle of a row; the other half row is for
+            // rounding errors.
+            reach: reach_um / dy.abs() + 1.0,
+        }
+    }
+
+    /// The rows that a primitive can reach in any plane. `ys`: the y of its points.
+    pub(super) fn reached<const N: usize>(self, ys: [f64; N]) -> [i64; 2] {
+        let rows = ys.map(|y| y * self.rows_per_quantum - self.row_0);
+        let (low, high) = (rows.into_iter().fold(f64::MAX, f64::min), rows.into_iter().fold(f64::MIN, f64::max));
+        [(low - self.reach).floor() as i64, (high + self.reach).ceil() as i64]
     }
 }

@@ -1,5 +1,5 @@
-//! Where the primitives of a body come from: chunks in ascending order, from a build file or from memory. `feed` reads them, for the sweeps of
-//! all kinds of bodies.
+//! Where the primitives of a body come from: chunks in ascending order, from a build file or from memory. `feed` reads them, for the
+//! sweeps of all kinds of bodies. `lattice/sweep.rs` and `surface/sweep.rs` have a source each.
 
 use std::fmt::Debug;
 use std::sync::Arc;

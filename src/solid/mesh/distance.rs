@@ -60,10 +60,12 @@ impl FieldRows {
         let rows = self.pixels([from[1].min(to[1]), from[1].max(to[1])], 1, self.values.len() / self.width);
         for row in rows {
             let y = row as f64 * self.pitch_um[1];
-            // The part of the segment near this row.
-            let share = |at: f64| if along[1] == 0.0 { 0.0 } else { ((at - from[1]) / along[1]).clamp(0.0, 1.0) };
-            let shares =
-                if along[1] == 0.0 { [0.0, 1.0] } else { [share(y - self.margin_um), share(y + self.margin_um)] };
+            // The part of the segment near this row: all of a level one.
+            let shares = if along[1] == 0.0 {
+                [0.0, 1.0]
+            } else {
+                [-self.margin_um, self.margin_um].map(|off| ((y + off - from[1]) / along[1]).clamp(0.0, 1.0))
+            };
             let ends = shares.map(|share| from[0] + share * along[0]);
             let pixels = self.pixels([ends[0].min(ends[1]), ends[0].max(ends[1])], 0, self.width);
             for (value, pixel) in self.values[row * self.width..][pixels.clone()].iter_mut().zip(pixels) {

@@ -40,13 +40,12 @@ impl SectionPlane {
 
     /// Where the plane crosses an edge, from its end below the plane to the one above.
     fn crossing(&self, low: &[f64; 3], high: &[f64; 3]) -> [f64; 2] {
-        // All edges that end in the plane at one corner meet there exactly.
-        let share = if high[2] == self.z { 1.0 } else { (self.z - low[2]) / (high[2] - low[2]) };
-        let at = |axis: usize| {
-            let along = if share == 1.0 { high[axis] } else { low[axis] + share * (high[axis] - low[axis]) };
-            (along - self.origin[axis]) / self.step[axis]
-        };
-        [at(0), at(1)]
+        let share = (self.z - low[2]) / (high[2] - low[2]);
+        [0, 1].map(|axis| {
+            // All edges that end in the plane at one corner meet there exactly, whatever rounding does.
+            let at = if high[2] == self.z { high[axis] } else { low[axis] + share * (high[axis] - low[axis]) };
+            (at - self.origin[axis]) / self.step[axis]
+        })
     }
 
     /// Whether the solid lies to the right of segments instead of the left.

@@ -170,8 +170,8 @@ impl Firmware {
         }
     }
 
-    /// The controller is at rest, without a reset since the session ended that it knows of. A hold and a reset at the machine within that
-    /// time go unnoticed, but leave the beam at the end of a move only by chance.
+    /// The controller is at rest, and has reported no reset since the session ended. A hold and a reset at the machine in that time go
+    /// unnoticed, but leave the beam at the end of a move only by chance.
     pub(in crate::link::grbl) fn ran_dry(&mut self) {
         self.interrupted.iter_mut().for_each(|interrupted| interrupted.is_dry = true);
     }

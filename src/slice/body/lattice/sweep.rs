@@ -3,6 +3,7 @@
 
 use super::active::ActiveSet;
 use crate::buildfile::Strut;
+use crate::slice::body::buckets::Rows;
 use crate::slice::body::feed::Feed;
 use crate::slice::body::source::ChunkSource;
 use crate::slice::workers::Workers;
@@ -29,15 +30,6 @@ pub(super) struct Sweep {
 
 type Ends = fn(radii: [u32; 2], caps: [solid::Cap; 2], is_ball: bool, quantum: f64) -> [u32; 2];
 
-/// Converts y in quanta to rows of the picture.
-#[derive(Clone, Copy)]
-struct Rows {
-    row_0: f64,
-    rows_per_quantum: f64,
-    /// Rows that a strut may reach beyond its axis.
-    reach: f64,
-}
-
 impl Sweep {
     /// A sweep that can begin at any plane. `unit_um` is the unit of length of the solid, `min_rows` the height of the smallest
     /// buckets of the active set.
@@ -53,16 +45,9 @@ impl Sweep {
         let charge = budget.charge("the struts within reach of one layer", bytes)?;
         let quantum_um = source.quantum_um();
         let reach_um = source.header().reach_um(quantum_um);
-        let dy = plan.step_um()[1];
         Ok(Self {
             ends: S::ends,
-            rows: Rows {
-                row_0: plan.origin_um[1] / dy,
-                rows_per_quantum: quantum_um / dy,
-                // The sub-rows of a union in grey, and shifted rows, lie up to half a row from the middle of a row; the other half
-                // row is for rounding errors.
-                reach: reach_um / dy.abs() + 1.0,
-            },
+            rows: Rows::of(plan, quantum_um, reach_um),
             reach: reach_um / quantum_um,
             quantum_um,
             quantum: quantum_um / unit_um,
@@ -108,7 +93,7 @@ impl Sweep {
                 checks.count(active.alive())?;
                 let Strut { a, b, radius_a, radius_b, caps } = *strut;
                 let ends = ends([radius_a, radius_b], [caps.a, caps.b], strut.is_ball(), quantum);
-                active.add(StrutRecord { a, b, ends }, rows.reached(a[1], b[1]));
+                active.add(StrutRecord { a, b, ends }, rows.reached([a[1], b[1]].map(f64::from)));
             }
             Ok(true)
         })
@@ -154,12 +139,5 @@ impl Checks {
         }
         self.last_z = strut.a[2];
         Ok(())
-    }
-}
-
-impl Rows {
-    fn reached(&self, a: i32, b: i32) -> [i64; 2] {
-        let [one, two] = [a, b].map(|y| f64::from(y) * self.rows_per_quantum - self.row_0);
-        [(one.min(two) - self.reach).floor() as i64, (one.max(two) + self.reach).ceil() as i64]
     }
 }

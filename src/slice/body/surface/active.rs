@@ -2,7 +2,6 @@
 
 use std::ops::Range;
 
-use crate::slice::SlicePlan;
 use crate::slice::body::buckets::Buckets;
 use crate::solid::Facet;
 
@@ -93,26 +92,5 @@ impl ActiveFacets {
             .reaching(rows)
             .flat_map(move |bucket| std::iter::successors(entry(self.heads[bucket]), move |last| entry(last.next)))
             .map(|entry| &entry.facet)
-    }
-}
-
-/// Converts y in quanta to rows of the picture.
-#[derive(Clone, Copy)]
-pub(super) struct Rows {
-    row_0: f64,
-    rows_per_quantum: f64,
-}
-
-impl Rows {
-    pub(super) fn of(plan: &SlicePlan, quantum_um: f64) -> Self {
-        let dy = plan.step_um()[1];
-        Self { row_0: plan.origin_um[1] / dy, rows_per_quantum: quantum_um / dy }
-    }
-
-    /// The rows that a facet reaches, with one more on each side for rows of samples, shifted rows and rounding.
-    pub(super) fn reached(self, facet: &Facet) -> [i64; 2] {
-        let rows = facet.map(|corner| corner[1] * self.rows_per_quantum - self.row_0);
-        let [low, high] = [rows.into_iter().fold(f64::MAX, f64::min), rows.into_iter().fold(f64::MIN, f64::max)];
-        [low.floor() as i64 - 1, high.ceil() as i64 + 1]
     }
 }

@@ -2,8 +2,9 @@
 //! corner, and leaves it when the plane has passed its highest. `tests/surface/` tests it.
 
 use super::ROWS_PER_BAND;
-use super::active::{ActiveFacets, Rows};
+use super::active::ActiveFacets;
 use crate::buildfile::{QUANTUM_FRACTIONS, Triangle};
+use crate::slice::body::buckets::Rows;
 use crate::slice::body::feed::Feed;
 use crate::slice::body::source::ChunkSource;
 use crate::slice::workers::Workers;
@@ -34,7 +35,7 @@ impl Sweep {
         let charge = budget.charge("the triangles that one layer cuts", bytes)?;
         let max_active = usize::try_from(source.peak_active()).unwrap_or(usize::MAX);
         Ok(Self {
-            rows: Rows::of(plan, source.quantum_um()),
+            rows: Rows::of(plan, source.quantum_um(), 0.0),
             max_active,
             last_z: i64::MIN,
             active: ActiveFacets::new(max_active, plan.raster.height_px as usize, ROWS_PER_BAND),
@@ -71,7 +72,7 @@ impl Sweep {
                         "more triangles are cut by one layer than the {max_active} that the profile of the build file states"
                     )));
                 }
-                active.add(facet, high, rows.reached(&facet));
+                active.add(facet, high, rows.reached(facet.map(|corner| corner[1])));
             }
             Ok(true)
         })
