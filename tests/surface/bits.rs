@@ -112,6 +112,19 @@ fn twenty_pieces_at_one_place_lose_no_pixel() {
 }
 
 #[test]
+fn a_row_that_is_crossed_without_end_is_still_exact() {
+    // More crossings in a row than are kept. Half of the pieces are cavities.
+    let piece = cuboid([1000.0, 1000.0, 0.0], [1410.0, 1333.0, 90.0]).moved(turn([0.0, 0.0, 0.1]), DVec3::ZERO);
+    let reversed = piece.clone().reversed();
+    let mut many = piece.clone();
+    (0..4500).for_each(|_| [&piece, &reversed].into_iter().for_each(|piece| many.0.extend_from_slice(&piece.0)));
+    for depth in [Depth::Bit, Depth::Grey] {
+        let [one, many] = [&piece, &many].map(|mesh| Part::new(mesh, depth, UPRIGHT, 60.0).layers(1, 0));
+        assert!(one == many, "{depth:?}");
+    }
+}
+
+#[test]
 fn a_sheet_without_thickness_and_a_body_inside_out_print_nothing() {
     let square = [[400.0, 400.0], [1400.0, 500.0], [1300.0, 1500.0]].map(|[x, y]| DVec3::new(x, y, x / 3.0));
     let sheet = Mesh(vec![square, [square[0], square[2], square[1]]]);

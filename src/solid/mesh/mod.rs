@@ -5,6 +5,7 @@
 //! Neighbouring triangles share the two ends of an edge, and each crossing is computed from these two alone, in the same order. So segments
 //! meet exactly, and no row is crossed an odd number of times: a closed surface has no streaks, however small or flat its triangles are.
 
+mod counts;
 mod distance;
 mod rows;
 mod section;

@@ -1,9 +1,12 @@
 //! Segments of a plane to spans of pixels: where each row crosses them, and where the winding number is above 0. `tests/surface` tests it.
 
+use std::ops::Range;
+
+use super::counts::Counts;
 use super::section::Segment;
 
-/// Room for at least so many crossings: those of a usual band.
-const LEAST_CROSSINGS: usize = 1 << 14;
+/// Most crossings that are kept: those of a usual band. They take 192 KiB, less than a level-2 cache has.
+const MAX_CROSSINGS: usize = 1 << 14;
 
 /// How finely a band is sampled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,7 +31,8 @@ impl Resolution {
     }
 }
 
-/// The crossings of some rows of pixels. It takes a fixed amount of memory.
+/// The crossings of some rows of pixels. It takes a fixed amount of memory: where one row of pixels alone has more crossings than there is
+/// room for, they are counted for each sample instead.
 #[derive(Debug)]
 pub(crate) struct Crossings {
     resolution: Resolution,
@@ -41,36 +45,40 @@ pub(crate) struct Crossings {
     keys: Vec<u32>,
     /// Where the keys of each row of samples end.
     ends: Vec<u32>,
+    /// In place of the above, where they have no room for one row of pixels.
+    counts: Counts,
     /// The first row of samples.
     first: f64,
     is_full: bool,
 }
 
 impl Crossings {
-    /// For up to `rows` rows of `width` pixels, and `facets` facets that may cross the same row.
-    pub(crate) fn new(width: usize, rows: usize, facets: usize, resolution: Resolution) -> Self {
-        let capacity = Self::capacity(facets, resolution);
+    /// For up to `rows` rows of `width` pixels.
+    pub(crate) fn new(width: usize, rows: usize, resolution: Resolution) -> Self {
+        Self::with_capacity(width, rows, resolution, MAX_CROSSINGS)
+    }
+
+    fn with_capacity(width: usize, rows: usize, resolution: Resolution, capacity: usize) -> Self {
+        let width = width as u32 * resolution.columns;
         Self {
             resolution,
-            width: width as u32 * resolution.columns,
+            width,
             capacity,
             found: Vec::with_capacity(capacity),
             keys: Vec::with_capacity(capacity),
             ends: Vec::with_capacity(rows * resolution.rows as usize),
+            counts: Counts::new(width, resolution.rows as usize),
             first: 0.0,
             is_full: false,
         }
     }
 
     /// Its memory, bytes.
-    pub(crate) fn bytes(rows: usize, facets: usize, resolution: Resolution) -> u64 {
-        let keys = Self::capacity(facets, resolution).saturating_mul(size_of::<[u32; 2]>() + size_of::<u32>());
-        keys.saturating_add(rows * resolution.rows as usize * size_of::<u32>()) as u64
-    }
-
-    /// Room for all crossings of one row of pixels.
-    fn capacity(facets: usize, resolution: Resolution) -> usize {
-        facets.saturating_mul(resolution.rows as usize).max(LEAST_CROSSINGS)
+    pub(crate) fn bytes(width: usize, rows: usize, resolution: Resolution) -> u64 {
+        let keys = MAX_CROSSINGS * (size_of::<[u32; 2]>() + size_of::<u32>());
+        let ends = rows * resolution.rows as usize * size_of::<u32>();
+        let counts = Counts::bytes(width as u32 * resolution.columns, resolution.rows as usize);
+        (keys + ends) as u64 + counts
     }
 
     /// Begins `count` rows of pixels from row `first` on.
@@ -80,6 +88,7 @@ impl Crossings {
         self.found.clear();
         self.ends.clear();
         self.ends.resize(count * rows, 0);
+        self.counts.clear();
         self.is_full = false;
     }
 
@@ -93,8 +102,7 @@ impl Crossings {
         let slope = (high[0] - low[0]) / (high[1] - low[1]);
         let falls = u32::from(goes_up != is_mirrored);
         for row in rows[0]..rows[1].min(self.ends.len()) {
-            if self.found.len() == self.capacity {
-                self.is_full = true;
+            if self.found.len() == self.capacity && !self.make_room() {
                 return;
             }
             let at = low[0] + (self.first + row as f64 - low[1]) * slope;
@@ -104,14 +112,34 @@ impl Crossings {
         }
     }
 
-    /// Whether crossings were left out because there was no room. Then begin again with fewer rows: one row of pixels has room.
+    /// Counts what was found if it is of one row of pixels; otherwise there is no room.
+    fn make_room(&mut self) -> bool {
+        self.is_full = self.ends.len() > self.resolution.rows as usize;
+        if !self.is_full {
+            self.count_found();
+        }
+        !self.is_full
+    }
+
+    fn count_found(&mut self) {
+        for [row, key] in self.found.drain(..) {
+            self.counts.add(row as usize, key >> 1, change(key));
+        }
+    }
+
+    /// Whether crossings were left out because there was no room. Then begin again with fewer rows: one row of pixels always has room.
     pub(crate) fn is_full(&self) -> bool {
         self.is_full
     }
 
     /// Calls `fill` with each row of pixels, counted from the first, and each span of samples in it whose winding number is above 0. A row of
     /// pixels may have several rows of samples.
-    pub(crate) fn spans(&mut self, mut fill: impl FnMut(usize, std::ops::Range<u32>)) {
+    pub(crate) fn spans(&mut self, mut fill: impl FnMut(usize, Range<u32>)) {
+        if self.counts.is_used() {
+            self.count_found();
+            self.counts.spans(|span| fill(0, span));
+            return;
+        }
         self.sort();
         let mut begin_of_row = 0;
         for (row, end_of_row) in self.ends.iter().enumerate() {
@@ -119,7 +147,7 @@ impl Crossings {
             for key in &self.keys[begin_of_row..*end_of_row as usize] {
                 let sample = key >> 1;
                 let before = winding;
-                winding += 1 - 2 * (key & 1) as i32;
+                winding += change(*key);
                 match (before > 0, winding > 0) {
                     (false, true) => begin = sample,
                     (true, false) if begin < sample => fill(row / self.resolution.rows as usize, begin..sample),
@@ -151,13 +179,20 @@ impl Crossings {
     }
 }
 
+/// By how much the winding number changes at a crossing.
+fn change(key: u32) -> i32 {
+    1 - 2 * (key & 1) as i32
+}
+
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
 
     /// The spans of squares, each of one height.
-    fn spans(squares: &[[f64; 3]], resolution: Resolution) -> Vec<(usize, std::ops::Range<u32>)> {
-        let mut crossings = Crossings::new(20, 8, 8, resolution);
+    fn spans(squares: &[[f64; 3]], resolution: Resolution) -> Vec<(usize, Range<u32>)> {
+        let mut crossings = Crossings::new(20, 8, resolution);
         crossings.begin(2, 4);
         for [low, high, way] in squares {
             let mut corners = [[*low, *low], [*high, *low], [*high, *high], [*low, *high]];
@@ -196,17 +231,56 @@ mod tests {
 
     #[test]
     fn too_many_crossings_are_told() {
-        let mut crossings = Crossings::new(20, 4096, 8, Resolution::CENTRES);
-        let wall = Segment { from: [3.0, -1.0], to: [3.0, 5000.0] };
+        let mut crossings = Crossings::new(20, 4096, Resolution::CENTRES);
+        let wall = |x: f64, up: bool| {
+            let ends = [[x, -1.0], [x, 5000.0]];
+            Segment { from: ends[usize::from(!up)], to: ends[usize::from(up)] }
+        };
         crossings.begin(0, 4096);
         for _ in 0..20 {
-            crossings.add(&wall, false);
+            crossings.add(&wall(3.0, true), false);
         }
         assert!(crossings.is_full());
         crossings.begin(0, 1);
-        for _ in 0..20 {
-            crossings.add(&wall, false);
+        for _ in 0..100_000 {
+            crossings.add(&wall(3.0, false), false);
+            crossings.add(&wall(7.5, true), false);
         }
-        assert!(!crossings.is_full());
+        assert!(!crossings.is_full(), "one row always has room");
+        let mut spans = Vec::new();
+        crossings.spans(|row, span| spans.push((row, span)));
+        assert_eq!(spans, [(0, 3..8)]);
+    }
+
+    /// Segments whose ends often share their rows and columns, in and beside a picture of 12 by 4 pixels.
+    fn segments() -> impl Strategy<Value = Vec<(Segment, bool)>> {
+        let at = prop_oneof![-3.0..15.0, (-3..15).prop_map(f64::from), (-12..60).prop_map(|at| f64::from(at) / 4.0)];
+        let end = || (at.clone(), at.clone()).prop_map(|(x, y)| [x, y]);
+        let segment = (end(), end()).prop_map(|(from, to)| Segment { from, to });
+        proptest::collection::vec((segment, any::<bool>()), 0..60)
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
+        #[test]
+        fn counts_and_sorted_crossings_have_equal_spans(segments in segments(), capacity in 1..9_usize, first in 0..3_usize) {
+            for resolution in [Resolution::CENTRES, Resolution::GREY] {
+                let found = |capacity: usize| {
+                    let mut crossings = Crossings::with_capacity(12, 1, resolution, capacity);
+                    crossings.begin(first, 1);
+                    segments.iter().for_each(|(segment, is_mirrored)| crossings.add(segment, *is_mirrored));
+                    let is_counted = crossings.counts.is_used();
+                    let mut spans = Vec::new();
+                    crossings.spans(|row, span| spans.push((row, span)));
+                    (spans, is_counted, crossings.is_full())
+                };
+                let (expected, is_counted, _) = found(MAX_CROSSINGS);
+                prop_assert!(!is_counted);
+                let (spans, _, is_full) = found(capacity);
+                prop_assert!(!is_full);
+                prop_assert_eq!(spans, expected);
+            }
+        }
     }
 }

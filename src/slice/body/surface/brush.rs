@@ -13,11 +13,11 @@ use crate::solid::{Crossings, FieldRows, Resolution, SectionPlane};
 
 /// What one thread draws with. It takes a fixed amount of memory.
 pub(super) trait Sheet: Send {
-    /// A sheet for the pictures of a plan, of which no plane cuts more than `facets` facets.
-    fn new(plan: &SlicePlan, facets: usize) -> Self;
+    /// A sheet for the pictures of a plan.
+    fn new(plan: &SlicePlan) -> Self;
 
     /// Its memory, bytes.
-    fn bytes(plan: &SlicePlan, facets: usize) -> u64;
+    fn bytes(plan: &SlicePlan) -> u64;
 
     fn crossings(&mut self) -> &mut Crossings;
 }
@@ -30,16 +30,15 @@ pub(super) struct PixelSheet {
 }
 
 impl Sheet for PixelSheet {
-    fn new(plan: &SlicePlan, facets: usize) -> Self {
+    fn new(plan: &SlicePlan) -> Self {
         let width = plan.raster.width_px as usize;
-        let resolution = resolution(plan.depth);
-        let crossings = Crossings::new(width, ROWS_PER_BAND, facets, resolution);
+        let crossings = Crossings::new(width, ROWS_PER_BAND, resolution(plan.depth));
         Self { crossings, samples: vec![0; sample_count(plan)] }
     }
 
-    fn bytes(plan: &SlicePlan, facets: usize) -> u64 {
+    fn bytes(plan: &SlicePlan) -> u64 {
         let samples = sample_count(plan) * size_of::<u16>();
-        Crossings::bytes(ROWS_PER_BAND, facets, resolution(plan.depth)).saturating_add(samples as u64)
+        Crossings::bytes(plan.raster.width_px as usize, ROWS_PER_BAND, resolution(plan.depth)) + samples as u64
     }
 
     fn crossings(&mut self) -> &mut Crossings {
@@ -68,17 +67,17 @@ pub(super) struct FieldSheet {
 }
 
 impl Sheet for FieldSheet {
-    fn new(plan: &SlicePlan, facets: usize) -> Self {
+    fn new(plan: &SlicePlan) -> Self {
         let width = plan.raster.width_px as usize;
         Self {
-            crossings: Crossings::new(width, ROWS_PER_BAND, facets, Resolution::CENTRES),
+            crossings: Crossings::new(width, ROWS_PER_BAND, Resolution::CENTRES),
             rows: FieldRows::new(width, ROWS_PER_BAND, plan.raster.pixel_um),
         }
     }
 
-    fn bytes(plan: &SlicePlan, facets: usize) -> u64 {
-        let rows = FieldRows::bytes(plan.raster.width_px as usize, ROWS_PER_BAND);
-        Crossings::bytes(ROWS_PER_BAND, facets, Resolution::CENTRES).saturating_add(rows)
+    fn bytes(plan: &SlicePlan) -> u64 {
+        let width = plan.raster.width_px as usize;
+        Crossings::bytes(width, ROWS_PER_BAND, Resolution::CENTRES) + FieldRows::bytes(width, ROWS_PER_BAND)
     }
 
     fn crossings(&mut self) -> &mut Crossings {
@@ -104,8 +103,11 @@ impl<S: Sheet> SurfaceBrush<'_, S> {
                 if let Some(segment) = self.plane.cut(facet) {
                     crossings.add(&segment, is_mirrored);
                 }
+                if crossings.is_full() {
+                    break;
+                }
             }
-            if !crossings.is_full() || count == 1 {
+            if !crossings.is_full() {
                 return count;
             }
             count /= 2;
@@ -114,8 +116,11 @@ impl<S: Sheet> SurfaceBrush<'_, S> {
 
     /// Draws rows from `first` on, as many at a time as there is room for.
     fn draw<T>(&mut self, mut first: usize, mut rows: &mut [T], fill: impl Fn(&mut Self, usize, &mut [T])) {
+        let mut most = rows.len();
         while !rows.is_empty() {
-            let count = self.cross(first, rows.len());
+            let count = self.cross(first, most.min(rows.len()));
+            // Neighbouring rows have about as many crossings.
+            most = 2 * count;
             let (now, later) = rows.split_at_mut(count);
             fill(self, first, now);
             (first, rows) = (first + count, later);

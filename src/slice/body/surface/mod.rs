@@ -73,13 +73,8 @@ pub(in crate::slice) fn field_memory_bytes(
     Surface::<FieldSheet>::memory_bytes(source, plan, threads)
 }
 
-/// Most triangles that any plane cuts.
-fn facets(source: &dyn ChunkSource<Triangle>) -> usize {
-    usize::try_from(source.peak_active()).unwrap_or(usize::MAX)
-}
-
-fn sheets_bytes<S: Sheet>(source: &dyn ChunkSource<Triangle>, plan: &SlicePlan, threads: usize) -> u64 {
-    S::bytes(plan, facets(source)).saturating_mul(threads as u64)
+fn sheets_bytes<S: Sheet>(plan: &SlicePlan, threads: usize) -> u64 {
+    S::bytes(plan).saturating_mul(threads as u64)
 }
 
 impl<S: Sheet> Surface<S> {
@@ -89,17 +84,16 @@ impl<S: Sheet> Surface<S> {
         threads: usize,
         budget: &MemoryBudget,
     ) -> Result<Self, SliceError> {
-        let charge = budget.charge("the rows that triangles cross", sheets_bytes::<S>(&*source, plan, threads))?;
-        let facets = facets(&*source);
+        let charge = budget.charge("the rows that triangles cross", sheets_bytes::<S>(plan, threads))?;
         let quantum_um = source.quantum_um();
         let [origin, step] = [plan.origin_um, plan.step_um()].map(|um| um.map(|um| um / quantum_um));
         let sweep = Sweep::new(source, plan, threads, budget)?;
-        let sheets = (0..threads).map(|_| S::new(plan, facets)).collect();
+        let sheets = (0..threads).map(|_| S::new(plan)).collect();
         Ok(Self { sweep, sheets, origin, step, quantum_um, _charge: charge })
     }
 
     fn memory_bytes(source: &dyn ChunkSource<Triangle>, plan: &SlicePlan, threads: usize) -> u64 {
-        Sweep::memory_bytes(source, plan, threads).saturating_add(sheets_bytes::<S>(source, plan, threads))
+        Sweep::memory_bytes(source, plan, threads).saturating_add(sheets_bytes::<S>(plan, threads))
     }
 
     /// A brush for each thread.
