@@ -6,6 +6,7 @@ mod lane;
 mod mesh;
 mod open_edges;
 mod rules;
+mod solid_check;
 mod stretch;
 mod surface;
 mod three_mf;

@@ -1,4 +1,4 @@
-//! Edges of triangles whose other side has not come yet: what is left of a closed surface at its end is nothing. `surface` uses it.
+//! Edges of triangles whose other side has not come yet: what is left of a closed surface at its end is nothing. `solid_check` uses it.
 
 use std::collections::HashMap;
 

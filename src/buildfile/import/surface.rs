@@ -1,15 +1,14 @@
-//! What is collected of surfaces: triangles go to the sort, and `open_edges` tells whether they are closed. `collect` has one.
+//! What is collected of surfaces: triangles go to the sort, and `solid_check` tells whether they enclose a solid. `collect` has one.
 
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
-use super::open_edges::{Open, OpenEdges};
 use super::rules::Rules;
+use super::solid_check::SolidCheck;
 use crate::buildfile::error::PackError;
 use crate::buildfile::model::Triangle;
 use crate::buildfile::sort::Sorter;
-use crate::text::count_text;
 
 /// Takes the triangles of all sources.
 pub(super) struct SurfaceLane<'a> {
@@ -19,10 +18,8 @@ pub(super) struct SurfaceLane<'a> {
     count: u64,
     /// Triangles whose corners lie on one line. They are kept, because their neighbours meet their edges.
     flat_count: u64,
-    /// Edges of the current solid that have no other side yet.
-    edges: OpenEdges,
-    /// Six times the volume of the current solid, cubic quanta.
-    volume: f64,
+    /// What is known of the current solid.
+    solid: SolidCheck,
 }
 
 /// The triangles of all sources.
@@ -35,15 +32,7 @@ impl<'a> SurfaceLane<'a> {
     /// A lane that takes up to `memory_bytes` and spills to `directory`.
     pub(super) fn new(rules: &'a Rules, memory_bytes: u64, directory: &Path) -> Self {
         let sorter = Sorter::new(directory, memory_bytes);
-        Self {
-            rules,
-            sorter,
-            directory: directory.into(),
-            count: 0,
-            flat_count: 0,
-            edges: OpenEdges::default(),
-            volume: 0.0,
-        }
+        Self { rules, sorter, directory: directory.into(), count: 0, flat_count: 0, solid: SolidCheck::default() }
     }
 
     /// Number of triangles.
@@ -66,10 +55,8 @@ impl<'a> SurfaceLane<'a> {
         if is_flat(&triangle) {
             self.flat_count += 1;
         }
-        // Even of a flat one: its neighbours meet its edges.
-        self.edges.add(triangle.corners);
-        let [a, b, c] = triangle.corners.map(|corner| DVec3::from(corner.map(|at| at as f64)) / FRACTIONS);
-        self.volume += a.dot(b.cross(c));
+        // Even a flat one: its neighbours meet its edges.
+        self.solid.add(triangle.corners);
         self.count += 1;
         let sorted = self.sorter.push(triangle);
         sorted.map_err(|source| PackError::Sort { directory: self.directory.clone(), source })
@@ -80,39 +67,7 @@ impl<'a> SurfaceLane<'a> {
     /// # Errors
     /// If they do not enclose anything: the surface is open, or inside out.
     pub(super) fn end_solid(&mut self, place: &str) -> Result<(), PackError> {
-        let volume = std::mem::take(&mut self.volume);
-        if let Some(open) = self.edges.finish() {
-            return Err(PackError::input(place, self.open_text(&open)));
-        }
-        if volume <= 0.0 {
-            let volume_mm3 = volume / 6.0 * (self.rules.quantum_um() / 1000.0).powi(3);
-            let problem = if volume < 0.0 {
-                format!(
-                    "the surface is inside out: its volume is {volume_mm3:.3} mm³. Reverse its triangles in the program that made it"
-                )
-            } else {
-                "the surface encloses nothing: give it a thickness in the program that made it".into()
-            };
-            return Err(PackError::input(place, problem));
-        }
-        Ok(())
-    }
-
-    fn open_text(&self, open: &Open) -> String {
-        let where_open = match open {
-            Open::Edges(count, edge) => {
-                let [from, to] = edge.map(|corner| {
-                    let [x, y, z] = self.rules.source_mm(corner);
-                    format!("{x:.4}, {y:.4}, {z:.4}")
-                });
-                format!("{}, one of them from {from} to {to} mm", count_text(*count as u64, "edge"))
-            }
-            Open::Unknown => "many edges".to_owned(),
-        };
-        format!(
-            "the surface is open at {where_open}: there is no triangle on the other side, or one too many, or one that shows its inner \
-             side. Repair it in the program that made it: close holes, join corners that nearly touch, reverse triangles, delete doubles"
-        )
+        std::mem::take(&mut self.solid).end(place, self.rules)
     }
 
     /// All triangles; `None` if there are none. Adds notes for the operator.
@@ -126,8 +81,6 @@ impl<'a> SurfaceLane<'a> {
         Some(CollectedSurface { sorter: self.sorter, count: self.count })
     }
 }
-
-const FRACTIONS: f64 = crate::buildfile::model::QUANTUM_FRACTIONS as f64;
 
 /// Whether the corners lie on one line.
 fn is_flat(triangle: &Triangle) -> bool {
