@@ -27,68 +27,90 @@ const SIDES: [u32; 4] = [125, 250, 500, 1000];
 /// Rings of triangles around the ball: the number of triangles is 4 n².
 const RINGS: [u32; 4] = [16, 50, 158, 500];
 
+/// Each case is measured so often, in turn with the others of its table, and the least time counts: other programs disturb all alike.
+const ROUNDS: usize = 7;
+
 fn main() {
     let directory = tempfile::tempdir().expect("temporary directory");
-    let path = directory.path().join("ball.layerd");
-    println!("Time against voxels, 99,856 triangles");
-    table_head();
-    let file = written(&path, 158);
-    let mut before = None;
-    for side in SIDES {
-        before = Some(row(&file, side, before));
-    }
-    println!("\nTime against triangles, 10⁹ voxels");
-    table_head();
-    let mut before = None;
-    for rings in RINGS {
-        before = Some(row(&written(&path, rings), 1000, before));
-    }
+    let written = |rings: u32| written(&directory.path().join(format!("{rings}.layerd")), rings);
+    let file = written(158);
+    table("Time against voxels", &SIDES.map(|side| Case::new(&file, side)));
+    table("Time against triangles", &RINGS.map(|rings| Case::new(&written(rings), 1000)));
 }
 
-fn table_head() {
-    println!("triangles | Mvoxel | ms a layer | s per Mvoxel | bytes per voxel | exponent");
+/// What is measured: a part on a raster.
+struct Case {
+    file: Arc<BuildFile>,
+    side: u32,
+    plan: SlicePlan,
+    /// Memory of slicing.
+    bytes: u64,
 }
 
-/// What was measured: a size and a time.
-type Measured = [f64; 3];
+impl Case {
+    /// So many voxels along each side.
+    fn new(file: &Arc<BuildFile>, side: u32) -> Self {
+        let bounds = file.header().bounds;
+        let size_um = [0, 1, 2].map(|axis| f64::from(bounds.max[axis] - bounds.min[axis]));
+        let [x_um, y_um, z_um] = size_um.map(|size| size / f64::from(side));
+        let raster = Raster {
+            width_px: side + 1,
+            height_px: side + 1,
+            pixel_um: [x_um, y_um],
+            build_height_um: size_um[2],
+            mirror: Mirror::default(),
+        };
+        let plan = SlicePlan::new(file.header(), raster, Depth::Bit, z_um).expect("it fits");
+        let bytes = Slicer::memory_bytes(&BodySource::of(file), &plan, 1);
+        Self { file: Arc::clone(file), side, plan, bytes }
+    }
 
-/// Slices the whole part and prints a line.
-fn row(file: &Arc<BuildFile>, side: u32, before: Option<Measured>) -> Measured {
-    let bounds = file.header().bounds;
-    let size_um = [0, 1, 2].map(|axis| f64::from(bounds.max[axis] - bounds.min[axis]));
-    let [x_um, y_um, z_um] = size_um.map(|size| size / f64::from(side));
-    let raster = Raster {
-        width_px: side + 1,
-        height_px: side + 1,
-        pixel_um: [x_um, y_um],
-        build_height_um: size_um[2],
-        mirror: Mirror::default(),
-    };
-    let plan = SlicePlan::new(file.header(), raster, Depth::Bit, z_um).expect("it fits");
-    let bytes = Slicer::memory_bytes(&BodySource::of(file), &plan, 1);
-    let mut seconds = f64::INFINITY;
-    for _ in 0..3 {
-        let budget = MemoryBudget::new(bytes);
-        let mut slicer = Slicer::new(BodySource::of(file), plan.clone(), 1, 0, &budget).expect("a slicer");
-        let mut bitmap = Bitmap::new(side + 1, side + 1, Depth::Bit);
+    /// Slices the whole part, and returns the processor time, seconds.
+    fn seconds(&self) -> f64 {
+        let budget = MemoryBudget::new(self.bytes);
+        let mut slicer = Slicer::new(BodySource::of(&self.file), self.plan.clone(), 1, 0, &budget).expect("a slicer");
+        let mut bitmap = Bitmap::new(self.side + 1, self.side + 1, Depth::Bit);
         let began = cpu_time();
         while slicer.next_layer(&mut bitmap).expect("a layer").is_some() {}
-        seconds = seconds.min((cpu_time() - began).as_secs_f64());
+        (cpu_time() - began).as_secs_f64()
     }
-    let voxels = f64::from(side).powi(3);
-    let triangles: f64 = file.chunks().iter().map(|chunk| f64::from(chunk.count)).sum();
-    let exponent = before.map_or(String::new(), |[voxels_before, triangles_before, seconds_before]: Measured| {
-        let grown = (voxels / voxels_before).max(triangles / triangles_before);
-        format!("{:.2}", (seconds / seconds_before).ln() / grown.ln())
-    });
-    println!(
-        "{triangles} | {:.0} | {:.3} | {:.6} | {:.5} | {exponent}",
-        voxels / 1e6,
-        seconds * 1000.0 / f64::from(plan.layer_count),
-        seconds / (voxels / 1e6),
-        bytes as f64 / voxels,
-    );
-    [voxels, triangles, seconds]
+
+    fn voxels(&self) -> f64 {
+        f64::from(self.side).powi(3)
+    }
+
+    fn triangles(&self) -> f64 {
+        self.file.chunks().iter().map(|chunk| f64::from(chunk.count)).sum()
+    }
+}
+
+/// Measures cases and prints a line for each.
+fn table(title: &str, cases: &[Case]) {
+    let mut seconds = vec![f64::INFINITY; cases.len()];
+    for _ in 0..ROUNDS {
+        for (seconds, case) in seconds.iter_mut().zip(cases) {
+            *seconds = seconds.min(case.seconds());
+        }
+    }
+    println!("\n{title}");
+    println!("triangles | Mvoxel | ms a layer | s per Mvoxel | times the first | bytes per voxel | exponent");
+    for (number, case) in cases.iter().enumerate() {
+        let exponent = number.checked_sub(1).map_or(String::new(), |before| {
+            let grown = |size: fn(&Case) -> f64| size(case) / size(&cases[before]);
+            let growth = grown(Case::voxels).max(grown(Case::triangles));
+            format!("{:.2}", (seconds[number] / seconds[before]).ln() / growth.ln())
+        });
+        let per_mvoxel = |number: usize| seconds[number] / (cases[number].voxels() / 1e6);
+        println!(
+            "{} | {:.0} | {:.3} | {:.6} | {:.2} | {:.5} | {exponent}",
+            case.triangles(),
+            case.voxels() / 1e6,
+            seconds[number] * 1000.0 / f64::from(case.plan.layer_count),
+            per_mvoxel(number),
+            per_mvoxel(number) / per_mvoxel(0),
+            case.bytes as f64 / case.voxels(),
+        );
+    }
 }
 
 /// Writes a ball of `4 rings²` triangles.

@@ -3,8 +3,8 @@
 //! All values of a column have the same width, 0 to 4 bytes: fixed widths decode without branches. The compressor treats each plane
 //! separately, because the bytes of a plane are distributed alike. `strut/chunk.rs` lays out struts with it.
 
-/// Columns that one kind of primitive decodes at once: struts five, triangles eighteen.
-const MAX_COLUMNS: usize = 18;
+/// Columns that one kind of primitive decodes at once: struts five, triangles two.
+const MAX_COLUMNS: usize = 5;
 
 /// Buffers of [`Primitive::decode`](super::Primitive::decode), kept from chunk to chunk.
 #[derive(Debug, Default)]

@@ -22,6 +22,10 @@ pub(super) trait Primitive: Copy + Debug + Send + 'static {
     /// What the header says of a body of these primitives.
     type Body;
 
+    /// How many a chunk has when it is written, but for the last of a body. A chunk that is read may have up to
+    /// [`MAX_CHUNK_PRIMITIVES`](super::MAX_CHUNK_PRIMITIVES).
+    const CHUNK_PRIMITIVES: usize;
+
     /// Bytes of [`Scratch`] for each primitive of a chunk while [`Primitive::decode`] reads it.
     const SCRATCH_BYTES: usize;
 

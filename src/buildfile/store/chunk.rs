@@ -6,8 +6,8 @@ use super::index::ChunkEntry;
 use crate::buildfile::primitive::{Primitive, Scratch};
 use crate::disk::File;
 
-/// Most primitives in one chunk. Few enough that a chunk is decoded within a level-2 cache and the index bounds the active set closely;
-/// enough that the fixed cost of a chunk (40 bytes of index, a head, the compressor's tables) is small.
+/// Most primitives in one chunk. So many that the fixed cost of a chunk (40 bytes of index, a head, the compressor's tables) is small; more
+/// would take memory for nothing.
 pub(crate) const MAX_CHUNK_PRIMITIVES: usize = 8192;
 
 /// Most bytes of an unpacked chunk: twice what 8192 triangles take in the widest columns, three times what struts take.

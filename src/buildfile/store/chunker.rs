@@ -4,7 +4,6 @@ use std::fs::File;
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::num::NonZero;
 
-use super::chunk::MAX_CHUNK_PRIMITIVES;
 use super::encoders::{Encoded, Encoders};
 use super::format::Footer;
 use super::index::ChunkEntry;
@@ -88,7 +87,7 @@ impl<P: Primitive> Chunker<P> {
     /// # Errors
     /// If a thread cannot be started.
     pub(super) fn new(threads: NonZero<usize>) -> io::Result<Self> {
-        Ok(Self { encoders: Encoders::new(threads)?, pending: Vec::with_capacity(MAX_CHUNK_PRIMITIVES) })
+        Ok(Self { encoders: Encoders::new(threads)?, pending: Vec::with_capacity(P::CHUNK_PRIMITIVES) })
     }
 
     /// Adds a primitive, and sends the chunk that it completes to be compressed.
@@ -97,7 +96,7 @@ impl<P: Primitive> Chunker<P> {
     /// If an earlier chunk could not be compressed or written.
     pub(super) fn push(&mut self, primitive: P, file: &mut ChunkFile) -> io::Result<()> {
         self.pending.push(primitive);
-        if self.pending.len() == MAX_CHUNK_PRIMITIVES { self.send(file) } else { Ok(()) }
+        if self.pending.len() == P::CHUNK_PRIMITIVES { self.send(file) } else { Ok(()) }
     }
 
     /// Writes everything that was added, so that the next chunk may belong to another body.
@@ -114,7 +113,7 @@ impl<P: Primitive> Chunker<P> {
 
     fn send(&mut self, file: &mut ChunkFile) -> io::Result<()> {
         let empty = if self.encoders.is_full() { self.write_oldest(file)? } else { None };
-        let empty = empty.unwrap_or_else(|| Vec::with_capacity(MAX_CHUNK_PRIMITIVES));
+        let empty = empty.unwrap_or_else(|| Vec::with_capacity(P::CHUNK_PRIMITIVES));
         self.encoders.send(std::mem::replace(&mut self.pending, empty))
     }
 
@@ -137,7 +136,7 @@ mod tests {
     #[test]
     fn a_second_kind_of_primitive_is_written_and_read_in_chunks() {
         let file = tempfile::tempfile().expect("temporary file");
-        let (surface, mut sorted) = triangles(20_000, 11);
+        let (surface, mut sorted) = triangles(5000, 11);
         sorted.sort_by_key(Primitive::key);
         let mut chunks = ChunkFile::begin(file.try_clone().expect("is open"), b"front").expect("can be written");
         let mut chunker = Chunker::<Triangle>::new(NonZero::<usize>::MIN.saturating_add(1)).expect("threads start");
@@ -147,10 +146,10 @@ mod tests {
         chunker.finish_body(&mut chunks).expect("can be written");
         let index = chunks.index.clone();
         chunks.complete(b"FRONT", &[]).expect("can be written");
-        assert_eq!(index.iter().map(|entry| entry.count).collect::<Vec<_>>(), [8192, 8192, 3616]);
+        assert_eq!(index.iter().map(|entry| entry.count).collect::<Vec<_>>(), [2048, 2048, 904]);
         let z = |triangle: &Triangle| triangle.z_range();
-        assert_eq!([index[1].z_low_min, index[1].z_low_max], [z(&sorted[8192])[0], z(&sorted[16_383])[0]]);
-        assert_eq!(Some(index[2].z_high_max), sorted[16_384..].iter().map(|triangle| z(triangle)[1]).max());
+        assert_eq!([index[1].z_low_min, index[1].z_low_max], [z(&sorted[2048])[0], z(&sorted[4095])[0]]);
+        assert_eq!(Some(index[2].z_high_max), sorted[4096..].iter().map(|triangle| z(triangle)[1]).max());
 
         let file = crate::disk::File::from(file);
         let (mut reader, mut read) = (ChunkReader::default(), Vec::<Triangle>::new());

@@ -95,8 +95,18 @@ impl Rows {
 
     /// The rows that a primitive can reach in any plane. `ys`: the y of its points.
     pub(super) fn reached<const N: usize>(self, ys: [f64; N]) -> [i64; 2] {
-        let rows = ys.map(|y| y * self.rows_per_quantum - self.row_0);
-        let (low, high) = (rows.into_iter().fold(f64::MAX, f64::min), rows.into_iter().fold(f64::MIN, f64::max));
-        [(low - self.reach).floor() as i64, (high + self.reach).ceil() as i64]
+        let (mut low, mut high) = (f64::MAX, f64::MIN);
+        for y in ys {
+            let row = y * self.rows_per_quantum - self.row_0;
+            (low, high) = (low.min(row), high.max(row));
+        }
+        [floor(low - self.reach), -floor(-high - self.reach)]
     }
+}
+
+/// The next whole number below. `f64::floor` is a function call on processors without SSE 4.1.
+fn floor(value: f64) -> i64 {
+    // The cast saturates.
+    let whole = value as i64;
+    whole.saturating_sub(i64::from(whole as f64 > value))
 }

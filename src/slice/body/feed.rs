@@ -2,7 +2,6 @@
 //! `surface/sweep.rs` use it.
 
 use super::source::{BodyPrimitive, ChunkSource};
-use crate::buildfile::MAX_CHUNK_PRIMITIVES;
 use crate::slice::SliceError;
 use crate::slice::workers::Workers;
 
@@ -24,15 +23,16 @@ struct Slot<P> {
 }
 
 impl<P: BodyPrimitive> Feed<P> {
-    /// A feed that begins with the first chunk, and reads with `threads` threads.
-    pub(super) fn new(threads: usize) -> Self {
-        let slot = || Slot { chunk: 0, primitives: Vec::with_capacity(MAX_CHUNK_PRIMITIVES), problem: None };
+    /// A feed that begins with the first chunk of a source, and reads with `threads` threads.
+    pub(super) fn new(source: &dyn ChunkSource<P>, threads: usize) -> Self {
+        let most = source.chunk_primitives();
+        let slot = || Slot { chunk: 0, primitives: Vec::with_capacity(most), problem: None };
         Self { slots: (0..threads).map(|_| slot()).collect(), filled: 0, slot: 0, next: 0, next_chunk: 0 }
     }
 
     /// Its memory, bytes.
-    pub(super) fn memory_bytes(threads: usize) -> u64 {
-        ((MAX_CHUNK_PRIMITIVES * size_of::<P>()) as u64).saturating_mul(threads as u64)
+    pub(super) fn memory_bytes(source: &dyn ChunkSource<P>, threads: usize) -> u64 {
+        ((source.chunk_primitives() * size_of::<P>()) as u64).saturating_mul(threads as u64)
     }
 
     /// Hands on the primitives that reach from `z[0]` to `z[1]`, quanta, or begin below, and the number of their chunk. Chunks that end below

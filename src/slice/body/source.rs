@@ -80,6 +80,9 @@ pub trait ChunkSource<P: BodyPrimitive>: Send + Sync {
     /// Number of chunks.
     fn chunk_count(&self) -> usize;
 
+    /// Most primitives in any chunk.
+    fn chunk_primitives(&self) -> usize;
+
     /// Range of z of a chunk. The lowest z ascends from chunk to chunk.
     fn chunk_span(&self, chunk: usize) -> ChunkSpan;
 
@@ -120,6 +123,11 @@ impl<P: BodyPrimitive> ChunkSource<P> for Stored<P> {
 
     fn chunk_count(&self) -> usize {
         self.file.body_chunks(self.body).len()
+    }
+
+    fn chunk_primitives(&self) -> usize {
+        let chunks = &self.file.chunks()[self.file.body_chunks(self.body)];
+        chunks.iter().map(|entry| entry.count as usize).max().unwrap_or(0)
     }
 
     fn chunk_span(&self, chunk: usize) -> ChunkSpan {
@@ -184,6 +192,10 @@ impl<P: BodyPrimitive> ChunkSource<P> for MemoryChunks<P> {
 
     fn chunk_count(&self) -> usize {
         self.primitives.len().div_ceil(self.chunk_primitives)
+    }
+
+    fn chunk_primitives(&self) -> usize {
+        self.chunk_primitives.min(self.primitives.len())
     }
 
     fn chunk_span(&self, chunk: usize) -> ChunkSpan {

@@ -25,27 +25,35 @@ impl SectionPlane {
     /// Where the plane cuts a facet; `None` if all corners lie on one side. A corner in the plane counts as above it.
     ///
     /// The solid lies to the left of the segment, where columns run to the right and rows up; to the right if just one of both is mirrored.
+    #[inline]
     pub(crate) fn cut(&self, facet: &Facet) -> Option<Segment> {
-        let above = facet.map(|corner| corner[2] >= self.z);
-        let (mut from, mut to) = (None, None);
-        for (corner, next) in [(0, 1), (1, 2), (2, 0)] {
-            match (above[corner], above[next]) {
-                (true, false) => from = Some(self.crossing(&facet[next], &facet[corner])),
-                (false, true) => to = Some(self.crossing(&facet[corner], &facet[next])),
-                _ => {}
-            }
-        }
-        Some(Segment { from: from?, to: to? })
+        let [a, b, c] = facet;
+        let is_above = |corner: &[f64; 3]| corner[2] >= self.z;
+        let above = [is_above(a), is_above(b), is_above(c)];
+        // The corner that is alone on its side of the plane, and the others in order.
+        let (alone, is_peak, [after, before]) = match above {
+            [true, true, true] | [false, false, false] => return None,
+            [is_peak, second, third] if second == third => (a, is_peak, [b, c]),
+            [first, is_peak, third] if first == third => (b, is_peak, [c, a]),
+            [_, _, is_peak] => (c, is_peak, [a, b]),
+        };
+        Some(if is_peak {
+            Segment { from: self.crossing(after, alone), to: self.crossing(before, alone) }
+        } else {
+            Segment { from: self.crossing(alone, before), to: self.crossing(alone, after) }
+        })
     }
 
     /// Where the plane crosses an edge, from its end below the plane to the one above.
     fn crossing(&self, low: &[f64; 3], high: &[f64; 3]) -> [f64; 2] {
-        let share = (self.z - low[2]) / (high[2] - low[2]);
-        [0, 1].map(|axis| {
-            // All edges that end in the plane at one corner meet there exactly, whatever rounding does.
-            let at = if high[2] == self.z { high[axis] } else { low[axis] + share * (high[axis] - low[axis]) };
-            (at - self.origin[axis]) / self.step[axis]
-        })
+        // All edges that end in the plane at one corner meet there exactly, whatever rounding does.
+        let [x, y] = if high[2] == self.z {
+            [high[0], high[1]]
+        } else {
+            let share = (self.z - low[2]) / (high[2] - low[2]);
+            [low[0] + share * (high[0] - low[0]), low[1] + share * (high[1] - low[1])]
+        };
+        [(x - self.origin[0]) / self.step[0], (y - self.origin[1]) / self.step[1]]
     }
 
     /// Whether the solid lies to the right of segments instead of the left.

@@ -14,6 +14,9 @@ impl Primitive for Strut {
     type Key = StrutKey;
     type Body = Lattice;
 
+    /// So many take 288 KiB: a chunk is decoded within a level-2 cache, and the index bounds the active set closely.
+    const CHUNK_PRIMITIVES: usize = 8192;
+
     const SCRATCH_BYTES: usize = size_of::<[i32; 3]>() + chunk::COLUMNS * size_of::<u32>();
 
     fn key(&self) -> StrutKey {

@@ -57,7 +57,7 @@ impl Sweep {
                 last_z: i32::MIN,
             },
             active: ActiveSet::new(plan.raster.height_px as usize, min_rows),
-            feed: Feed::new(threads),
+            feed: Feed::new(&*source, threads),
             _charge: charge,
             source,
         })
@@ -70,7 +70,7 @@ impl Sweep {
         min_rows: usize,
         threads: usize,
     ) -> u64 {
-        let chunks = Feed::<Strut>::memory_bytes(threads);
+        let chunks = Feed::<Strut>::memory_bytes(source, threads);
         let active = ActiveSet::memory_bytes(source.peak_active(), plan.raster.height_px as usize, min_rows);
         active.saturating_add(chunks).saturating_add(source.memory_bytes())
     }

@@ -24,7 +24,8 @@ pub(super) struct ActiveFacets {
 #[derive(Clone, Copy, Debug)]
 struct Entry {
     facet: Facet,
-    high: f64,
+    /// First and last row that it reaches. Of two neighbouring buckets that a band looks into, half of the triangles do not reach it.
+    rows: [u16; 2],
     /// The next of its bucket, or the next that is not in use.
     next: u32,
 }
@@ -52,10 +53,12 @@ impl ActiveFacets {
         self.count
     }
 
-    /// Adds a triangle whose highest corner is at `high`, and which reaches these rows. There must be room.
-    pub(super) fn add(&mut self, facet: Facet, high: f64, rows: [i64; 2]) {
+    /// Adds a triangle that reaches these rows. There must be room.
+    pub(super) fn add(&mut self, facet: Facet, rows: [i64; 2]) {
         let head = &mut self.heads[self.place.of(rows)];
-        let entry = Entry { facet, high, next: *head };
+        let [first, last] = rows;
+        let rows = [row(first), row(last)];
+        let entry = Entry { facet, rows, next: *head };
         if let Some(unused) = self.entries.get_mut(self.free as usize) {
             *head = std::mem::replace(&mut self.free, unused.next);
             *unused = entry;
@@ -73,7 +76,7 @@ impl ActiveFacets {
             let mut next = *head;
             while let Some(entry) = self.entries.get_mut(next as usize) {
                 let number = std::mem::replace(&mut next, entry.next);
-                let list = if entry.high >= z {
+                let list = if high(&entry.facet) >= z {
                     &mut kept
                 } else {
                     self.count -= 1;
@@ -88,9 +91,21 @@ impl ActiveFacets {
     /// The triangles that may reach these rows.
     pub(super) fn facets(&self, rows: Range<i64>) -> impl Iterator<Item = &Facet> {
         let entry = |number: u32| self.entries.get(number as usize);
+        let [first, last] = [row(rows.start), row(rows.end - 1)];
         self.place
             .reaching(rows)
             .flat_map(move |bucket| std::iter::successors(entry(self.heads[bucket]), move |last| entry(last.next)))
+            .filter(move |entry| entry.rows[0] <= last && first <= entry.rows[1])
             .map(|entry| &entry.facet)
     }
+}
+
+/// Height of the highest corner of a facet, of which the first is the lowest.
+pub(super) fn high(facet: &Facet) -> f64 {
+    facet[1][2].max(facet[2][2])
+}
+
+/// A row, which saturates: rows that meet still do.
+fn row(row: i64) -> u16 {
+    row.clamp(0, u16::MAX.into()) as u16
 }

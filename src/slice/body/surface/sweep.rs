@@ -2,7 +2,7 @@
 //! corner, and leaves it when the plane has passed its highest. `tests/surface/` tests it.
 
 use super::ROWS_PER_BAND;
-use super::active::ActiveFacets;
+use super::active::{ActiveFacets, high};
 use crate::buildfile::{QUANTUM_FRACTIONS, Triangle};
 use crate::slice::body::buckets::Rows;
 use crate::slice::body::feed::Feed;
@@ -39,7 +39,7 @@ impl Sweep {
             max_active,
             last_z: i64::MIN,
             active: ActiveFacets::new(max_active, plan.raster.height_px as usize, ROWS_PER_BAND),
-            feed: Feed::new(threads),
+            feed: Feed::new(&*source, threads),
             _charge: charge,
             source,
         })
@@ -48,7 +48,7 @@ impl Sweep {
     /// Memory of a sweep, bytes, at most: the active set, the chunks that are read at once, and the source itself.
     pub(super) fn memory_bytes(source: &dyn ChunkSource<Triangle>, plan: &SlicePlan, threads: usize) -> u64 {
         let active = ActiveFacets::memory_bytes(source.peak_active(), plan.raster.height_px as usize, ROWS_PER_BAND);
-        active.saturating_add(Feed::<Triangle>::memory_bytes(threads)).saturating_add(source.memory_bytes())
+        active.saturating_add(Feed::<Triangle>::memory_bytes(source, threads)).saturating_add(source.memory_bytes())
     }
 
     /// Moves the plane up to `z` quanta. It must not move down.
@@ -64,7 +64,7 @@ impl Sweep {
                 return Err(SliceError::Damaged(format!("chunk {chunk} of the build file has a triangle out of order")));
             }
             *last_z = triangle.corners[0][2];
-            let high = facet[1][2].max(facet[2][2]);
+            let high = high(&facet);
             // A level one is never cut.
             if high >= z && high > facet[0][2] {
                 if active.count() == *max_active {
@@ -72,7 +72,7 @@ impl Sweep {
                         "more triangles are cut by one layer than the {max_active} that the profile of the build file states"
                     )));
                 }
-                active.add(facet, high, rows.reached(facet.map(|corner| corner[1])));
+                active.add(facet, rows.reached([facet[0][1], facet[1][1], facet[2][1]]));
             }
             Ok(true)
         })
@@ -86,5 +86,11 @@ impl Sweep {
 
 /// The corners of a triangle in quanta, exact.
 fn facet(triangle: &Triangle) -> Facet {
-    triangle.corners.map(|corner| corner.map(|at| at as f64 / QUANTUM_FRACTIONS as f64))
+    let [a, b, c] = &triangle.corners;
+    let corner = |[x, y, z]: &[i64; 3]| [quanta(*x), quanta(*y), quanta(*z)];
+    [corner(a), corner(b), corner(c)]
+}
+
+fn quanta(at: i64) -> f64 {
+    at as f64 / QUANTUM_FRACTIONS as f64
 }
