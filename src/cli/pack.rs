@@ -32,7 +32,8 @@ Examples:
 Edge text has a first line `COUNT RADIUS [CONVOLUTION_RADIUS [0]]`, whose third number is reported but not used (see --support), then \
 one strut per line, `x1 y1 z1 x2 y2 z2 [radius]`, in millimetres. Lines that begin with `#` or `//` are comments.
 
-The surface of a solid has to be closed. STL, OBJ and PLY are read in millimetres; colours, normals and materials are not used.")]
+The surface of a solid may have holes, as scans have: they are closed with flat triangles, and a note says how many and how wide they \
+are. A soup of triangles or a single sheet is refused. STL, OBJ and PLY are read in millimetres; colours, normals and materials are not used.")]
 pub struct PackArgs {
     /// Sources: 3MF (.3mf), STL (.stl), OBJ (.obj), PLY (.ply) or edge text (.txt). They are packed as one part: where they overlap, they are one solid.
     #[arg(required = true, value_name = "IN")]

@@ -3,6 +3,7 @@
 mod any_bytes;
 #[path = "../meshes/box_mesh.rs"]
 mod box_mesh;
+mod holes;
 mod obj;
 #[path = "../pack_bench/mod.rs"]
 mod pack_bench;

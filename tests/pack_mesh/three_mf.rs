@@ -42,7 +42,13 @@ fn solids_of_3mf_stand_beside_lattices_also_mirrored() {
     let post = std::f64::consts::PI * 10.0 + 4.0 / 3.0 * std::f64::consts::PI - std::f64::consts::PI / 4.0;
     assert!((volume_mm3(&bench) - 32.0 - post).abs() < 0.7, "{} mm³", volume_mm3(&bench));
 
-    let open = model.replacen(r#"<triangle v1="0" v2="4" v3="6"/>"#, "", 1);
+    let holed = model.replacen(r#"<triangle v1="0" v2="4" v3="6"/>"#, "", 1);
+    let (report, found) = packed(&bench, &[package(&bench, &holed)]).expect("holes of one triangle");
+    assert!(found == triangles, "each of the two boxes gets its triangle back");
+    let note =
+        report.notes.iter().find(|note| note.starts_with("closed 2 holes with 2 triangles; the widest is 2.236 mm"));
+    assert!(note.is_some_and(|note| note.contains("object 20 (Foot)")), "{:?}", report.notes);
+    let open = holed.replacen(r#"<triangle v1="0" v2="6" v3="2"/>"#, "", 1);
     let found = packed(&bench, &[package(&bench, &open)]).expect_err("it has a hole").to_string();
     assert!(found.contains("object 20 (Foot)") && found.contains("open"), "{found}");
     let wild = model.replacen(r#"v3="6""#, r#"v3="60""#, 1);

@@ -2,6 +2,7 @@
 
 mod collect;
 mod edge_text;
+mod holes;
 mod lane;
 mod mesh;
 mod open_edges;

@@ -6,13 +6,13 @@ use std::collections::HashMap;
 /// of a file in random order, half of all edges may be.
 const MAX_OPEN: usize = 1 << 18;
 
-/// An edge, its lower corner first, in fractions of a quantum.
+/// An edge from one corner to another, in fractions of a quantum.
 pub(super) type Edge = [[i64; 3]; 2];
 
 /// Tells whether a surface is closed: whether each edge has as many triangles on one side as on the other.
 #[derive(Default)]
 pub(super) struct OpenEdges {
-    /// How much more often each open edge came in one direction than in the other.
+    /// How much more often each open edge came from its lower corner, which is first, than from the other.
     open: HashMap<Edge, i32>,
     /// Too many were open at a time, and are not held any more.
     overflowed: bool,
@@ -56,6 +56,24 @@ impl OpenEdges {
         } else if self.open.len() > MAX_OPEN {
             (self.open, self.overflowed) = (HashMap::new(), true);
         }
+    }
+
+    /// The edges along which a triangle is missing, in order, each as often as one is; `None` if they are more than [`MAX_OPEN`] or not known.
+    pub(super) fn missing(&self) -> Option<Vec<Edge>> {
+        if self.overflowed && self.sum != 0 {
+            return None;
+        }
+        let count: u64 = self.open.values().map(|count| u64::from(count.unsigned_abs())).sum();
+        if count > MAX_OPEN as u64 {
+            return None;
+        }
+        let directed = self.open.iter().flat_map(|([low, high], count)| {
+            let edge = if *count > 0 { [*high, *low] } else { [*low, *high] };
+            std::iter::repeat_n(edge, count.unsigned_abs() as usize)
+        });
+        let mut edges: Vec<_> = directed.collect();
+        edges.sort_unstable();
+        Some(edges)
     }
 
     /// Begins anew, and says what was open; `None` if nothing was.

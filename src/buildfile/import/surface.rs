@@ -1,14 +1,17 @@
-//! What is collected of surfaces: triangles go to the sort, and `solid_check` tells whether they enclose a solid. `collect` has one.
+//! What is collected of surfaces: triangles go to the sort, `solid_check` tells whether they enclose a solid, and holes are closed. `collect`
+//! has one.
 
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
+use super::holes::Hole;
 use super::rules::Rules;
 use super::solid_check::SolidCheck;
 use crate::buildfile::error::PackError;
-use crate::buildfile::model::Triangle;
+use crate::buildfile::model::{QUANTUM_FRACTIONS, Triangle};
 use crate::buildfile::sort::Sorter;
+use crate::text::count_text;
 
 /// Takes the triangles of all sources.
 pub(super) struct SurfaceLane<'a> {
@@ -20,6 +23,17 @@ pub(super) struct SurfaceLane<'a> {
     flat_count: u64,
     /// What is known of the current solid.
     solid: SolidCheck,
+    closed: ClosedHoles,
+}
+
+/// The holes that were closed.
+#[derive(Default)]
+struct ClosedHoles {
+    count: u64,
+    /// Triangles that cover them.
+    cap_count: u64,
+    /// The widest: its width, fractions of a quantum, its centre, and the solid.
+    widest: Option<(f64, [i64; 3], String)>,
 }
 
 /// The triangles of all sources.
@@ -32,7 +46,15 @@ impl<'a> SurfaceLane<'a> {
     /// A lane that takes up to `memory_bytes` and spills to `directory`.
     pub(super) fn new(rules: &'a Rules, memory_bytes: u64, directory: &Path) -> Self {
         let sorter = Sorter::new(directory, memory_bytes);
-        Self { rules, sorter, directory: directory.into(), count: 0, flat_count: 0, solid: SolidCheck::default() }
+        Self {
+            rules,
+            sorter,
+            directory: directory.into(),
+            count: 0,
+            flat_count: 0,
+            solid: SolidCheck::default(),
+            closed: ClosedHoles::default(),
+        }
     }
 
     /// Number of triangles.
@@ -55,6 +77,10 @@ impl<'a> SurfaceLane<'a> {
         if is_flat(&triangle) {
             self.flat_count += 1;
         }
+        self.push(triangle)
+    }
+
+    fn push(&mut self, triangle: Triangle) -> Result<(), PackError> {
         // Even a flat one: its neighbours meet its edges.
         self.solid.add(triangle.corners);
         self.count += 1;
@@ -62,11 +88,18 @@ impl<'a> SurfaceLane<'a> {
         sorted.map_err(|source| PackError::Sort { directory: self.directory.clone(), source })
     }
 
-    /// Ends a file or an object, which `place` names, whose triangles enclose a solid.
+    /// Ends a file or an object, which `place` names, whose triangles enclose a solid but for holes, which are closed.
     ///
     /// # Errors
-    /// If they do not enclose anything: the surface is open, or inside out.
+    /// If they do not enclose anything: the surface is far from closed, or inside out. If the temporary file cannot be written.
     pub(super) fn end_solid(&mut self, place: &str) -> Result<(), PackError> {
+        for hole in self.solid.holes() {
+            for cap in hole.caps() {
+                self.push(Triangle::new(cap))?;
+                self.closed.cap_count += 1;
+            }
+            self.closed.add(&hole, place);
+        }
         std::mem::take(&mut self.solid).end(place, self.rules)
     }
 
@@ -76,9 +109,33 @@ impl<'a> SurfaceLane<'a> {
             return None;
         }
         if self.flat_count > 0 {
-            notes.push(format!("{} of {} triangles have no area; they change nothing", self.flat_count, self.count));
+            let count = self.count - self.closed.cap_count;
+            notes.push(format!("{} of {count} triangles have no area; they change nothing", self.flat_count));
         }
+        notes.extend(self.closed.note(self.rules));
         Some(CollectedSurface { sorter: self.sorter, count: self.count })
+    }
+}
+
+impl ClosedHoles {
+    fn add(&mut self, hole: &Hole, place: &str) {
+        self.count += 1;
+        let width = hole.width();
+        if self.widest.as_ref().is_none_or(|(widest, ..)| *widest < width) {
+            self.widest = Some((width, hole.centre(), place.to_owned()));
+        }
+    }
+
+    fn note(&self, rules: &Rules) -> Option<String> {
+        let (width, centre, place) = self.widest.as_ref()?;
+        let width_mm = width / QUANTUM_FRACTIONS as f64 * rules.quantum_um() / 1000.0;
+        let [x, y, z] = rules.source_mm(*centre);
+        Some(format!(
+            "closed {} with {}; the widest is {width_mm:.3} mm wide, at {x:.4}, {y:.4}, {z:.4} mm of {place}. Look at the layers there \
+             with `layerctl slice`; repair the part in the program that made it if they are wrong",
+            count_text(self.count, "hole"),
+            count_text(self.cap_count, "triangle"),
+        ))
     }
 }
 
