@@ -93,7 +93,9 @@ fn table(title: &str, cases: &[Case]) {
         }
     }
     println!("\n{title}");
-    println!("triangles | Mvoxel | ms a layer | s per Mvoxel | times the first | bytes per voxel | exponent");
+    println!(
+        "triangles | Mvoxel | ms a layer | s per Mvoxel | times the first | bytes per voxel | file bytes a triangle | exponent"
+    );
     for (number, case) in cases.iter().enumerate() {
         let exponent = number.checked_sub(1).map_or(String::new(), |before| {
             let grown = |size: fn(&Case) -> f64| size(case) / size(&cases[before]);
@@ -102,13 +104,14 @@ fn table(title: &str, cases: &[Case]) {
         });
         let per_mvoxel = |number: usize| seconds[number] / (cases[number].voxels() / 1e6);
         println!(
-            "{} | {:.0} | {:.3} | {:.6} | {:.2} | {:.5} | {exponent}",
+            "{} | {:.0} | {:.3} | {:.6} | {:.2} | {:.5} | {:.1} | {exponent}",
             case.triangles(),
             case.voxels() / 1e6,
             seconds[number] * 1000.0 / f64::from(case.plan.layer_count),
             per_mvoxel(number),
             per_mvoxel(number) / per_mvoxel(0),
             case.bytes as f64 / case.voxels(),
+            case.file.file_bytes() as f64 / case.triangles(),
         );
     }
 }

@@ -5,8 +5,8 @@ use std::ops::Range;
 use super::counts::Counts;
 use super::section::Segment;
 
-/// Most crossings that are kept: those of a usual band. They take 192 KiB, less than a level-2 cache has.
-const MAX_CROSSINGS: usize = 1 << 14;
+/// Most crossings that are kept: those of a usual band. They take 96 KiB, less than a level-2 cache has.
+const MAX_CROSSINGS: usize = 1 << 13;
 
 /// How finely a band is sampled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -95,7 +95,13 @@ impl Crossings {
         self.is_full = false;
     }
 
+    /// Whether there was room for twice as many crossings.
+    pub(crate) fn is_half_empty(&self) -> bool {
+        !self.counts.is_used() && 2 * self.found.len() <= self.capacity
+    }
+
     /// Adds a segment. `is_mirrored`: the solid lies to its right.
+    #[inline]
     pub(crate) fn add(&mut self, segment: &Segment, is_mirrored: bool) {
         let (from, to) = (self.resolution.samples(segment.from), self.resolution.samples(segment.to));
         let goes_up = from[1] < to[1];

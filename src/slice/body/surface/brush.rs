@@ -120,7 +120,7 @@ impl<S: Sheet> SurfaceBrush<'_, S> {
         while !rows.is_empty() {
             let count = self.cross(first, most.min(rows.len()));
             // Neighbouring rows have about as many crossings.
-            most = 2 * count;
+            most = if self.sheet.crossings().is_half_empty() { 2 * count } else { count };
             let (now, later) = rows.split_at_mut(count);
             fill(self, first, now);
             (first, rows) = (first + count, later);
