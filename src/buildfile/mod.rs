@@ -1,4 +1,4 @@
-//! The build file (`.layerd`): a part as bodies. Each body is a sequence of struts or triangles in ascending z, compressed in chunks, which are
+//! The build file (`.layerd`): a part as bodies. Each body is a sequence of struts, triangles or patches in ascending z, compressed in chunks, which are
 //! read in one forward stream.
 //!
 //! [`pack`] imports lattices and solids and sorts them with limited memory. [`generate`] makes lattices. [`Writer`] writes a file and
@@ -30,6 +30,7 @@ mod options;
 mod pack;
 mod primitive;
 mod progress;
+mod relief;
 mod sort;
 mod store;
 
@@ -38,8 +39,15 @@ pub use generate::{GenerateOptions, Height, Kind, generate};
 pub use model::{
     Blend, BodyHeader, Bounds, Cap, Caps, Header, Lattice, Placement, QUANTUM_FRACTIONS, Strut, Surface, Triangle,
 };
-pub use options::{BlendChoice, PackOptions};
+pub use options::{BlendChoice, DisplacementOptions, PackOptions, ReliefOptions};
 pub use pack::{PackReport, pack};
 pub use progress::PackProgress;
+pub(crate) use relief::ReliefShape;
+pub use relief::{
+    Corner, DIRECTION_UNIT, Displacement, FACTOR_FRACTIONS, MapHeader, Patch, Relief, TEXTURE_FRACTIONS, Tile,
+};
+pub(crate) use store::MAP_DECODING_BYTES;
 pub(crate) use store::{BEGINNING_BYTES, MAX_CHUNK_PRIMITIVES, check_beginning};
-pub use store::{BodySettings, BuildFile, BuildFileError, ChunkEntry, WriteError, Writer, WriterSettings};
+pub use store::{
+    BodySettings, BuildFile, BuildFileError, ChunkEntry, ReliefSettings, WriteError, Writer, WriterSettings,
+};

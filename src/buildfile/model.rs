@@ -5,6 +5,7 @@
 
 use bincode::{Decode, Encode};
 
+use super::relief::{MapHeader, Relief};
 use crate::solid::Beam;
 pub use crate::solid::Cap;
 
@@ -204,7 +205,7 @@ impl Header {
     pub fn lattices(&self) -> impl Iterator<Item = &Lattice> {
         self.bodies.iter().filter_map(|body| match body {
             BodyHeader::Lattice(lattice) => Some(lattice),
-            BodyHeader::Surface(_) => None,
+            BodyHeader::Surface(_) | BodyHeader::Relief(_) => None,
         })
     }
 }
@@ -216,6 +217,8 @@ pub enum BodyHeader {
     Lattice(Lattice),
     /// What triangles enclose.
     Surface(Surface),
+    /// What patches enclose.
+    Relief(Relief),
 }
 
 impl BodyHeader {
@@ -224,14 +227,32 @@ impl BodyHeader {
         match self {
             Self::Lattice(lattice) => &lattice.bounds,
             Self::Surface(surface) => &surface.bounds,
+            Self::Relief(relief) => &relief.bounds,
         }
     }
 
-    /// Number of primitives: struts and balls, or triangles.
+    /// Number of primitives: struts and balls, triangles, or patches.
     pub(crate) fn total(&self) -> u64 {
         match self {
             Self::Lattice(lattice) => lattice.total(),
             Self::Surface(surface) => surface.triangle_count,
+            Self::Relief(relief) => relief.patch_count,
+        }
+    }
+
+    /// Bounds of z of its primitives, quanta.
+    pub(super) fn z_reach(&self) -> [i32; 2] {
+        match self {
+            Self::Relief(relief) => relief.z_reach,
+            Self::Lattice(_) | Self::Surface(_) => [self.bounds().min[2], self.bounds().max[2]],
+        }
+    }
+
+    /// Its height maps.
+    pub(super) fn maps(&self) -> &[MapHeader] {
+        match self {
+            Self::Lattice(_) | Self::Surface(_) => &[],
+            Self::Relief(relief) => &relief.maps,
         }
     }
 

@@ -1,8 +1,10 @@
 //! Options of [`pack`](super::pack); `layerctl pack` sets them.
 
 use std::num::NonZero;
+use std::path::PathBuf;
 
 use super::model::Placement;
+use super::relief::Tile;
 
 /// How to pack.
 #[derive(Clone, Debug, PartialEq)]
@@ -11,6 +13,8 @@ pub struct PackOptions {
     pub lattice_only: bool,
     /// How struts are joined. `None` is the default of the source's format: union for 3MF, convolution for edge text.
     pub blend: Option<BlendChoice>,
+    /// What is done to the surfaces of solids.
+    pub relief: ReliefOptions,
     /// Rotation about x, then y, then z, degrees.
     pub rotate_deg: [f64; 3],
     /// Factors on lengths along x, y and z, applied after the rotation; greater than 0. Radii get the mean of the smallest and the
@@ -32,6 +36,7 @@ impl Default for PackOptions {
         Self {
             lattice_only: false,
             blend: None,
+            relief: ReliefOptions::default(),
             rotate_deg: [0.0; 3],
             scale: [1.0; 3],
             placement: Placement::Centred,
@@ -52,4 +57,35 @@ pub enum BlendChoice {
     },
     /// The exact union.
     Union,
+}
+
+/// What is done to the surfaces of solids.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ReliefOptions {
+    /// The height map that displaces all triangles. It needs `height_mm`.
+    pub map: Option<DisplacementOptions>,
+    /// Displacement where a map is white, without the offset, millimetres, −1000 to 1000. It replaces what sources state.
+    pub height_mm: Option<f64>,
+    /// Displacement where a map is black, millimetres, −1000 to 1000. It replaces what sources state.
+    pub offset_mm: Option<f64>,
+    /// Curve triangles by the normals at their corners.
+    pub is_curved: bool,
+    /// Print a shell of this thickness inwards from the surface, millimetres, 0.001 to 1000, instead of what it encloses.
+    pub shell_mm: Option<f64>,
+}
+
+/// A height map.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DisplacementOptions {
+    /// A PNG.
+    pub map: PathBuf,
+    /// What lies beyond its edges.
+    pub tile: Tile,
+}
+
+impl ReliefOptions {
+    /// Whether all triangles have relief.
+    pub(super) fn applies(&self) -> bool {
+        self.map.is_some() || self.is_curved || self.shell_mm.is_some()
+    }
 }

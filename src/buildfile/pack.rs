@@ -4,10 +4,12 @@ use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
 use super::error::PackError;
-use super::import::{CollectedLattice, CollectedSurface, Collector, Rules, Source, check_options};
+use super::import::{
+    self, CollectedLattice, CollectedRelief, CollectedSurface, Collector, Rules, Source, check_options,
+};
 use super::model::{Blend, Caps, Header, Strut};
 use super::options::{BlendChoice, PackOptions};
-use super::primitive::{EXPECTED_STRUT_BYTES, EXPECTED_TRIANGLE_BYTES};
+use super::primitive::{EXPECTED_PATCH_BYTES, EXPECTED_STRUT_BYTES, EXPECTED_TRIANGLE_BYTES};
 use super::progress::PackProgress;
 use super::sort;
 use super::store::{BodySettings, WriteError, Writer, WriterSettings};
@@ -40,9 +42,8 @@ pub fn pack(
     // Fails before the sources are read if the output cannot be written.
     Output::create(output).map_err(|source| WriteError::Io { path: output.into(), source })?;
     let total = inputs.iter().map(|path| check_input(path, output)).sum::<Result<u64, _>>()?;
-    let has_both =
-        sources.iter().any(|source| source.has_triangles()) && sources.iter().any(|source| source.blend().is_some());
-    let mut collector = Collector::new(&rules, options, has_both, directory);
+    let mut collector = Collector::new(&rules, options, import::kinds(&sources, options), directory);
+    import::open_map(&mut collector)?;
     let mut before = 0;
     for (path, source) in inputs.iter().zip(sources) {
         let mut report = |step| match step {
@@ -55,20 +56,26 @@ pub fn pack(
     let collected = collector.finish(inputs)?;
     let sort_error = |source| PackError::Sort { directory: directory.into(), source };
     let mut notes = collected.notes;
-    let (lattice, surface) = (collected.lattice, collected.surface);
-    let counts =
-        [lattice.as_ref().map_or(0, |lattice| lattice.count), surface.as_ref().map_or(0, |surface| surface.count)];
-    let output_bytes = EXPECTED_STRUT_BYTES * counts[0] + EXPECTED_TRIANGLE_BYTES * counts[1];
+    let (lattice, surface, relief) = (collected.lattice, collected.surface, collected.relief);
+    let counts = [
+        lattice.as_ref().map_or(0, |lattice| lattice.count),
+        surface.as_ref().map_or(0, |surface| surface.count),
+        relief.as_ref().map_or(0, |relief| relief.count),
+    ];
+    let expected_bytes = [EXPECTED_STRUT_BYTES, EXPECTED_TRIANGLE_BYTES, EXPECTED_PATCH_BYTES];
+    let output_bytes = counts.iter().zip(expected_bytes).map(|(count, bytes)| count * bytes).sum();
     sort::check_free_space(directory, output_bytes).map_err(sort_error)?;
     let of_lattice = lattice
         .as_ref()
         .map(|lattice| BodySettings::Lattice { blend: lattice.blend, largest_radius: lattice.largest_radius });
+    let of_surface = surface.as_ref().map(|_| BodySettings::Surface);
+    let of_relief = relief.as_ref().map(|relief| BodySettings::Relief(relief.settings.clone()));
     let settings = WriterSettings {
         quantum_um: options.quantum_um,
         placement: options.placement,
         source_digest: collected.source_digest,
         source_name: source_name(inputs),
-        bodies: of_lattice.into_iter().chain(surface.as_ref().map(|_| BodySettings::Surface)).collect(),
+        bodies: [of_lattice, of_surface, of_relief].into_iter().flatten().collect(),
     };
     let mut writing = Writing {
         writer: Writer::with_threads(output, settings, options.threads)?,
@@ -77,15 +84,21 @@ pub fn pack(
         progress,
         sort_error: &sort_error,
     };
-    let has_lattice = lattice.is_some();
+    let mut has_body = lattice.is_some();
     if let Some(lattice) = lattice {
         writing.lattice(lattice, &mut notes)?;
     }
     if let Some(surface) = surface {
-        if has_lattice {
+        if std::mem::replace(&mut has_body, true) {
             writing.writer.next_body()?;
         }
         writing.surface(surface)?;
+    }
+    if let Some(relief) = relief {
+        if has_body {
+            writing.writer.next_body()?;
+        }
+        writing.relief(relief)?;
     }
     Ok(PackReport { header: writing.writer.finish()?, notes })
 }
@@ -165,6 +178,17 @@ impl Writing<'_> {
             let triangle = triangle.map_err(self.sort_error)?;
             self.step();
             self.writer.push_triangle(triangle)?;
+        }
+        Ok(())
+    }
+
+    /// Writes the patches in order.
+    fn relief(&mut self, relief: CollectedRelief) -> Result<(), PackError> {
+        let mut report = |done, total| (self.progress)(PackProgress::Joining { done, total });
+        for patch in sort::finish(vec![relief.sorter], &mut report).map_err(self.sort_error)? {
+            let patch = patch.map_err(self.sort_error)?;
+            self.step();
+            self.writer.push_patch(patch)?;
         }
         Ok(())
     }

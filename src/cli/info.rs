@@ -97,6 +97,17 @@ pub enum BodySummary {
         /// Number of triangles.
         triangles: u64,
     },
+    /// What displaced or curved triangles enclose.
+    Relief {
+        /// Number of triangles before they are divided.
+        triangles: u64,
+        /// Whether they are curved.
+        curved: bool,
+        /// Thickness of a shell, millimetres; absent if they enclose a solid.
+        shell_mm: Option<f64>,
+        /// Columns and rows of each height map, texels.
+        maps: Vec<[u32; 2]>,
+    },
 }
 
 impl BodySummary {
@@ -114,6 +125,12 @@ impl BodySummary {
                 }
             }
             BodyHeader::Surface(surface) => Self::Surface { triangles: surface.triangle_count },
+            BodyHeader::Relief(relief) => Self::Relief {
+                triangles: relief.patch_count,
+                curved: relief.is_curved,
+                shell_mm: (relief.shell_um > 0.0).then_some(relief.shell_um / 1000.0),
+                maps: relief.maps.iter().map(|map| map.size).collect(),
+            },
         }
     }
 }
@@ -135,6 +152,18 @@ impl fmt::Display for BodySummary {
             }
             Self::Surface { triangles } => {
                 writeln!(out, "kind          surface")?;
+                writeln!(out, "triangles     {triangles}")
+            }
+            Self::Relief { triangles, curved, shell_mm, maps } => {
+                let kind = if maps.is_empty() { "" } else { ", displaced" };
+                let curved = if *curved { ", curved" } else { "" };
+                match shell_mm {
+                    Some(shell_mm) => writeln!(out, "kind          shell of {shell_mm:.3} mm{kind}{curved}")?,
+                    None => writeln!(out, "kind          surface{kind}{curved}")?,
+                }
+                for [width, height] in maps {
+                    writeln!(out, "height map    {width} × {height} texels")?;
+                }
                 writeln!(out, "triangles     {triangles}")
             }
         }

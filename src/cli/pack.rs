@@ -7,7 +7,10 @@ use std::path::{Path, PathBuf};
 use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 
 use super::progress_bar;
-use crate::buildfile::{self, BlendChoice, BuildFile, PackError, PackOptions, PackProgress, Placement};
+use crate::buildfile::{
+    self, BlendChoice, BuildFile, DisplacementOptions, PackError, PackOptions, PackProgress, Placement, ReliefOptions,
+    Tile,
+};
 use crate::config::byte_size;
 use crate::text::size_text;
 
@@ -24,6 +27,9 @@ Examples:
   layerctl pack lattice.3mf -o lattice.layerd
   layerctl pack bracket.stl -o bracket.layerd
   layerctl pack scan.ply --scale 1000 -o scan.layerd                      a mesh in metres
+  layerctl pack cow.obj --displacement leather.png --height 0.4 -o cow.layerd    a rough surface
+  layerctl pack coarse.obj --curved -o smooth.layerd                      rounds the triangles
+  layerctl pack scan.ply --shell 1.5 -o shell.layerd                      a shell of an open scan
   layerctl pack lattice.3mf frame.stl -o part.layerd                      a lattice and a solid as one part
   layerctl pack edges.txt --rotate 0,0,90 --scale 0.5 -o half.layerd
   layerctl pack lattice.3mf --scale 1.002,1.002,1.01 -o lattice.layerd    compensates shrinkage
@@ -33,7 +39,8 @@ Edge text has a first line `COUNT RADIUS [CONVOLUTION_RADIUS [0]]`, whose third 
 one strut per line, `x1 y1 z1 x2 y2 z2 [radius]`, in millimetres. Lines that begin with `#` or `//` are comments.
 
 The surface of a solid may have holes, as scans have: they are closed with flat triangles, and a note says how many and how wide they \
-are. A soup of triangles or a single sheet is refused. STL, OBJ and PLY are read in millimetres; colours, normals and materials are not used.")]
+are. A soup of triangles or a single sheet is refused. STL, OBJ and PLY are read in millimetres; colours \
+are not used. Height maps that materials of OBJ name (MTL: disp, bump) and displacement meshes of 3MF displace the surface without an option.")]
 pub struct PackArgs {
     /// Sources: 3MF (.3mf), STL (.stl), OBJ (.obj), PLY (.ply) or edge text (.txt). They are packed as one part: where they overlap, they are one solid.
     #[arg(required = true, value_name = "IN")]
@@ -51,6 +58,25 @@ pub struct PackArgs {
     /// Support R of the kernel; implies --blend convolution [default: 1.5 times the largest radius].
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     support: Option<f64>,
+    /// Displace all solids along their normals by this height map, a PNG of 8 or 16 bits. It needs texture coordinates (UV), as OBJ has
+    /// them, and --height.
+    #[arg(long, value_name = "MAP.png", requires = "height")]
+    displacement: Option<PathBuf>,
+    /// Displacement where a height map is white, outwards from where it is black [default: what the source states].
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    height: Option<f64>,
+    /// Displacement where a height map is black [default: what the source states, or 0].
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    offset: Option<f64>,
+    /// What lies beyond the edges of the map of --displacement.
+    #[arg(long, value_enum, default_value_t = TileArg::Wrap, requires = "displacement")]
+    tile: TileArg,
+    /// Curve triangles by the normals at their corners, which are computed if the source has none (PN triangles).
+    #[arg(long)]
+    curved: bool,
+    /// Print a shell of this thickness, inwards from the surface, instead of what the surface encloses. The surface may be open.
+    #[arg(long, value_name = "MM")]
+    shell: Option<f64>,
     /// Rotate about x, then y, then z, degrees.
     #[arg(long, value_name = "X,Y,Z", value_parser = numbers::<3>, default_value = "0,0,0", allow_hyphen_values = true)]
     rotate: [f64; 3],
@@ -76,12 +102,42 @@ enum BlendArg {
     Union,
 }
 
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum TileArg {
+    /// The map again.
+    Wrap,
+    /// The map again, every other time mirrored.
+    Mirror,
+    /// The value at the edge.
+    Clamp,
+    /// No displacement.
+    None,
+}
+
+impl From<TileArg> for Tile {
+    fn from(tile: TileArg) -> Self {
+        match tile {
+            TileArg::Wrap => Self::Wrap,
+            TileArg::Mirror => Self::Mirror,
+            TileArg::Clamp => Self::Clamp,
+            TileArg::None => Self::Nothing,
+        }
+    }
+}
+
 /// Packs with a progress bar, then prints every deviation from the source, and a summary.
 ///
 /// # Errors
 /// Names the file, the place in it, what was found and what to do.
 pub fn run(args: PackArgs) -> anyhow::Result<()> {
-    let PackArgs { inputs, output, lattice_only, blend, support, rotate, scale, at, quantum, memory } = args;
+    let PackArgs { inputs, output, lattice_only, blend, support, rotate, scale, at, quantum, memory, .. } = args;
+    let relief = ReliefOptions {
+        map: args.displacement.map(|map| DisplacementOptions { map, tile: args.tile.into() }),
+        height_mm: args.height,
+        offset_mm: args.offset,
+        is_curved: args.curved,
+        shell_mm: args.shell,
+    };
     let blend = match (blend, support) {
         (None, None) => None,
         (Some(BlendArg::Convolution) | None, support_mm) => Some(BlendChoice::Convolution { support_mm }),
@@ -95,6 +151,7 @@ pub fn run(args: PackArgs) -> anyhow::Result<()> {
     let options = PackOptions {
         lattice_only,
         blend,
+        relief,
         rotate_deg: rotate,
         scale: scale.0,
         placement: at.map_or(Placement::Centred, |[x_mm, y_mm]| Placement::At { x_mm, y_mm }),

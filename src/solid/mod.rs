@@ -1,4 +1,4 @@
-//! Which points are solid: the fields of convolution struts, exact unions, what triangles enclose, and the kernels that evaluate them row by
+//! Which points are solid: the fields of convolution struts, exact unions, what triangles and displaced triangles enclose, and the kernels that evaluate them row by
 //! row.
 //!
 //! This module does not know files, devices or threads. A `Shape` draws a `Block` of struts and balls on a `Strip`, which is a few
@@ -22,6 +22,7 @@ mod mesh;
 mod pixels;
 mod probe;
 pub mod reference;
+mod relief;
 mod strip;
 mod union;
 mod vector;
@@ -32,8 +33,10 @@ pub(crate) use convolution::Convolution;
 pub(crate) use excess::UnionExcess;
 pub use instruction_set::InstructionSet;
 pub(crate) use lowest::lowest_z;
-pub(crate) use mesh::{Crossings, Facet, FieldRows, Resolution, SectionPlane};
+pub(crate) use mesh::{Crossings, Facet, FieldRows, Resolution, SectionPlane, Segment};
 pub(crate) use probe::PlaneProbe;
+pub(crate) use relief::{Dicing, Extent, Lift, PatchCorner, PatchShape, Window};
+pub use relief::{HeightMap, Tile};
 pub use strip::Effort;
 pub(crate) use strip::{Grid, Plane, Strip};
 pub(crate) use union::Union;

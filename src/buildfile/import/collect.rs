@@ -6,9 +6,11 @@ use glam::{DMat3, DVec3};
 use sha2::{Digest, Sha256};
 
 use super::lane::{Beam, Lane, Tally};
+use super::meshes::Meshes;
+use super::relief::CollectedRelief;
 use super::rules::Rules;
 use super::stretch::{ROUND_TOLERANCE_UM, Stretch};
-use super::surface::{CollectedSurface, SurfaceLane};
+use super::surface::CollectedSurface;
 use crate::buildfile::error::PackError;
 use crate::buildfile::model::{Blend, SUPPORT_FACTOR, Strut, Triangle};
 use crate::buildfile::options::{BlendChoice, PackOptions};
@@ -28,7 +30,7 @@ const COARSE_RADIUS: u32 = 10;
 pub(in crate::buildfile) struct Collector<'a> {
     rules: &'a Rules,
     lanes: Vec<Lane<'a>>,
-    surface: SurfaceLane<'a>,
+    pub(super) meshes: Meshes<'a>,
     hasher: Sha256,
     /// Convolution radii that sources state: place and millimetres.
     stated_supports: Vec<(String, f64)>,
@@ -53,20 +55,21 @@ pub(in crate::buildfile) struct CollectedLattice {
 pub(in crate::buildfile) struct Collected {
     pub(in crate::buildfile) lattice: Option<CollectedLattice>,
     pub(in crate::buildfile) surface: Option<CollectedSurface>,
+    pub(in crate::buildfile) relief: Option<CollectedRelief>,
     pub(in crate::buildfile) source_digest: [u8; 32],
     pub(in crate::buildfile) notes: Vec<String>,
 }
 
 impl<'a> Collector<'a> {
-    /// A collector with one lane for each thread that `options` asks for. Runs are spilled to `directory`. Struts and triangles have half of
-    /// the memory each if there may be both.
-    pub(in crate::buildfile) fn new(rules: &'a Rules, options: &PackOptions, has_both: bool, directory: &Path) -> Self {
-        let memory_bytes = if has_both { options.memory_bytes / 2 } else { options.memory_bytes };
+    /// A collector with one lane for each thread that `options` asks for. Runs are spilled to `directory`. There may be
+    /// `kinds` kinds of primitives, which share the memory.
+    pub(in crate::buildfile) fn new(rules: &'a Rules, options: &PackOptions, kinds: u64, directory: &Path) -> Self {
+        let memory_bytes = options.memory_bytes / kinds;
         let sorters = Sorter::team(directory, memory_bytes, options.threads.get());
         Self {
             rules,
             lanes: sorters.into_iter().map(|sorter| Lane::new(rules, sorter, directory)).collect(),
-            surface: SurfaceLane::new(rules, memory_bytes, directory),
+            meshes: Meshes::new(rules, options, memory_bytes, directory),
             hasher: Sha256::new(),
             stated_supports: Vec::new(),
             notes: Vec::new(),
@@ -115,7 +118,7 @@ impl<'a> Collector<'a> {
         let of_struts = sort::spill_bytes::<Strut>(struts, self.memory_bytes, self.lanes.len())
             .saturating_sub(self.lanes[0].sorter.spilled_bytes());
         let of_triangles =
-            sort::spill_bytes::<Triangle>(triangles, self.memory_bytes, 1).saturating_sub(self.surface.spilled_bytes());
+            sort::spill_bytes::<Triangle>(triangles, self.memory_bytes, 1).saturating_sub(self.meshes.spilled_bytes());
         let temporary_bytes = of_struts.saturating_add(of_triangles);
         if temporary_bytes == 0 {
             return Ok(());
@@ -156,22 +159,6 @@ impl<'a> Collector<'a> {
         self.next_lane().ball(centre, radius_mm, stretch, place)
     }
 
-    /// Adds a triangle, millimetres, which the options transform; `place` names it in errors.
-    ///
-    /// # Errors
-    /// If a corner is too far from the origin or no number, or the temporary file cannot be written.
-    pub(super) fn triangle(&mut self, corners: [DVec3; 3], place: &dyn Fn() -> String) -> Result<(), PackError> {
-        self.surface.triangle(corners, place)
-    }
-
-    /// Ends a file or an object, which `place` names, whose triangles enclose a solid.
-    ///
-    /// # Errors
-    /// If they do not enclose anything: the surface is open, or inside out.
-    pub(super) fn end_solid(&mut self, place: &str) -> Result<(), PackError> {
-        self.surface.end_solid(place)
-    }
-
     /// The lanes in turn, because each has only its share of the memory.
     fn next_lane(&mut self) -> &mut Lane<'a> {
         self.turn = (self.turn + 1) % self.lanes.len();
@@ -181,10 +168,10 @@ impl<'a> Collector<'a> {
     /// Decides the blend and adds the notes that need all sources.
     ///
     /// # Errors
-    /// If there is nothing to print.
+    /// If there is nothing to print, or a displaced triangle reaches too far.
     pub(in crate::buildfile) fn finish(mut self, inputs: &[PathBuf]) -> Result<Collected, PackError> {
         let tally = self.lanes.iter().fold(Tally::default(), |sum, lane| sum.joined(lane.tally()));
-        if tally.count == 0 && self.surface.count() == 0 {
+        if tally.count == 0 && self.meshes.count() == 0 {
             return Err(self.nothing(inputs, tally.short_count));
         }
         let blend = match self.rules.blend() {
@@ -195,12 +182,12 @@ impl<'a> Collector<'a> {
         if let Some(blend) = blend {
             self.note_tally(&tally, blend);
         }
-        let Self { lanes, surface, mut notes, hasher, .. } = self;
+        let Self { lanes, meshes, mut notes, hasher, .. } = self;
         let Tally { largest_radius, count, .. } = tally;
         let sorters = lanes.into_iter().map(|lane| lane.sorter).collect();
         let lattice = blend.map(|blend| CollectedLattice { sorters, blend, largest_radius, count });
-        let surface = surface.finish(&mut notes);
-        Ok(Collected { lattice, surface, source_digest: hasher.finalize().into(), notes })
+        let (surface, relief) = meshes.finish(&mut notes)?;
+        Ok(Collected { lattice, surface, relief, source_digest: hasher.finalize().into(), notes })
     }
 
     /// The convolution of the given or the default support, with notes on that support.
@@ -297,7 +284,7 @@ mod tests {
         let options = PackOptions { memory_bytes: 2 << 20, threads, ..PackOptions::default() };
         let rules = Rules::new(&options, BlendChoice::Union).expect("in range");
         let directory = tempfile::tempdir().expect("temporary directory");
-        let mut collector = Collector::new(&rules, &options, false, directory.path());
+        let mut collector = Collector::new(&rules, &options, 1, directory.path());
         // 2 MiB hold 65,536 of them.
         for number in 0..60_000 {
             let (a, b) = (DVec3::new(f64::from(number), 0.0, 0.0), DVec3::new(0.0, 0.0, 9.0));

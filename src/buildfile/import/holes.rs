@@ -1,4 +1,4 @@
-//! Closes the holes of a surface: its open edges are chained into loops, and each loop is covered with triangles. `solid_check` uses it;
+//! Closes the holes of a surface: its open edges are chained into loops, and each loop is covered with triangles. `solid_check`, `surface` and `relief` use it;
 //! `tests/pack_mesh/holes.rs` has examples.
 //!
 //! As many open edges begin at a corner as end there, because each triangle is a loop itself. So any walk along them comes back, and
@@ -8,6 +8,9 @@
 use std::collections::HashMap;
 
 use super::open_edges::Edge;
+use super::rules::Rules;
+use crate::buildfile::model::QUANTUM_FRACTIONS;
+use crate::text::count_text;
 
 /// A corner, in fractions of a quantum.
 type Corner = [i64; 3];
@@ -92,6 +95,41 @@ impl Hole {
         };
         let one = farthest(self.centre());
         distance(&one, &farthest(one))
+    }
+}
+
+/// The holes that were closed.
+#[derive(Default)]
+pub(super) struct ClosedHoles {
+    count: u64,
+    /// Triangles that cover them.
+    pub(super) cap_count: u64,
+    /// The widest: its width, fractions of a quantum, its centre, and the solid.
+    widest: Option<(f64, Corner, String)>,
+}
+
+impl ClosedHoles {
+    /// Adds a hole of the solid that `place` names.
+    pub(super) fn add(&mut self, hole: &Hole, place: &str) {
+        self.count += 1;
+        self.cap_count += hole.cap_count() as u64;
+        let width = hole.width();
+        if self.widest.as_ref().is_none_or(|(widest, ..)| *widest < width) {
+            self.widest = Some((width, hole.centre(), place.to_owned()));
+        }
+    }
+
+    /// A note for the operator; `None` if there are none.
+    pub(super) fn note(&self, rules: &Rules) -> Option<String> {
+        let (width, centre, place) = self.widest.as_ref()?;
+        let width_mm = width / QUANTUM_FRACTIONS as f64 * rules.quantum_um() / 1000.0;
+        let [x, y, z] = rules.source_mm(*centre);
+        Some(format!(
+            "closed {} with {}; the widest is {width_mm:.3} mm wide, at {x:.4}, {y:.4}, {z:.4} mm of {place}. Look at the layers there \
+             with `layerctl slice`; repair the part in the program that made it if they are wrong",
+            count_text(self.count, "hole"),
+            count_text(self.cap_count, "triangle"),
+        ))
     }
 }
 

@@ -2,11 +2,17 @@
 
 mod collect;
 mod edge_text;
+mod height_map;
 mod holes;
 mod lane;
 mod mesh;
+mod meshes;
+mod normals;
 mod open_edges;
+mod points;
+mod relief;
 mod rules;
+mod seams;
 mod solid_check;
 mod stretch;
 mod surface;
@@ -22,6 +28,7 @@ use super::error::PackError;
 use super::options::{BlendChoice, PackOptions};
 use super::progress::PackProgress;
 pub(super) use collect::{CollectedLattice, Collector};
+pub(super) use relief::CollectedRelief;
 pub(super) use rules::{Rules, check_options};
 pub(super) use surface::CollectedSurface;
 
@@ -37,6 +44,30 @@ fn digest(path: &Path, collector: &mut Collector<'_>) -> Result<(), PackError> {
             count => digest.update(&buffer[..count]),
         }
     }
+}
+
+/// Reads the height map that the options name.
+///
+/// # Errors
+/// If it cannot be read.
+pub(super) fn open_map(collector: &mut Collector<'_>) -> Result<(), PackError> {
+    collector.meshes.open_map()?;
+    match collector.meshes.map_path().map(Path::to_path_buf) {
+        Some(path) => digest(&path, collector),
+        None => Ok(()),
+    }
+}
+
+/// How many kinds of primitives may come from these sources: struts, flat triangles, and triangles with relief.
+pub(super) fn kinds(sources: &[Source], options: &PackOptions) -> u64 {
+    let any = |has: fn(Source) -> bool| sources.iter().any(|source| has(*source));
+    let is_relief = options.relief.applies();
+    let kinds = [
+        any(|source| source.blend().is_some()),
+        any(Source::has_triangles) && !is_relief,
+        any(Source::has_triangles) && is_relief || any(Source::has_relief),
+    ];
+    kinds.into_iter().map(u64::from).sum::<u64>().max(1)
 }
 
 /// The format of a source.
@@ -78,9 +109,14 @@ impl Source {
         }
     }
 
-    /// Whether it may hold triangles.
-    pub(super) fn has_triangles(self) -> bool {
+    /// Whether it may hold flat triangles.
+    fn has_triangles(self) -> bool {
         matches!(self, Self::Obj | Self::Ply | Self::Stl | Self::ThreeMf)
+    }
+
+    /// Whether it may state that triangles are displaced.
+    fn has_relief(self) -> bool {
+        matches!(self, Self::Obj | Self::ThreeMf)
     }
 
     /// Reads one source. `progress` counts the bytes of this source.

@@ -6,7 +6,7 @@ use glam::{DMat3, DVec3};
 use super::stretch::{ROUND_TOLERANCE_UM, Stretch};
 use crate::buildfile::error::PackError;
 use crate::buildfile::model::{QUANTA_UM, QUANTUM_FRACTIONS, SUPPORT_FACTOR, Triangle};
-use crate::buildfile::options::{BlendChoice, PackOptions};
+use crate::buildfile::options::{BlendChoice, PackOptions, ReliefOptions};
 use crate::solid::{MAX_RADIUS, MAX_RADIUS_SHARE};
 
 /// Largest coordinate of a node, quanta: half the range, which leaves room for adding a radius.
@@ -104,6 +104,23 @@ impl Rules {
         Err(self.too_far(point, place))
     }
 
+    /// A normal of a source, as it is once the part has been rotated and scaled, of any length.
+    pub(super) fn normal(&self, normal: DVec3) -> DVec3 {
+        // Of the transposed inverse, up to a positive factor.
+        let DMat3 { x_axis, y_axis, z_axis } = self.map;
+        y_axis.cross(z_axis) * normal.x + z_axis.cross(x_axis) * normal.y + x_axis.cross(y_axis) * normal.z
+    }
+
+    /// Rotation and scale.
+    pub(super) fn map(&self) -> DMat3 {
+        self.map
+    }
+
+    /// A place in fractions of a quantum, micrometres.
+    pub(super) fn um(&self, at: [i64; 3]) -> DVec3 {
+        DVec3::from(at.map(|at| at as f64 / QUANTUM_FRACTIONS as f64)) * self.quantum_um
+    }
+
     /// A radius, given in millimetres, in quanta. `place` names it in errors.
     ///
     /// # Errors
@@ -189,12 +206,34 @@ pub(in crate::buildfile) fn check_options(options: &PackOptions) -> Result<(), P
         let [x, y, z] = options.rotate_deg;
         return Err(PackError::Option(format!("--rotate {x},{y},{z}: allowed are degrees from -3600 to 3600")));
     }
+    check_relief(&options.relief)?;
     if let Some(BlendChoice::Convolution { support_mm: Some(support_mm) }) = options.blend
         && !(1e-3..=1e3).contains(&support_mm)
     {
         return Err(PackError::Option(format!("--support {support_mm}: allowed is 0.001 to 1000 mm")));
     }
     Ok(())
+}
+
+fn check_relief(options: &ReliefOptions) -> Result<(), PackError> {
+    let ReliefOptions { map, height_mm, offset_mm, shell_mm, .. } = options;
+    let refused = |text: String| Err(PackError::Option(text));
+    for (name, length_mm) in [("--height", height_mm), ("--offset", offset_mm)] {
+        if length_mm.is_some_and(|length_mm| !(-1000.0..=1000.0).contains(&length_mm)) {
+            return refused(format!("{name} {}: allowed is -1000 to 1000 mm", length_mm.unwrap_or_default()));
+        }
+    }
+    if map.is_some() && height_mm.is_none() {
+        return refused(
+            "--displacement needs --height: how far the surface is displaced where the map is white, in mm".into(),
+        );
+    }
+    match shell_mm {
+        Some(shell_mm) if !(1e-3..=1000.0).contains(shell_mm) => {
+            refused(format!("--shell {shell_mm}: allowed is 0.001 to 1000 mm"))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Rotation about x, then y, then z. Quarter turns are exact.

@@ -1,4 +1,4 @@
-//! Whether triangles enclose a solid: whether each edge has both sides, and how large the volume is. Holes can be closed. `surface` uses it.
+//! Whether triangles enclose a solid: whether each edge has both sides, and how large the volume is. Holes can be closed. `surface` and `relief` use it.
 
 use glam::DVec3;
 

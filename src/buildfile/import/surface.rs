@@ -5,13 +5,12 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
-use super::holes::Hole;
+use super::holes::ClosedHoles;
 use super::rules::Rules;
 use super::solid_check::SolidCheck;
 use crate::buildfile::error::PackError;
-use crate::buildfile::model::{QUANTUM_FRACTIONS, Triangle};
+use crate::buildfile::model::Triangle;
 use crate::buildfile::sort::Sorter;
-use crate::text::count_text;
 
 /// Takes the triangles of all sources.
 pub(super) struct SurfaceLane<'a> {
@@ -24,16 +23,6 @@ pub(super) struct SurfaceLane<'a> {
     /// What is known of the current solid.
     solid: SolidCheck,
     closed: ClosedHoles,
-}
-
-/// The holes that were closed.
-#[derive(Default)]
-struct ClosedHoles {
-    count: u64,
-    /// Triangles that cover them.
-    cap_count: u64,
-    /// The widest: its width, fractions of a quantum, its centre, and the solid.
-    widest: Option<(f64, [i64; 3], String)>,
 }
 
 /// The triangles of all sources.
@@ -96,7 +85,6 @@ impl<'a> SurfaceLane<'a> {
         for hole in self.solid.holes() {
             for cap in hole.caps() {
                 self.push(Triangle::new(cap))?;
-                self.closed.cap_count += 1;
             }
             self.closed.add(&hole, place);
         }
@@ -114,28 +102,6 @@ impl<'a> SurfaceLane<'a> {
         }
         notes.extend(self.closed.note(self.rules));
         Some(CollectedSurface { sorter: self.sorter, count: self.count })
-    }
-}
-
-impl ClosedHoles {
-    fn add(&mut self, hole: &Hole, place: &str) {
-        self.count += 1;
-        let width = hole.width();
-        if self.widest.as_ref().is_none_or(|(widest, ..)| *widest < width) {
-            self.widest = Some((width, hole.centre(), place.to_owned()));
-        }
-    }
-
-    fn note(&self, rules: &Rules) -> Option<String> {
-        let (width, centre, place) = self.widest.as_ref()?;
-        let width_mm = width / QUANTUM_FRACTIONS as f64 * rules.quantum_um() / 1000.0;
-        let [x, y, z] = rules.source_mm(*centre);
-        Some(format!(
-            "closed {} with {}; the widest is {width_mm:.3} mm wide, at {x:.4}, {y:.4}, {z:.4} mm of {place}. Look at the layers there \
-             with `layerctl slice`; repair the part in the program that made it if they are wrong",
-            count_text(self.count, "hole"),
-            count_text(self.cap_count, "triangle"),
-        ))
     }
 }
 

@@ -3,7 +3,7 @@
 //! All values of a column have the same width, 0 to 4 bytes: fixed widths decode without branches. The compressor treats each plane
 //! separately, because the bytes of a plane are distributed alike. `strut/chunk.rs` lays out struts with it.
 
-/// Columns that one kind of primitive decodes at once: struts five, triangles two.
+/// Columns that one kind of primitive decodes at once: struts five, triangles and patches two.
 const MAX_COLUMNS: usize = 5;
 
 /// Buffers of [`Primitive::decode`](super::Primitive::decode), kept from chunk to chunk.

@@ -1,16 +1,19 @@
 //! What a body is made of, as sorting and chunks see it: values of a fixed size, ordered by their lowest z.
 //!
 //! `sort` and `store` are generic over [`Primitive`]. A new kind of body brings a key to sort by and columns to store; the external
-//! sort, compression, the index and reading stay as they are. Struts ([`strut`]) and triangles ([`triangle`]) are such primitives. The unit
+//! sort, compression, the index and reading stay as they are. Struts ([`strut`]), triangles ([`triangle`]) and patches ([`patch`]) are such primitives. The unit
 //! tests in `sort` and `store/chunker.rs` show how they are used.
 
 mod columns;
+mod corners;
+mod patch;
 mod strut;
 pub(super) mod triangle;
 
 use std::fmt::Debug;
 
 pub(super) use columns::{Scratch, Unpacked};
+pub(super) use patch::EXPECTED_PATCH_BYTES;
 pub(super) use strut::EXPECTED_STRUT_BYTES;
 pub(super) use triangle::EXPECTED_TRIANGLE_BYTES;
 

@@ -2,17 +2,13 @@
 //!
 //! ```text
 //! 0  u8 × 18 widths, one for each column
-//! 18 columns: for each corner, and for z, y, x of each: whole quanta, then fractions of a quantum (20 bits)
+//! 18 columns of corners (`corners`)
 //! ```
-//! Quanta of the first corner are counted from those of the triangle before it along z, and from 0 along y and x; those of the other two
-//! corners from the first. All are in zigzag.
 
-use super::columns::{self, Scratch, Unpacked};
+use super::columns::{Scratch, Unpacked};
+use super::corners::{self, CORNER_COLUMNS, Corners, whole};
 use super::{Key, Primitive};
-use crate::buildfile::model::{Bounds, QUANTUM_FRACTIONS, Surface, Triangle, corner_key};
-
-/// Columns of a chunk: quanta and fractions of three coordinates of three corners.
-const COLUMNS: usize = 18;
+use crate::buildfile::model::{Surface, Triangle, corner_key};
 
 /// Size of a triangle in a build file, bytes: the most that large files take in practice.
 pub(in crate::buildfile) const EXPECTED_TRIANGLE_BYTES: u64 = 40;
@@ -63,19 +59,8 @@ impl Primitive for Triangle {
     }
 
     fn encode(triangles: &[Self], out: &mut Unpacked) {
-        out.bytes.resize(COLUMNS, 0);
-        for (column, (corner, axis)) in places().enumerate() {
-            let mut before = 0;
-            let quanta = triangles.iter().map(|triangle| {
-                let here = whole(triangle.corners[corner][axis]);
-                let base = if corner > 0 { whole(triangle.corners[0][axis]) } else { before };
-                before = if axis == 2 { here } else { 0 };
-                columns::zigzag(here.wrapping_sub(base))
-            });
-            out.bytes[2 * column] = out.add(quanta);
-            out.bytes[2 * column + 1] =
-                out.add(triangles.iter().map(|triangle| fraction(triangle.corners[corner][axis])));
-        }
+        out.bytes.resize(CORNER_COLUMNS, 0);
+        corners::encode(triangles, out);
     }
 
     fn decode(
@@ -85,23 +70,11 @@ impl Primitive for Triangle {
         scratch: &mut Scratch,
         out: &mut Vec<Self>,
     ) -> Result<(), String> {
-        let (widths, mut bytes) = bytes.split_first_chunk::<COLUMNS>().ok_or("it is shorter than a chunk's head")?;
+        let (widths, bytes) = bytes.split_first_chunk::<CORNER_COLUMNS>().ok_or("it is shorter than a chunk's head")?;
         let first = out.len();
         out.resize(first + count as usize, Self { corners: [[0; 3]; 3] });
         let triangles = &mut out[first..];
-        let [quanta, fractions, ..] = &mut scratch.columns;
-        let mut is_within = true;
-        for ((corner, axis), widths) in places().zip(widths.as_chunks::<2>().0) {
-            for (column, width) in [&mut *quanta, &mut *fractions].into_iter().zip(widths) {
-                bytes = columns::take(bytes, count as usize, *width, column).ok_or("its columns are cut short")?;
-            }
-            if fractions.iter().any(|fraction| i64::from(*fraction) >= QUANTUM_FRACTIONS) {
-                return Err(format!("a fraction of a quantum is not below {QUANTUM_FRACTIONS}"));
-            }
-            let Bounds { min, max } = &surface.bounds;
-            let place = Place { corner, axis, allowed: [min[axis], max[axis]] };
-            is_within &= place.fill(triangles, quanta, fractions);
-        }
+        let (bytes, is_within) = corners::decode(bytes, widths, &mut scratch.columns, triangles, &surface.bounds)?;
         if !bytes.is_empty() {
             return Err(format!("{} bytes follow its columns", bytes.len()));
         }
@@ -112,33 +85,13 @@ impl Primitive for Triangle {
     }
 }
 
-/// A coordinate of a corner.
-struct Place {
-    corner: usize,
-    axis: usize,
-    /// Lowest and highest value, quanta.
-    allowed: [i32; 2],
-}
+impl Corners for Triangle {
+    fn corner(&self, number: usize) -> &[i64; 3] {
+        &self.corners[number]
+    }
 
-impl Place {
-    /// Fills in this coordinate of all triangles. Returns whether all values are within what is allowed.
-    fn fill(&self, triangles: &mut [Triangle], quanta: &[u32], fractions: &[u32]) -> bool {
-        let Self { corner, axis, allowed } = *self;
-        let [least, most] = allowed.map(|quanta| i64::from(quanta) * QUANTUM_FRACTIONS);
-        let mut before = 0_i32;
-        // Its sign says whether anything was outside.
-        let mut outside = 0_i64;
-        for ((triangle, quanta), fraction) in triangles.iter_mut().zip(quanta).zip(fractions) {
-            let base = if corner > 0 { whole(triangle.corners[0][axis]) } else { before };
-            let here = columns::unzigzag(*quanta).wrapping_add(base);
-            if corner == 0 && axis == 2 {
-                before = here;
-            }
-            let at = i64::from(here) * QUANTUM_FRACTIONS + i64::from(*fraction);
-            outside |= (at - least) | (most - at);
-            triangle.corners[corner][axis] = at;
-        }
-        outside >= 0
+    fn corner_mut(&mut self, number: usize) -> &mut [i64; 3] {
+        &mut self.corners[number]
     }
 }
 
@@ -163,24 +116,11 @@ fn check(triangle: &Triangle, surface: &Surface) -> Result<(), String> {
     Ok(())
 }
 
-/// The quanta of a coordinate, rounded down.
-fn whole(coordinate: i64) -> i32 {
-    coordinate.div_euclid(QUANTUM_FRACTIONS) as i32
-}
-
-/// The rest of a coordinate.
-fn fraction(coordinate: i64) -> u32 {
-    coordinate.rem_euclid(QUANTUM_FRACTIONS) as u32
-}
-
-/// Corner and axis of each pair of columns.
-fn places() -> impl Iterator<Item = (usize, usize)> {
-    (0..9).map(|place| (place / 3, 2 - place % 3))
-}
-
 /// Some triangles in no order, and a surface of their bounds.
 #[cfg(test)]
 pub(in crate::buildfile) fn triangles(count: usize, seed: u64) -> (Surface, Vec<Triangle>) {
+    use crate::buildfile::model::QUANTUM_FRACTIONS;
+
     let mut state = seed;
     let mut value = || {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -194,6 +134,7 @@ pub(in crate::buildfile) fn triangles(count: usize, seed: u64) -> (Surface, Vec<
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::buildfile::model::QUANTUM_FRACTIONS;
 
     #[test]
     fn a_chunk_of_any_length_comes_back() {

@@ -36,6 +36,16 @@ impl ChunkFile {
         Ok(Self { file, offset: front.len() as u64, body: 0, index: Vec::new() })
     }
 
+    /// Writes a height map. All maps come before the first chunk.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub(super) fn map(&mut self, bytes: &[u8]) -> io::Result<()> {
+        self.file.write_all(bytes)?;
+        self.offset += bytes.len() as u64;
+        Ok(())
+    }
+
     /// The chunks that follow belong to the next body.
     pub(super) fn next_body(&mut self) {
         self.body += 1;

@@ -1,7 +1,9 @@
 //! The frame around the chunks: prelude and header at the front; index, profile and footer at the end. `docs/build-file.md` describes
 //! every byte. `reader` and `writer` use it.
 
-use crate::buildfile::model::{Blend, BodyHeader, Bounds, Header, Lattice, Placement, QUANTA_UM, Surface};
+use super::maps;
+use crate::buildfile::model::{Blend, BodyHeader, Bounds, Header, Lattice, Placement, QUANTA_UM};
+use crate::buildfile::relief::{Displacement, MapHeader, Relief};
 use crate::codec;
 use crate::solid::{MAX_RADIUS, MAX_RADIUS_SHARE};
 
@@ -41,8 +43,8 @@ pub(crate) fn check_beginning(bytes: &[u8]) -> Result<(), String> {
     Ok(())
 }
 
-/// Longest header: three times the length of one with the longest source name and the most bodies.
-pub(super) const MAX_HEADER_BYTES: u32 = 4096;
+/// Longest header: that of a relief with the most displacements and maps takes 4,000 bytes, and few parts have more than one.
+pub(super) const MAX_HEADER_BYTES: u32 = 16 << 10;
 
 /// Longest source name: the longest file name of usual file systems.
 pub(super) const MAX_SOURCE_NAME_BYTES: usize = 255;
@@ -135,7 +137,13 @@ pub(super) fn check_header(header: &Header) -> Result<(), String> {
                 check_lattice(lattice, *quantum_um)?;
                 bulge_um = bulge_um.max(lattice.bulge_um(*quantum_um));
             }
-            BodyHeader::Surface(surface) => check_surface(surface)?,
+            BodyHeader::Surface(surface) => {
+                check_box(&surface.bounds)?;
+                if surface.triangle_count == 0 {
+                    return Err("a surface without triangles".into());
+                }
+            }
+            BodyHeader::Relief(relief) => check_relief(relief, *quantum_um)?,
         }
         joined = joined.joined(body.bounds());
     }
@@ -194,15 +202,56 @@ fn check_lattice(lattice: &Lattice, quantum_um: f64) -> Result<(), String> {
     Ok(())
 }
 
-fn check_surface(surface: &Surface) -> Result<(), String> {
-    let Surface { bounds: Bounds { min, max }, triangle_count } = surface;
-    // A corner has at most 2³⁰ quanta.
+/// The bounds of a surface. A corner has at most 2³⁰ quanta.
+fn check_box(Bounds { min, max }: &Bounds) -> Result<(), String> {
     let in_range = |at: &i32| at.unsigned_abs() <= 1 << 30;
     if (0..3).any(|axis| min[axis] > max[axis]) || !min.iter().chain(max).all(in_range) {
         return Err(format!("bounds {min:?} to {max:?} quanta of a surface: allowed are ±2³⁰, in ascending order"));
     }
-    if *triangle_count == 0 {
-        return Err("a surface without triangles".into());
+    Ok(())
+}
+
+fn check_relief(relief: &Relief, quantum_um: f64) -> Result<(), String> {
+    let Relief { bounds, z_reach, patch_count, shell_um, displacements, maps, .. } = relief;
+    check_box(bounds)?;
+    if z_reach[0] > bounds.min[2] || z_reach[1] < bounds.max[2] {
+        return Err(format!(
+            "patches from z {} to {} quanta do not reach its bounds {bounds:?}",
+            z_reach[0], z_reach[1]
+        ));
+    }
+    if *patch_count == 0 {
+        return Err("a relief without patches".into());
+    }
+    let longest_um = f64::from(1 << 30) * quantum_um;
+    if !(0.0..=longest_um).contains(shell_um) {
+        return Err(format!("shell_um = {shell_um}: allowed is 0 to {longest_um}"));
+    }
+    if displacements.len() > Relief::MAX_DISPLACEMENTS || maps.len() > Relief::MAX_MAPS {
+        return Err(format!(
+            "{} displacements by {} maps: allowed are {} by {}",
+            displacements.len(),
+            maps.len(),
+            Relief::MAX_DISPLACEMENTS,
+            Relief::MAX_MAPS
+        ));
+    }
+    for Displacement { map, height_um, offset_um, frame } in displacements {
+        let in_range = |value: &f64, most: f64| (-most..=most).contains(value);
+        if usize::from(*map) >= maps.len()
+            || ![height_um, offset_um].into_iter().all(|length_um| in_range(length_um, longest_um))
+            || !frame.as_flattened().iter().all(|part| in_range(part, 1e6))
+        {
+            return Err(format!(
+                "a displacement by map {map}, {height_um} µm high from {offset_um} µm on, is out of range"
+            ));
+        }
+    }
+    for MapHeader { size, texel_um, coarsest_level, .. } in maps {
+        let has_size = size.iter().all(|count| (1..=maps::MAX_SIDE).contains(count));
+        if !has_size || !texel_um.is_finite() || *texel_um <= 0.0 || *coarsest_level > MapHeader::MAX_LEVEL {
+            return Err(format!("a map of {} × {} texels of {texel_um} µm is out of range", size[0], size[1]));
+        }
     }
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! The lowest solid point of unions and surfaces, exact. `writer` and `reader` pass all struts and triangles through it.
+//! The lowest solid point of unions, surfaces and reliefs, exact. `writer` and `reader` pass all struts and triangles through it.
 
 use crate::buildfile::model::{QUANTUM_FRACTIONS, Strut, Triangle};
 use crate::solid::lowest_z;
@@ -25,7 +25,12 @@ impl Lowest {
 
     /// Adds a triangle.
     pub(super) fn add_triangle(&mut self, triangle: &Triangle) {
-        self.0 = self.0.min(triangle.corners[0][2] as f64 / QUANTUM_FRACTIONS as f64);
+        self.add_z(triangle.corners[0][2] as f64 / QUANTUM_FRACTIONS as f64);
+    }
+
+    /// Adds a point at `z` quanta.
+    pub(super) fn add_z(&mut self, z: f64) {
+        self.0 = self.0.min(z);
     }
 
     /// The point, micrometres.

@@ -62,6 +62,11 @@ impl<'a> Opening<'a> {
         Ok(header)
     }
 
+    /// Offset of the first height map.
+    pub(super) fn header_end(&self) -> u64 {
+        self.header_end
+    }
+
     /// Index and profile. Call [`Opening::header`] first.
     ///
     /// # Errors
@@ -98,7 +103,8 @@ impl<'a> Opening<'a> {
             return Err(self.frame("index", "it is corrupt (CRC)".into()));
         }
         let mut chunks: Vec<ChunkEntry> = Vec::with_capacity(footer.chunk_count as usize);
-        let mut check = IndexCheck::new(self.header_end, header);
+        let maps_bytes: u64 = header.bodies.iter().flat_map(BodyHeader::maps).map(|map| u64::from(map.bytes)).sum();
+        let mut check = IndexCheck::new(self.header_end + maps_bytes, header);
         for (number, bytes) in bytes.chunks_exact(ChunkEntry::BYTES).enumerate() {
             let entry = codec::decode::<_, { ChunkEntry::BYTES }>(bytes)
                 .map_err(|error| error.to_string())
@@ -182,9 +188,9 @@ impl<'a> IndexCheck<'a> {
             ));
         }
         let ChunkEntry { z_low_min, z_low_max, z_high_max, .. } = entry;
-        let bounds = self.bodies[self.body].bounds();
-        let least = self.z_low.max(bounds.min[2]);
-        if z_low_min < least || z_low_max < z_low_min || z_high_max < z_low_max || z_high_max > bounds.max[2] {
+        let [lowest, highest] = self.bodies[self.body].z_reach();
+        let least = self.z_low.max(lowest);
+        if z_low_min < least || z_low_max < z_low_min || z_high_max < z_low_max || z_high_max > highest {
             return Err(format!(
                 "z from {z_low_min}..{z_low_max} to {z_high_max} quanta is out of order or out of the header's bounds"
             ));
@@ -204,9 +210,10 @@ impl<'a> IndexCheck<'a> {
                     lattice.strut_count, lattice.ball_count
                 ))
             }
-            BodyHeader::Surface(surface) if (others, balls) != (surface.triangle_count, 0) => Err(format!(
-                "it counts {others} triangles and {balls} balls, but the header says {} and none",
-                surface.triangle_count
+            BodyHeader::Lattice(_) => Ok(()),
+            body if (others, balls) != (body.total(), 0) => Err(format!(
+                "it counts {others} triangles or patches and {balls} balls, but the header says {} and none",
+                body.total()
             )),
             _ => Ok(()),
         }

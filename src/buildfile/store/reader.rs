@@ -4,16 +4,23 @@
 use std::cell::RefCell;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use super::chunk::{ChunkError, ChunkReader};
 use super::error::BuildFileError;
+use super::format::MAX_HEADER_BYTES;
 use super::index::ChunkEntry;
 use super::lowest::Lowest;
+use super::maps;
 use super::opening::{Opening, Stored};
 use super::profile::ProfileBuilder;
+use super::relief::ReliefBuilder;
+use super::settings::ReliefSettings;
 use crate::buildfile::model::{BodyHeader, Bounds, Header, Lattice, Strut, Surface, Triangle};
 use crate::buildfile::primitive::Primitive;
+use crate::buildfile::relief::{MapHeader, Patch, Relief};
 use crate::disk::{self, File, How};
+use crate::solid::HeightMap;
 use crate::system::FileKind;
 
 /// An open build file. Several threads may read at once: every read states its offset.
@@ -23,6 +30,8 @@ pub struct BuildFile {
     file: File,
     file_bytes: u64,
     header: Header,
+    /// Offset of the first height map.
+    maps_offset: u64,
     chunks: Vec<ChunkEntry>,
     bodies: Vec<Stored>,
 }
@@ -52,7 +61,8 @@ impl BuildFile {
         let mut opening = Opening::new(path, &file, metadata.length_bytes);
         let header = opening.header()?;
         let (chunks, bodies) = opening.index(&header)?;
-        Ok(Self { path: path.into(), file, file_bytes: metadata.length_bytes, header, chunks, bodies })
+        let maps_offset = opening.header_end();
+        Ok(Self { path: path.into(), file, file_bytes: metadata.length_bytes, header, maps_offset, chunks, bodies })
     }
 
     /// The path that was opened.
@@ -93,7 +103,7 @@ impl BuildFile {
     pub fn read_chunk(&self, index: usize, out: &mut Vec<Strut>) -> Result<(), BuildFileError> {
         match &self.header.bodies[usize::from(self.chunks[index].body)] {
             BodyHeader::Lattice(lattice) => self.read_primitives(index, lattice, out),
-            BodyHeader::Surface(_) => Err(self.wrong_chunk(index, "it holds triangles, not struts".into())),
+            _ => Err(self.wrong_chunk(index, "it holds no struts".into())),
         }
     }
 
@@ -107,8 +117,58 @@ impl BuildFile {
     pub fn read_triangles(&self, index: usize, out: &mut Vec<Triangle>) -> Result<(), BuildFileError> {
         match &self.header.bodies[usize::from(self.chunks[index].body)] {
             BodyHeader::Surface(surface) => self.read_primitives(index, surface, out),
-            BodyHeader::Lattice(_) => Err(self.wrong_chunk(index, "it holds struts, not triangles".into())),
+            _ => Err(self.wrong_chunk(index, "it holds no triangles".into())),
         }
+    }
+
+    /// As [`BuildFile::read_chunk`], of a relief: its patches, in ascending order of their lowest z.
+    ///
+    /// # Errors
+    /// [`BuildFileError`] if the chunk cannot be read, is damaged, or is not one of a relief. Then `out` is as before.
+    ///
+    /// # Panics
+    /// If `index` is not below `chunks().len()`.
+    pub fn read_patches(&self, index: usize, out: &mut Vec<Patch>) -> Result<(), BuildFileError> {
+        match &self.header.bodies[usize::from(self.chunks[index].body)] {
+            BodyHeader::Relief(relief) => self.read_primitives(index, relief, out),
+            _ => Err(self.wrong_chunk(index, "it holds no patches".into())),
+        }
+    }
+
+    /// Reads the height maps of a body, each halved as often as `level` says.
+    ///
+    /// # Errors
+    /// [`BuildFileError`] if a map cannot be read or is damaged.
+    ///
+    /// # Panics
+    /// If `body` is not below the number of bodies.
+    pub(crate) fn read_maps(
+        &self,
+        body: usize,
+        level: impl Fn(&MapHeader) -> u8,
+    ) -> Result<Vec<Arc<HeightMap>>, BuildFileError> {
+        let decoded = |(number, header): (usize, &MapHeader)| {
+            let wrong = |problem| self.contradiction("height map", format!("number {number}: {problem}"));
+            let map = maps::decode(&self.map_bytes(body, number)?, header, level(header)).map_err(wrong)?;
+            Ok(Arc::new(map))
+        };
+        self.header.bodies[body].maps().iter().enumerate().map(decoded).collect()
+    }
+
+    /// The PNG of a height map.
+    fn map_bytes(&self, body: usize, number: usize) -> Result<Vec<u8>, BuildFileError> {
+        let bodies = &self.header.bodies;
+        let before = bodies[..body].iter().flat_map(BodyHeader::maps).chain(&bodies[body].maps()[..number]);
+        let offset = self.maps_offset + before.map(|map| u64::from(map.bytes)).sum::<u64>();
+        let header = bodies[body].maps()[number];
+        // Opening has compared the lengths of the maps with that of the file.
+        let mut bytes = vec![0; header.bytes as usize];
+        let read = self.file.read_exact_at(&mut bytes, offset);
+        read.map_err(|source| BuildFileError::Read { path: self.path.clone(), source })?;
+        if crc32fast::hash(&bytes) != header.crc {
+            return Err(self.contradiction("height map", format!("number {number} is corrupt (CRC)")));
+        }
+        Ok(bytes)
     }
 
     fn read_primitives<P: Primitive>(
@@ -135,10 +195,11 @@ impl BuildFile {
     /// [`BuildFileError`] names the first damaged chunk, or the statement that the primitives contradict.
     pub fn verify(&self) -> Result<(), BuildFileError> {
         let mut lowest = Lowest::default();
-        for (body, stored) in self.header.bodies.iter().zip(&self.bodies) {
-            match body {
+        for (body, (header, stored)) in self.header.bodies.iter().zip(&self.bodies).enumerate() {
+            match header {
                 BodyHeader::Lattice(lattice) => self.verify_lattice(lattice, stored, &mut lowest)?,
                 BodyHeader::Surface(surface) => self.verify_surface(surface, stored, &mut lowest)?,
+                BodyHeader::Relief(relief) => self.verify_relief(body, relief, &mut lowest)?,
             }
         }
         let (stated_um, lowest_um) = (self.header.bottom_um, lowest.um(self.header.quantum_um));
@@ -201,6 +262,36 @@ impl BuildFile {
         self.verify_peak(stored, &profile)
     }
 
+    fn verify_relief(&self, body: usize, relief: &Relief, lowest: &mut Lowest) -> Result<(), BuildFileError> {
+        let maps = relief.maps.iter().enumerate().map(|(number, map)| Ok((*map, self.map_bytes(body, number)?)));
+        let settings = ReliefSettings {
+            is_curved: relief.is_curved,
+            shell_um: relief.shell_um,
+            displacements: relief.displacements.clone(),
+            maps: maps.collect::<Result<_, BuildFileError>>()?,
+        };
+        let wrong = |problem| self.contradiction("height map", problem);
+        let mut found = ReliefBuilder::new(&settings, self.header.quantum_um).map_err(wrong)?;
+        let (mut patches, stored) = (Vec::new(), &self.bodies[body]);
+        for index in stored.chunks.clone() {
+            patches.clear();
+            self.read_patches(index, &mut patches)?;
+            let added = patches.iter().try_for_each(|patch| found.add(*patch));
+            added.map_err(|problem| self.wrong_chunk(index, problem))?;
+        }
+        found.finish();
+        lowest.add_z(found.lowest());
+        let header = found.header();
+        if (&header.bounds, &header.z_reach) != (&relief.bounds, &relief.z_reach) {
+            let problem = format!(
+                "it says {:?} and z {:?}, but the patches have {:?} and {:?}",
+                relief.bounds, relief.z_reach, header.bounds, header.z_reach
+            );
+            return Err(self.contradiction("header", problem));
+        }
+        self.verify_peak(stored, found.profile())
+    }
+
     fn verify_peak(&self, stored: &Stored, profile: &ProfileBuilder) -> Result<(), BuildFileError> {
         let (stated, peak) = (stored.peak_active, profile.peak_active());
         if peak > stated {
@@ -235,6 +326,8 @@ impl BuildFile {
             + self.path.capacity()
             + self.header.source_name.capacity()
             + self.header.bodies.capacity() * size_of::<BodyHeader>()
+            // What a relief lists is decoded from the header.
+            + 2 * MAX_HEADER_BYTES as usize
             + self.bodies.capacity() * size_of::<Stored>()
             + self.chunks.capacity() * size_of::<ChunkEntry>()
     }
@@ -242,8 +335,11 @@ impl BuildFile {
     /// Memory of each thread that reads chunks, bytes, at most: a packed and an unpacked chunk, node table and columns, and the state of
     /// the decompressor.
     pub fn scratch_bytes(&self) -> usize {
-        let has_triangles = self.header.bodies.iter().any(|body| matches!(body, BodyHeader::Surface(_)));
-        let primitive_bytes = if has_triangles { Triangle::SCRATCH_BYTES } else { 0 };
-        ChunkReader::memory_bytes(&self.chunks, primitive_bytes.max(Strut::SCRATCH_BYTES))
+        let primitive_bytes = self.header.bodies.iter().map(|body| match body {
+            BodyHeader::Lattice(_) => Strut::SCRATCH_BYTES,
+            BodyHeader::Surface(_) => Triangle::SCRATCH_BYTES,
+            BodyHeader::Relief(_) => Patch::SCRATCH_BYTES,
+        });
+        ChunkReader::memory_bytes(&self.chunks, primitive_bytes.max().unwrap_or(0))
     }
 }

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use super::format::MAX_SOURCE_NAME_BYTES;
 use crate::buildfile::model::{Blend, BodyHeader, Bounds, Header, Lattice, Placement, Surface};
+use crate::buildfile::relief::{Displacement, MapHeader, Relief};
 use crate::solid::MAX_RADIUS;
 
 /// Settings of a build file.
@@ -23,7 +24,7 @@ pub struct WriterSettings {
 }
 
 /// Settings of one body.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum BodySettings {
     /// Struts and balls.
     Lattice {
@@ -34,6 +35,36 @@ pub enum BodySettings {
     },
     /// Triangles.
     Surface,
+    /// Patches.
+    Relief(ReliefSettings),
+}
+
+/// Settings of a surface with relief.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ReliefSettings {
+    /// Whether patches are curved.
+    pub is_curved: bool,
+    /// Thickness of a shell, micrometres; 0 of a solid.
+    pub shell_um: f64,
+    /// Displacements, at most [`Relief::MAX_DISPLACEMENTS`].
+    pub displacements: Vec<Displacement>,
+    /// Maps, at most [`Relief::MAX_MAPS`], each with its PNG.
+    pub maps: Vec<(MapHeader, Vec<u8>)>,
+}
+
+impl ReliefSettings {
+    /// The header of a relief without patches.
+    pub(in crate::buildfile) fn header(&self) -> Relief {
+        Relief {
+            bounds: Bounds::EMPTY,
+            z_reach: [i32::MAX, i32::MIN],
+            patch_count: 0,
+            is_curved: self.is_curved,
+            shell_um: self.shell_um,
+            displacements: self.displacements.clone(),
+            maps: self.maps.iter().map(|(map, _)| *map).collect(),
+        }
+    }
 }
 
 /// A build file could not be written. No file stays behind.
@@ -77,19 +108,34 @@ impl WriterSettings {
 }
 
 impl BodySettings {
-    /// The header of the smallest such body: one ball of the largest radius, or one triangle.
-    fn smallest(self) -> BodyHeader {
+    /// The height maps of the body, as PNG.
+    pub(super) fn maps(&self) -> impl Iterator<Item = &Vec<u8>> {
+        let maps = match self {
+            Self::Lattice { .. } | Self::Surface => &[][..],
+            Self::Relief(relief) => &relief.maps,
+        };
+        maps.iter().map(|(_, bytes)| bytes)
+    }
+
+    /// The header of the smallest such body: one ball of the largest radius, one triangle, or one patch.
+    fn smallest(&self) -> BodyHeader {
         match self {
-            Self::Lattice { blend, largest_radius } => BodyHeader::Lattice(smallest_lattice(blend, largest_radius)),
+            Self::Lattice { blend, largest_radius } => BodyHeader::Lattice(smallest_lattice(*blend, *largest_radius)),
             Self::Surface => {
                 BodyHeader::Surface(Surface { bounds: Bounds { min: [0; 3], max: [1; 3] }, triangle_count: 1 })
             }
+            Self::Relief(settings) => BodyHeader::Relief(Relief {
+                bounds: Bounds { min: [0; 3], max: [1; 3] },
+                z_reach: [0, 1],
+                patch_count: 1,
+                ..settings.header()
+            }),
         }
     }
 
     /// `header` with the smallest bodies of these settings: it has the length of the final header, and is valid if the settings are.
     pub(super) fn smallest_header(header: &Header, bodies: &[Self]) -> Header {
-        let bodies: Vec<_> = bodies.iter().map(|body| body.smallest()).collect();
+        let bodies: Vec<_> = bodies.iter().map(Self::smallest).collect();
         let bounds = bodies.iter().fold(Bounds::EMPTY, |bounds, body| bounds.joined(body.bounds()));
         Header { bounds, bodies, ..header.clone() }
     }

@@ -13,13 +13,16 @@ use super::format;
 use super::lattice::LatticeBuilder;
 use super::profile::ProfileBuilder;
 use super::reader::BuildFile;
+use super::relief::ReliefBuilder;
 use super::settings::{BodySettings, WriteError, WriterSettings};
 use super::surface::SurfaceBuilder;
 use crate::buildfile::model::{Blend, BodyHeader, Header, Lattice, Strut, Triangle};
+use crate::buildfile::relief::Patch;
 use crate::output::Output;
 
 /// Writes a build file body by body. The struts of a lattice come in ascending order of (z, y, x) of their lower, then of their upper node;
-/// the triangles of a surface in that of their corners.
+/// the triangles of a surface in that of their corners; the
+/// patches of a relief in that of their lowest z, and then as they compare.
 pub struct Writer {
     path: PathBuf,
     /// With the bodies that are finished.
@@ -41,6 +44,7 @@ pub struct Writer {
 enum OpenBody {
     Lattice(LatticeBuilder, Chunker<Strut>),
     Surface(SurfaceBuilder, Chunker<Triangle>),
+    Relief(Box<ReliefBuilder>, Chunker<Patch>),
 }
 
 impl OpenBody {
@@ -50,6 +54,10 @@ impl OpenBody {
                 Self::Lattice(LatticeBuilder::new(blend, largest_radius, quantum_um), Chunker::new(threads)?)
             }
             BodySettings::Surface => Self::Surface(SurfaceBuilder::new(), Chunker::new(threads)?),
+            BodySettings::Relief(settings) => {
+                let relief = ReliefBuilder::new(&settings, quantum_um).map_err(io::Error::other)?;
+                Self::Relief(Box::new(relief), Chunker::new(threads)?)
+            }
         })
     }
 
@@ -57,6 +65,10 @@ impl OpenBody {
         match self {
             Self::Lattice(_, struts) => struts.finish_body(chunks),
             Self::Surface(_, triangles) => triangles.finish_body(chunks),
+            Self::Relief(relief, patches) => {
+                relief.finish();
+                patches.finish_body(chunks)
+            }
         }
     }
 
@@ -64,6 +76,7 @@ impl OpenBody {
         match self {
             Self::Lattice(lattice, _) => BodyHeader::Lattice(lattice.header()),
             Self::Surface(surface, _) => BodyHeader::Surface(surface.header()),
+            Self::Relief(relief, _) => BodyHeader::Relief(relief.header()),
         }
     }
 
@@ -71,6 +84,7 @@ impl OpenBody {
         match self {
             Self::Lattice(lattice, _) => lattice.profile(),
             Self::Surface(surface, _) => surface.profile(),
+            Self::Relief(relief, _) => relief.profile(),
         }
     }
 
@@ -78,6 +92,7 @@ impl OpenBody {
         match self {
             Self::Lattice(lattice, _) => lattice.bottom_um(quantum_um),
             Self::Surface(surface, _) => surface.bottom_um(quantum_um),
+            Self::Relief(relief, _) => relief.lowest() * quantum_um,
         }
     }
 }
@@ -105,17 +120,20 @@ impl Writer {
         // A placeholder of the same length as the final header.
         let front = BodySettings::smallest_header(&header, &to_come);
         let front = format::check_header(&front).and_then(|()| format::front(&front)).map_err(refused)?;
+        let maps: Vec<_> = to_come.iter().flat_map(BodySettings::maps).cloned().collect();
         to_come.reverse();
         let first = to_come.pop().ok_or_else(|| refused("no bodies".into()))?;
         let output = Output::create(path).map_err(io_error)?;
         let file = output.file().try_clone().map_err(io_error)?;
+        let mut chunks = ChunkFile::begin(file, &front).map_err(io_error)?;
+        maps.iter().try_for_each(|map| chunks.map(map)).map_err(io_error)?;
         Ok(Self {
             path: path.into(),
             body: OpenBody::new(first, header.quantum_um, threads).map_err(io_error)?,
             threads,
             header,
             to_come,
-            chunks: ChunkFile::begin(file, &front).map_err(io_error)?,
+            chunks,
             output,
             profiles: Vec::new(),
             bottoms_um: Vec::new(),
@@ -128,7 +146,7 @@ impl Writer {
     /// [`WriteError`] if the body is no lattice, the strut is out of order or not as [`Strut`] demands, or writing fails.
     pub fn push(&mut self, strut: Strut) -> Result<(), WriteError> {
         let OpenBody::Lattice(lattice, struts) = &mut self.body else {
-            return Err(self.refused("a strut in a surface".into()));
+            return Err(self.refused("a strut in another kind of body".into()));
         };
         if let Err(problem) = lattice.add(strut) {
             return Err(self.refused(problem));
@@ -143,12 +161,27 @@ impl Writer {
     /// [`WriteError`] if the body is no surface, the triangle is out of order or not as [`Triangle`] demands, or writing fails.
     pub fn push_triangle(&mut self, triangle: Triangle) -> Result<(), WriteError> {
         let OpenBody::Surface(surface, triangles) = &mut self.body else {
-            return Err(self.refused("a triangle in a lattice".into()));
+            return Err(self.refused("a triangle in another kind of body".into()));
         };
         if let Err(problem) = surface.add(triangle) {
             return Err(self.refused(problem));
         }
         let pushed = triangles.push(triangle, &mut self.chunks);
+        pushed.map_err(|source| self.io_error(source))
+    }
+
+    /// Adds a patch to the current body. It must not be lower than the one before it.
+    ///
+    /// # Errors
+    /// [`WriteError`] if the body is no relief, the patch is out of order or not as [`Patch`] demands, or writing fails.
+    pub fn push_patch(&mut self, patch: Patch) -> Result<(), WriteError> {
+        let OpenBody::Relief(relief, patches) = &mut self.body else {
+            return Err(self.refused("a patch in a body without relief".into()));
+        };
+        if let Err(problem) = relief.add(patch) {
+            return Err(self.refused(problem));
+        }
+        let pushed = patches.push(patch, &mut self.chunks);
         pushed.map_err(|source| self.io_error(source))
     }
 

@@ -80,6 +80,7 @@ enum BodyEntry {
         support_mm: Option<f64>,
     },
     Surface,
+    Relief,
 }
 
 #[derive(Debug, Serialize)]
@@ -96,6 +97,7 @@ impl Manifest {
                 BodyEntry::Lattice { blend, support_mm }
             }
             BodyHeader::Surface(_) => BodyEntry::Surface,
+            BodyHeader::Relief(_) => BodyEntry::Relief,
         };
         Self {
             width_px: plan.raster.width_px,

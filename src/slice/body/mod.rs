@@ -14,7 +14,7 @@ use std::sync::Arc;
 use super::band::{Band, FieldBand};
 use super::workers::Workers;
 use super::{SliceError, SlicePlan};
-use crate::buildfile::{Blend, BodyHeader, BuildFile, Lattice, Strut, Triangle};
+use crate::buildfile::{Blend, BodyHeader, BuildFile, Lattice, Patch, Strut, Triangle};
 use crate::solid::{Effort, InstructionSet};
 use crate::stream::MemoryBudget;
 use source::{ChunkSource, Stored};
@@ -25,6 +25,8 @@ pub enum BodySource {
     Lattice(Box<dyn ChunkSource<Strut>>),
     /// Triangles.
     Surface(Box<dyn ChunkSource<Triangle>>),
+    /// Patches.
+    Relief(Box<dyn ChunkSource<Patch>>),
 }
 
 impl BodySource {
@@ -45,6 +47,7 @@ impl BodySource {
             match header {
                 BodyHeader::Lattice(lattice) => Self::Lattice(Box::new(Stored { file, body, header: drawn(lattice) })),
                 BodyHeader::Surface(surface) => Self::Surface(Box::new(Stored { file, body, header: surface.clone() })),
+                BodyHeader::Relief(relief) => Self::Relief(Box::new(Stored { file, body, header: relief.clone() })),
             }
         };
         file.header().bodies.iter().enumerate().map(source).collect()
@@ -55,6 +58,7 @@ impl BodySource {
         match self {
             Self::Lattice(source) => source.file(),
             Self::Surface(source) => source.file(),
+            Self::Relief(source) => source.file(),
         }
     }
 
@@ -64,6 +68,7 @@ impl BodySource {
         match self {
             Self::Lattice(source) => lattice::pixels_memory_bytes(&**source, plan, threads),
             Self::Surface(source) => surface::pixels_memory_bytes(&**source, plan, threads),
+            Self::Relief(source) => surface::pixels_memory_bytes(&**source, plan, threads),
         }
     }
 
@@ -72,6 +77,7 @@ impl BodySource {
         match self {
             Self::Lattice(source) => lattice::field_memory_bytes(&**source, plan, threads),
             Self::Surface(source) => surface::field_memory_bytes(&**source, plan, threads),
+            Self::Relief(source) => surface::field_memory_bytes(&**source, plan, threads),
         }
     }
 
@@ -89,6 +95,7 @@ impl BodySource {
         match self {
             Self::Lattice(source) => lattice::pixels(instructions, source, plan, threads, budget),
             Self::Surface(source) => surface::pixels(source, plan, threads, budget),
+            Self::Relief(source) => surface::pixels(source, plan, threads, budget),
         }
     }
 
@@ -106,6 +113,7 @@ impl BodySource {
         match self {
             Self::Lattice(source) => lattice::field(instructions, source, plan, threads, budget),
             Self::Surface(source) => surface::field(source, plan, threads, budget),
+            Self::Relief(source) => surface::field(source, plan, threads, budget),
         }
     }
 }

@@ -5,10 +5,12 @@ use std::fmt::Debug;
 use std::sync::Arc;
 
 use crate::buildfile::{
-    BuildFile, BuildFileError, Lattice, MAX_CHUNK_PRIMITIVES, QUANTUM_FRACTIONS, Strut, Surface, Triangle,
+    BuildFile, BuildFileError, Lattice, MAX_CHUNK_PRIMITIVES, MapHeader, Patch, QUANTUM_FRACTIONS, Relief, Strut,
+    Surface, Triangle,
 };
+use crate::solid::HeightMap;
 
-/// What a body consists of: struts and balls, or triangles.
+/// What a body consists of: struts and balls, triangles, or patches.
 pub trait BodyPrimitive: Copy + Debug + Send + Sync + 'static {
     /// The header of such a body.
     type Header: Clone + Debug + Send + Sync;
@@ -60,6 +62,22 @@ impl BodyPrimitive for Triangle {
     }
 }
 
+impl BodyPrimitive for Patch {
+    type Header = Relief;
+
+    fn order(&self) -> i64 {
+        i64::from(self.z[0])
+    }
+
+    fn z_range(&self) -> [i32; 2] {
+        self.z
+    }
+
+    fn read(file: &BuildFile, chunk: usize, out: &mut Vec<Self>) -> Result<(), BuildFileError> {
+        file.read_patches(chunk, out)
+    }
+}
+
 /// Range of z of the primitives in a chunk, quanta.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ChunkSpan {
@@ -102,6 +120,14 @@ pub trait ChunkSource<P: BodyPrimitive>: Send + Sync {
     /// # Errors
     /// If the chunk cannot be read; names the file and the place in it.
     fn read_chunk(&self, chunk: usize, primitives: &mut Vec<P>) -> anyhow::Result<()>;
+
+    /// Reads the height maps of a relief, each halved as often as `level` says.
+    ///
+    /// # Errors
+    /// If a map cannot be read; names the file and the map. Also if the source has none.
+    fn read_maps(&self, _level: &dyn Fn(&MapHeader) -> u8) -> anyhow::Result<Vec<Arc<HeightMap>>> {
+        anyhow::bail!("this source has no height maps")
+    }
 }
 
 /// One body of a build file.
@@ -150,6 +176,10 @@ impl<P: BodyPrimitive> ChunkSource<P> for Stored<P> {
     fn read_chunk(&self, chunk: usize, primitives: &mut Vec<P>) -> anyhow::Result<()> {
         primitives.clear();
         Ok(P::read(&self.file, self.file.body_chunks(self.body).start + chunk, primitives)?)
+    }
+
+    fn read_maps(&self, level: &dyn Fn(&MapHeader) -> u8) -> anyhow::Result<Vec<Arc<HeightMap>>> {
+        Ok(self.file.read_maps(self.body, level)?)
     }
 }
 

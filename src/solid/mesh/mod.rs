@@ -12,4 +12,4 @@ mod section;
 
 pub(crate) use distance::FieldRows;
 pub(crate) use rows::{Crossings, Resolution};
-pub(crate) use section::{Facet, SectionPlane};
+pub(crate) use section::{Facet, SectionPlane, Segment};

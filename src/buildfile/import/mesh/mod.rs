@@ -1,6 +1,8 @@
 //! Meshes of triangles: STL, OBJ and PLY. Each reader hands its triangles to the [`Collector`]. `tests/pack_mesh` has examples.
 
+mod mtl;
 mod obj;
+mod obj_lines;
 mod ply;
 mod ply_head;
 mod source;

@@ -1,29 +1,25 @@
-//! OBJ, millimetres: vertices and faces of all objects and groups are one solid. The library gets nothing else of the file, so that
-//! normals, texture coordinates, colours and materials can do no harm, and no other file is read. `tests/pack_mesh/obj.rs` has examples.
+//! OBJ, millimetres: faces of all objects and groups are one solid. Vertices are read first and stay in memory; faces are read in a second
+//! pass. Texture coordinates, normals and materials (`mtl`) count where the surface is displaced or curved. `tests/pack_mesh/obj.rs` and
+//! `tests/relief/` have examples.
 
-use std::io::{self, BufRead, BufReader, Read};
+use std::collections::HashMap;
 use std::path::Path;
 
 use glam::DVec3;
-use tobj::{LoadError, LoadOptions};
 
-use super::source::Source;
+use super::mtl;
+use super::obj_lines::{Statements, keyed, number, text};
 use crate::buildfile::error::PackError;
 use crate::buildfile::import::collect::Collector;
 use crate::buildfile::import::digest;
+use crate::buildfile::import::relief::Face;
 use crate::buildfile::progress::PackProgress;
 use crate::text::{plain_line, size_text};
 
-/// What the library holds in memory. Of a vertex: 24 bytes as read and 24 as handed over, and an entry of 17 bytes in a hash table, of
-/// which at least 7 in 16 are in use. Of a face: an enumeration of 104 bytes. Of a corner: 24 bytes in a polygon, and 12 for its triangle.
-const VERTEX_BYTES: u64 = 24 + 24 + 17 * 16 / 7;
-const FACE_BYTES: u64 = 104;
-const CORNER_BYTES: u64 = 24 + 12;
-
-/// How often progress is reported, lines.
+/// How often progress is reported, statements.
 const REPORT_EVERY: u64 = 1 << 14;
 
-/// Reads one file. `memory_bytes` is what it may take.
+/// Reads one file. `memory_bytes` is what its vertices may take.
 ///
 /// # Errors
 /// [`PackError`] names the file and the line or triangle.
@@ -34,181 +30,213 @@ pub(in crate::buildfile::import) fn import(
     progress: &mut dyn FnMut(PackProgress),
 ) -> Result<(), PackError> {
     let name = path.display().to_string();
-    let source = Source::open(path).map_err(|source| PackError::Read { path: path.into(), source })?;
-    let mut statements = Statements::new(source, memory_bytes, progress);
-    let options = LoadOptions { triangulate: true, ignore_points: true, ignore_lines: true, ..LoadOptions::default() };
-    // No `mtllib` reaches the library.
-    let loaded = tobj::load_obj_buf(&mut statements, &options, |_| Err(LoadError::OpenFileFailed));
-    let models = match loaded {
-        Ok((models, _)) => models,
-        Err(error) => return Err(PackError::input(name, statements.why(error))),
+    let mut vertices = Vertices { memory_bytes, ..Vertices::default() };
+    let mut report = |share: f64, total: u64| {
+        progress(PackProgress::Reading { done: (share / 2.0 * total as f64) as u64, total });
     };
-    let count = models.iter().map(|model| model.mesh.indices.len() as u64 / 3).sum();
-    if count == 0 {
+    each_statement(path, &mut report, |key, rest, _| vertices.statement(key, rest).map_err(Problem::Line))?;
+    if vertices.triangle_count == 0 {
         return Err(PackError::input(name, "it has no faces; export the part again as a mesh of triangles"));
     }
-    collector.expect_triangles(count, progress)?;
-    let mut seen = 0_u64;
-    for mesh in models.iter().map(|model| &model.mesh) {
-        let (points, _) = mesh.positions.as_chunks::<3>();
-        let (triangles, _) = mesh.indices.as_chunks::<3>();
-        for corners in triangles {
-            seen += 1;
-            let corners = corners.map(|corner| DVec3::from(points[corner as usize]));
-            collector.triangle(corners, &|| format!("{name}: triangle {seen}"))?;
-        }
-    }
+    collector.expect_triangles(vertices.triangle_count, progress)?;
+    let displacements = mtl::displacements(path, &vertices.libraries, collector)?;
+    collector.meshes.begin_solid(!displacements.is_empty());
+    let mut faces = Faces { name: &name, vertices: &vertices, displacements, displacement: None, seen: 0, collector };
+    let mut report = |share: f64, total: u64| {
+        progress(PackProgress::Reading { done: ((1.0 + share) / 2.0 * total as f64) as u64, total });
+    };
+    each_statement(path, &mut report, |key, rest, line| faces.statement(key, rest, line))?;
     digest(path, collector)?;
-    collector.end_solid(&name)
+    collector.meshes.end_solid(&name)
 }
 
-/// The lines that the library gets: `v X Y Z [W]`, and `f A B C …` with numbers of vertices only.
-struct Statements<'a> {
-    lines: BufReader<Source>,
-    /// The rest of the line that the library reads.
-    line: Vec<u8>,
-    at: usize,
-    number: u64,
-    read_bytes: u64,
-    vertices: u64,
-    /// The largest number of a vertex, and the first line that has it.
-    largest: (u64, u64),
-    needed_bytes: u64,
-    memory_bytes: u64,
-    /// Why the library got no more lines.
-    stopped: Option<String>,
-    progress: &'a mut dyn FnMut(PackProgress),
+/// Why a statement cannot be taken.
+enum Problem {
+    /// The text lacks file and line.
+    Line(String),
+    /// It has its place.
+    Whole(PackError),
 }
 
-impl<'a> Statements<'a> {
-    fn new(source: Source, memory_bytes: u64, progress: &'a mut dyn FnMut(PackProgress)) -> Self {
-        Self {
-            lines: BufReader::with_capacity(64 << 10, source),
-            line: Vec::new(),
-            at: 0,
-            number: 0,
-            read_bytes: 0,
-            vertices: 0,
-            largest: (0, 0),
-            needed_bytes: 0,
-            memory_bytes,
-            stopped: None,
-            progress,
-        }
-    }
-
-    /// The problem behind an error of the library.
-    fn why(&self, error: LoadError) -> String {
-        let problem = match (&self.stopped, error) {
-            (Some(stopped), _) => stopped.clone(),
-            (None, LoadError::FaceVertexOutOfBounds) => {
-                let (vertex, line) = self.largest;
-                return format!(
-                    "line {line}: vertex {vertex}; there are {} vertices; export the part again",
-                    self.vertices
-                );
+/// Hands every statement to `take`: its key, the rest, and its line. `report` takes the share of the file that has been read, and its length.
+fn each_statement(
+    path: &Path,
+    report: &mut dyn FnMut(f64, u64),
+    mut take: impl FnMut(&[u8], &[u8], u64) -> Result<(), Problem>,
+) -> Result<(), PackError> {
+    let mut statements = Statements::open(path).map_err(|source| PackError::Read { path: path.into(), source })?;
+    let total = statements.total_bytes();
+    for step in 1_u64.. {
+        let taken = match statements.next() {
+            Err(problem) => Err(Problem::Line(problem)),
+            Ok(None) => break,
+            Ok(Some((statement, line))) => {
+                let (key, rest) = keyed(statement);
+                take(key, rest, line)
             }
-            (None, error) => format!("{error}; export the part again"),
         };
-        format!("line {}: {problem}", self.number)
+        taken.map_err(|problem| match problem {
+            Problem::Line(problem) => {
+                PackError::input(format!("{}: line {}", path.display(), statements.line()), problem)
+            }
+            Problem::Whole(error) => error,
+        })?;
+        if step.is_multiple_of(REPORT_EVERY) {
+            report(statements.read_bytes() as f64 / total.max(1) as f64, total);
+        }
     }
+    Ok(())
+}
 
-    /// Reads lines up to the next one for the library, or the end of the file.
-    fn next_line(&mut self) -> Result<(), String> {
-        let mut raw = Vec::new();
-        self.line.clear();
-        self.at = 0;
-        while self.line.is_empty() {
-            raw.clear();
-            self.number += 1;
-            self.read_bytes += self.lines.read_until(b'\n', &mut raw).map_err(|error| error.to_string())? as u64;
-            if raw.is_empty() {
-                break;
-            }
-            if self.number.is_multiple_of(REPORT_EVERY) {
-                let total = self.lines.get_ref().length;
-                (self.progress)(PackProgress::Reading { done: self.read_bytes.min(total), total });
-            }
-            let statement = raw.trim_ascii();
-            if statement.starts_with(b"v ") || statement.starts_with(b"v\t") {
-                self.vertex(text(statement)?);
-            } else if statement.starts_with(b"f ") || statement.starts_with(b"f\t") {
-                self.face(text(statement)?)?;
-            }
-            if self.needed_bytes > self.memory_bytes {
-                return Err(format!(
-                    "so far, the mesh takes {}, and --memory allows {}; give more, or export the part as binary STL, which takes less",
-                    size_text(self.needed_bytes),
-                    size_text(self.memory_bytes)
-                ));
-            }
+/// What faces refer to.
+#[derive(Default)]
+struct Vertices {
+    points: Vec<DVec3>,
+    /// NaN where the file holds no numbers: most parts do not need them.
+    textures: Vec<[f64; 2]>,
+    normals: Vec<DVec3>,
+    triangle_count: u64,
+    /// Names of the material libraries.
+    libraries: Vec<String>,
+    /// What all of this may take.
+    memory_bytes: u64,
+}
+
+impl Vertices {
+    fn statement(&mut self, key: &[u8], rest: &[u8]) -> Result<(), String> {
+        match key {
+            b"v" => self.points.push(point(text(rest)?)?),
+            b"vt" => self.textures.push(numbers(rest)),
+            b"vn" => self.normals.push(DVec3::from(numbers(rest))),
+            b"f" => self.triangle_count += (rest.split(u8::is_ascii_whitespace).count() as u64).saturating_sub(2),
+            b"mtllib" if !rest.is_empty() => self.libraries.extend(text(rest).map(str::to_owned)),
+            _ => return Ok(()),
+        }
+        let needed_bytes = self.points.capacity() * size_of::<DVec3>()
+            + self.textures.capacity() * size_of::<[f64; 2]>()
+            + self.normals.capacity() * size_of::<DVec3>();
+        if needed_bytes as u64 > self.memory_bytes {
+            return Err(format!(
+                "so far, the vertices take {}, and --memory allows {}; give more, or export the part as binary STL, which takes less",
+                size_text(needed_bytes as u64),
+                size_text(self.memory_bytes)
+            ));
         }
         Ok(())
     }
+}
 
-    fn vertex(&mut self, statement: &str) {
-        let words: Vec<_> = statement.split_whitespace().collect();
+/// The position of a vertex.
+fn point(rest: &str) -> Result<DVec3, String> {
+    let numbers = rest.split_whitespace().map(|word| number(word, "position")).collect::<Result<Vec<_>, _>>()?;
+    match numbers[..] {
         // Three more numbers are a colour.
-        let kept = if words.len() == 7 { &words[..4] } else { &words };
-        self.line = (kept.join(" ") + "\n").into_bytes();
-        self.vertices += 1;
-        self.needed_bytes += VERTEX_BYTES;
+        [x, y, z] | [x, y, z, _, _, _] => Ok(DVec3::new(x, y, z)),
+        [_, _, _, 0.0] | [_, _, _, 0.0, _, _, _] => Err("position: its weight (w) is 0; export the part again".into()),
+        [x, y, z, w] | [x, y, z, w, _, _, _] => Ok(DVec3::new(x, y, z) / w),
+        _ => Err(format!("position: {} numbers instead of 3; export the part again", numbers.len())),
+    }
+}
+
+/// The first numbers of a statement; NaN for those that are none.
+fn numbers<const N: usize>(rest: &[u8]) -> [f64; N] {
+    let mut words = text(rest).unwrap_or_default().split_whitespace();
+    [(); N].map(|()| words.next().and_then(|word| word.parse().ok()).unwrap_or(f64::NAN))
+}
+
+/// Hands the faces of a file to the collector.
+struct Faces<'a, 'b> {
+    name: &'a str,
+    vertices: &'a Vertices,
+    /// Of materials.
+    displacements: HashMap<String, u8>,
+    /// Of the current material.
+    displacement: Option<u8>,
+    /// Triangles so far.
+    seen: u64,
+    collector: &'a mut Collector<'b>,
+}
+
+/// A corner of a face: what it refers to, counted from 0.
+#[derive(Clone, Copy)]
+struct Reference {
+    point: usize,
+    texture: Option<usize>,
+    normal: Option<usize>,
+}
+
+impl Faces<'_, '_> {
+    fn statement(&mut self, key: &[u8], rest: &[u8], line: u64) -> Result<(), Problem> {
+        match key {
+            b"f" => self.face(rest, line),
+            b"usemtl" => {
+                self.displacement = text(rest).ok().and_then(|material| self.displacements.get(material).copied());
+                Ok(())
+            }
+            _ => Ok(()),
+        }
     }
 
-    fn face(&mut self, statement: &str) -> Result<(), String> {
-        let mut line = String::from("f");
-        let mut corners = 0;
-        for word in statement.split_whitespace().skip(1) {
-            let vertex = word.split('/').next().unwrap_or_default();
-            let number = vertex
-                .parse::<i64>()
-                .map_err(|_| format!("`{}` is no number of a vertex; export the part again", plain_line(word)))?;
-            if number == 0 || number < 0 && number.unsigned_abs() > self.vertices {
-                return Err(format!(
-                    "vertex {number}; there are {} vertices before; export the part again",
-                    self.vertices
-                ));
-            }
-            if number > 0 && number.unsigned_abs() > self.largest.0 {
-                self.largest = (number.unsigned_abs(), self.number);
-            }
-            line.push(' ');
-            line += vertex;
-            corners += 1;
-        }
-        // Fewer are a point or a line.
-        if corners > 2 {
-            self.line = (line + "\n").into_bytes();
-            self.needed_bytes += FACE_BYTES + corners * CORNER_BYTES;
+    fn face(&mut self, rest: &[u8], line: u64) -> Result<(), Problem> {
+        let words = text(rest).map_err(Problem::Line)?.split_whitespace();
+        let corners = words.map(|word| self.reference(word)).collect::<Result<Vec<_>, _>>().map_err(Problem::Line)?;
+        let [first, rest @ ..] = &corners[..] else { return Ok(()) };
+        for pair in rest.windows(2) {
+            self.triangle([*first, pair[0], pair[1]], line).map_err(Problem::Whole)?;
         }
         Ok(())
     }
-}
 
-fn text(statement: &[u8]) -> Result<&str, String> {
-    std::str::from_utf8(statement).map_err(|_| "it is no text; is it another kind of file?".into())
-}
-
-impl Read for Statements<'_> {
-    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        let count = self.fill_buf()?.read(buffer)?;
-        self.consume(count);
-        Ok(count)
-    }
-}
-
-impl BufRead for Statements<'_> {
-    fn fill_buf(&mut self) -> io::Result<&[u8]> {
-        if self.at == self.line.len()
-            && let Err(problem) = self.next_line()
-        {
-            self.stopped = Some(problem);
-            return Err(io::ErrorKind::InvalidData.into());
+    fn reference(&self, word: &str) -> Result<Reference, String> {
+        let mut parts = word.split('/');
+        let Vertices { points, textures, normals, .. } = self.vertices;
+        let mut next = |what: [&str; 2], count: usize| place(parts.next().unwrap_or_default(), word, what, count);
+        let point = next(["vertex", "vertices"], points.len())?;
+        let point =
+            point.ok_or_else(|| format!("`{}` is no number of a vertex; export the part again", plain_line(word)))?;
+        if !self.collector.meshes.is_relief() {
+            return Ok(Reference { point, texture: None, normal: None });
         }
-        Ok(&self.line[self.at..])
+        let texture = next(["texture coordinate", "texture coordinates"], textures.len())?;
+        let normal = next(["normal", "normals"], normals.len())?;
+        Ok(Reference { point, texture, normal })
     }
 
-    fn consume(&mut self, count: usize) {
-        self.at += count;
+    fn triangle(&mut self, corners: [Reference; 3], line: u64) -> Result<(), PackError> {
+        self.seen += 1;
+        let Vertices { points, textures, normals, .. } = self.vertices;
+        let place = || format!("{}: line {line}, triangle {}", self.name, self.seen);
+        let all = |of: fn(&Reference) -> Option<usize>| {
+            let [a, b, c] = [of(&corners[0])?, of(&corners[1])?, of(&corners[2])?];
+            Some([a, b, c])
+        };
+        let directions = all(|corner| corner.normal).map(|numbers| numbers.map(|number| normals[number]));
+        if directions.is_some_and(|directions| directions.iter().any(|normal| !normal.is_finite())) {
+            return Err(PackError::input(place(), "a normal (vn) is no three numbers; export the part again"));
+        }
+        let face = Face {
+            directions: directions.map(|directions| directions.map(|normal| self.collector.meshes.normal(normal))),
+            textures: all(|corner| corner.texture).map(|numbers| numbers.map(|number| textures[number])),
+            displacement: self.displacement,
+            ..Face::flat(corners.map(|corner| points[corner.point]))
+        };
+        self.collector.meshes.face(&face, &place)
     }
+}
+
+/// What a number in a face means, counted from 0: the one of so many, or that many before the last. `None` if there is no number.
+fn place(part: &str, word: &str, [one, many]: [&str; 2], count: usize) -> Result<Option<usize>, String> {
+    if part.is_empty() {
+        return Ok(None);
+    }
+    let number: i64 =
+        part.parse().map_err(|_| format!("`{}` is no number of a {one}; export the part again", plain_line(word)))?;
+    let from_first =
+        usize::try_from(number).ok().and_then(|number| number.checked_sub(1)).filter(|place| *place < count);
+    let from_last =
+        usize::try_from(number.unsigned_abs()).ok().filter(|_| number < 0).and_then(|back| count.checked_sub(back));
+    from_first
+        .or(from_last)
+        .map(Some)
+        .ok_or_else(|| format!("{one} {number}; there are {count} {many}; export the part again"))
 }

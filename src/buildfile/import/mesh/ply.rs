@@ -1,4 +1,5 @@
-//! PLY, text and binary, millimetres: vertices `x`, `y`, `z`, and faces as lists of their numbers. The library reads one element after the
+//! PLY, text and binary, millimetres: vertices `x`, `y`, `z`, and faces as lists of their numbers; or a cloud of points with normals.
+//! Normals and texture coordinates count where the surface has relief. The library reads one element after the
 //! other; only the vertices stay in memory. `tests/pack_mesh/ply.rs` has examples.
 
 use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
@@ -8,11 +9,13 @@ use glam::DVec3;
 use ply_rs_bw::parser::{ParseError, Parser, Reader};
 use ply_rs_bw::ply::{ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult};
 
-use super::ply_head;
+use super::ply_head::{self, Announced};
 use super::source::{MAX_LINE_BYTES, Source};
 use crate::buildfile::error::PackError;
 use crate::buildfile::import::collect::Collector;
 use crate::buildfile::import::digest;
+use crate::buildfile::import::points;
+use crate::buildfile::import::relief::Face;
 use crate::buildfile::progress::PackProgress;
 use crate::text::{plain_line, size_text};
 
@@ -47,15 +50,26 @@ pub(in crate::buildfile::import) fn import(
         .map_err(|error| wrong(format!("{}; is it PLY? Export the part again", said(&error))))?;
     let head_bytes = (head.len() - reader.get_ref().len()) as u64;
     let body_bytes = total - head_bytes;
-    let vertices = ply_head::check(&header, body_bytes).map_err(wrong)?;
-    let vertex_bytes = vertices.saturating_mul(size_of::<DVec3>() as u64);
-    if vertex_bytes > memory_bytes {
-        let [needed, allowed] = [vertex_bytes, memory_bytes].map(size_text);
-        let problem = format!("its {vertices} vertices take {needed}, and --memory allows {allowed}; give more");
+    let announced = ply_head::check(&header, body_bytes).map_err(wrong)?;
+    let is_cloud = !announced.has_faces;
+    if is_cloud {
+        check_cloud(&announced, collector).map_err(wrong)?;
+    }
+    let vertices = Vertices::new(&announced, collector.meshes.is_relief());
+    let needed_bytes = announced.vertices.saturating_mul(vertices.bytes_each(is_cloud));
+    if needed_bytes > memory_bytes {
+        let [needed, allowed] = [needed_bytes, memory_bytes].map(size_text);
+        let problem =
+            format!("its {} vertices take {needed}, and --memory allows {allowed}; give more", announced.vertices);
         return Err(wrong(problem));
     }
     // Each triangle of a fan takes one more corner.
-    collector.expect_triangles(body_bytes / ply_head::corner_bytes(&header), progress)?;
+    let triangles = if is_cloud {
+        points::triangle_count(announced.vertices)
+    } else {
+        body_bytes / ply_head::corner_bytes(&header)
+    };
+    collector.expect_triangles(triangles, progress)?;
     source.is_text = header.encoding == Encoding::Ascii;
     source.seek(SeekFrom::Start(head_bytes)).map_err(read_error)?;
     let elements = Elements {
@@ -65,9 +79,9 @@ pub(in crate::buildfile::import) fn import(
         line: String::new(),
         line_number: reader.line() as u64 - 1,
     };
-    read(elements, &header, &name, collector, progress)?;
+    read(elements, &header, &name, vertices, collector, progress)?;
     digest(path, collector)?;
-    collector.end_solid(&name)
+    collector.meshes.end_solid(&name)
 }
 
 /// Reads all elements.
@@ -75,10 +89,10 @@ fn read(
     mut elements: Elements,
     header: &Header,
     name: &str,
+    mut vertices: Vertices,
     collector: &mut Collector<'_>,
     progress: &mut dyn FnMut(PackProgress),
 ) -> Result<(), PackError> {
-    let mut points = Vec::new();
     let total = elements.reader.get_ref().length;
     for definition in header.elements.values() {
         for number in 1..=definition.count as u64 {
@@ -87,9 +101,9 @@ fn read(
                 PackError::input(place(), format!("{problem}; is the file cut short or damaged? Export the part again"))
             })?;
             if definition.name == ply_head::VERTEX {
-                points.push(DVec3::from(element.point));
+                vertices.push(&element);
             } else if definition.name == ply_head::FACE {
-                add_face(&element.corners, &points, &place, collector)?;
+                add_face(&element.corners, &vertices, &place, collector)?;
             }
             if number.is_multiple_of(REPORT_EVERY) {
                 let done = elements.reader.get_mut().stream_position().unwrap_or(total);
@@ -97,26 +111,109 @@ fn read(
             }
         }
     }
+    if vertices.is_cloud { add_discs(&vertices, name, collector) } else { Ok(()) }
+}
+
+/// Refuses points that cannot become a surface.
+fn check_cloud(announced: &Announced, collector: &Collector<'_>) -> Result<(), String> {
+    if !collector.meshes.is_shell() {
+        return Err("it has no faces: it is a cloud of points, or made of strips. A cloud with normals prints with --shell MM; export \
+                    other parts as a mesh of triangles"
+            .into());
+    }
+    if !announced.has_normals {
+        return Err("it is a cloud of points, but they have no normals (nx, ny, nz), which say where the outside is; let the program \
+                    that made it compute them"
+            .into());
+    }
     Ok(())
+}
+
+/// Adds a disc for each point.
+fn add_discs(vertices: &Vertices, name: &str, collector: &mut Collector<'_>) -> Result<(), PackError> {
+    let points: Vec<points::Point> = vertices.points.iter().copied().zip(vertices.normals.iter().copied()).collect();
+    for (number, (_, normal)) in points.iter().enumerate() {
+        // False if it is NaN.
+        if !(normal.is_finite() && normal.length() > 0.0) {
+            let problem = "its normal has no direction; let the program that made the cloud compute it";
+            return Err(PackError::input(format!("{name}: vertex {}", number + 1), problem));
+        }
+    }
+    points::discs(&points, |corners, number| {
+        let directions = Some([collector.meshes.normal(points[number].1); 3]);
+        let place = || format!("{name}: vertex {}", number + 1);
+        collector.meshes.face(&Face { directions, ..Face::flat(corners) }, &place)
+    })
+}
+
+/// What faces refer to.
+struct Vertices {
+    points: Vec<DVec3>,
+    /// As many, or none.
+    normals: Vec<DVec3>,
+    textures: Vec<[f64; 2]>,
+    has_normals: bool,
+    has_textures: bool,
+    is_cloud: bool,
+}
+
+impl Vertices {
+    fn new(announced: &Announced, is_relief: bool) -> Self {
+        Self {
+            points: Vec::new(),
+            normals: Vec::new(),
+            textures: Vec::new(),
+            has_normals: announced.has_normals && is_relief,
+            has_textures: announced.has_textures && is_relief,
+            is_cloud: !announced.has_faces,
+        }
+    }
+
+    /// Memory of a vertex, bytes.
+    fn bytes_each(&self, is_cloud: bool) -> u64 {
+        let normal = if self.has_normals { size_of::<DVec3>() } else { 0 };
+        let texture = if self.has_textures { size_of::<[f64; 2]>() } else { 0 };
+        let disc = if is_cloud { points::BYTES_PER_POINT } else { 0 };
+        (size_of::<DVec3>() + normal + texture) as u64 + disc
+    }
+
+    fn push(&mut self, element: &Element) {
+        self.points.push(DVec3::from(element.point));
+        if self.has_normals {
+            self.normals.push(DVec3::from(element.normal));
+        }
+        if self.has_textures {
+            self.textures.push(element.texture);
+        }
+    }
+
+    /// The triangle of three vertices.
+    fn face(&self, corners: [usize; 3], collector: &Collector<'_>) -> Face {
+        let normals = self.has_normals.then(|| corners.map(|corner| collector.meshes.normal(self.normals[corner])));
+        let textures = self.has_textures.then(|| corners.map(|corner| self.textures[corner]));
+        Face { directions: normals, textures, ..Face::flat(corners.map(|corner| self.points[corner])) }
+    }
 }
 
 /// Adds the fan of triangles of a polygon. Fewer than three corners are none.
 fn add_face(
     corners: &[i64],
-    points: &[DVec3],
+    vertices: &Vertices,
     place: &dyn Fn() -> String,
     collector: &mut Collector<'_>,
 ) -> Result<(), PackError> {
+    let count = vertices.points.len();
     let point = |number: i64| {
-        let point = usize::try_from(number).ok().and_then(|number| points.get(number));
-        point.copied().ok_or_else(|| {
-            let problem = format!("vertex {number}; there are {}, counted from 0; export the part again", points.len());
+        let point = usize::try_from(number).ok().filter(|number| *number < count);
+        point.ok_or_else(|| {
+            let problem = format!("vertex {number}; there are {count}, counted from 0; export the part again");
             PackError::input(place(), problem)
         })
     };
     let [first, rest @ ..] = corners else { return Ok(()) };
     for pair in rest.windows(2) {
-        collector.triangle([point(*first)?, point(pair[0])?, point(pair[1])?], place)?;
+        let face = vertices.face([point(*first)?, point(pair[0])?, point(pair[1])?], collector);
+        collector.meshes.face(&face, place)?;
     }
     Ok(())
 }
@@ -163,18 +260,20 @@ fn said(error: &ParseError) -> String {
 /// A vertex or a face. Other elements and properties leave nothing.
 struct Element {
     point: [f64; 3],
+    normal: [f64; 3],
+    texture: [f64; 2],
     corners: Vec<i64>,
 }
 
 impl PropertyAccess for Element {
     fn new() -> Self {
-        Self { point: [0.0; 3], corners: Vec::new() }
+        Self { point: [0.0; 3], normal: [0.0; 3], texture: [0.0; 2], corners: Vec::new() }
     }
 
     fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
-        if let Some(axis) = ply_head::AXES.iter().position(|axis| *axis == name) {
+        if let Some(number) = self.number(name) {
             match scalar(&property) {
-                Some(value) => self.point[axis] = value,
+                Some(value) => *number = value,
                 None => return PropertyAccessResult::Ignored,
             }
         } else if ply_head::CORNERS.contains(&name) {
@@ -184,6 +283,21 @@ impl PropertyAccess for Element {
             }
         }
         PropertyAccessResult::Set
+    }
+}
+
+impl Element {
+    /// The number that a property is.
+    fn number(&mut self, name: &str) -> Option<&mut f64> {
+        let in_names = |names: &[&str]| names.iter().position(|other| *other == name);
+        if let Some(axis) = in_names(&ply_head::AXES) {
+            return Some(&mut self.point[axis]);
+        }
+        if let Some(axis) = in_names(&ply_head::NORMALS) {
+            return Some(&mut self.normal[axis]);
+        }
+        let axis = ply_head::TEXTURES.iter().find_map(|names| in_names(names))?;
+        Some(&mut self.texture[axis])
     }
 }
 

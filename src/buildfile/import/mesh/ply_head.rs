@@ -6,17 +6,29 @@ use ply_rs_bw::ply::{ElementDef, Encoding, Header, PropertyType, ScalarType};
 pub(super) const VERTEX: &str = "vertex";
 pub(super) const FACE: &str = "face";
 pub(super) const AXES: [&str; 3] = ["x", "y", "z"];
+pub(super) const NORMALS: [&str; 3] = ["nx", "ny", "nz"];
+/// Names of texture coordinates that programs write.
+pub(super) const TEXTURES: [[&str; 2]; 4] = [["s", "t"], ["u", "v"], ["texture_u", "texture_v"], ["s0", "t0"]];
 /// Both are in use.
 pub(super) const CORNERS: [&str; 2] = ["vertex_indices", "vertex_index"];
 
 /// Shortest number of a text, with the space or end of line after it. The last one may lack that.
 const TEXT_BYTES: u64 = 2;
 
-/// Refuses a head without vertices and faces, and one that announces more than `body_bytes` hold. Returns the number of vertices.
+/// What a head announces.
+pub(super) struct Announced {
+    pub(super) vertices: u64,
+    /// Without them, the vertices are a cloud of points.
+    pub(super) has_faces: bool,
+    pub(super) has_normals: bool,
+    pub(super) has_textures: bool,
+}
+
+/// Refuses a head without vertices, and one that announces more than `body_bytes` hold.
 ///
 /// # Errors
 /// The problem, for people.
-pub(super) fn check(header: &Header, body_bytes: u64) -> Result<u64, String> {
+pub(super) fn check(header: &Header, body_bytes: u64) -> Result<Announced, String> {
     let mut wanted_bytes = 0_u64;
     for element in header.elements.values() {
         if element.properties.is_empty() {
@@ -38,13 +50,7 @@ pub(super) fn check(header: &Header, body_bytes: u64) -> Result<u64, String> {
     let Some((first, _, vertex)) = at(VERTEX) else {
         return Err("it has no vertices; export the part again as a mesh".into());
     };
-    let Some((second, _, face)) = at(FACE) else {
-        return Err(
-            "it has no faces: it is a cloud of points, or made of strips; export the part as a mesh of triangles"
-                .into(),
-        );
-    };
-    if second < first {
+    if at(FACE).is_some_and(|(second, ..)| second < first) {
         return Err("its faces come before its vertices; export the part again".into());
     }
     for axis in AXES {
@@ -52,11 +58,17 @@ pub(super) fn check(header: &Header, body_bytes: u64) -> Result<u64, String> {
             return Err(format!("its vertices have no number `{axis}`; export the part again"));
         }
     }
-    if !matches!(corners(face), Some(item) if !is_real(item)) {
+    if at(FACE).is_some_and(|(_, _, face)| !matches!(corners(face), Some(item) if !is_real(item))) {
         let [name, other] = CORNERS;
         return Err(format!("its faces have no list `{name}` or `{other}` of whole numbers; export the part again"));
     }
-    Ok(vertex.count as u64)
+    let has = |name: &&str| matches!(property(vertex, name), Some(PropertyType::Scalar(_)));
+    Ok(Announced {
+        vertices: vertex.count as u64,
+        has_faces: at(FACE).is_some(),
+        has_normals: NORMALS.iter().all(has),
+        has_textures: TEXTURES.iter().any(|names| names.iter().all(has)),
+    })
 }
 
 /// Bytes of a corner of a face, at least.

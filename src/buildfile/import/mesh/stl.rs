@@ -10,6 +10,7 @@ use super::source::Source;
 use crate::buildfile::error::PackError;
 use crate::buildfile::import::collect::Collector;
 use crate::buildfile::import::digest;
+use crate::buildfile::import::relief::Face;
 use crate::buildfile::progress::PackProgress;
 
 /// Length of a binary file: a head with the number of triangles, then so many bytes for each.
@@ -49,7 +50,7 @@ pub(in crate::buildfile::import) fn import(
     for triangle in triangles {
         let triangle = triangle.map_err(|error| wrong(seen, &error))?;
         let corners = triangle.vertices.map(|vertex| DVec3::from(vertex.0.map(f64::from)));
-        collector.triangle(corners, &|| format!("{}: triangle {}", path.display(), seen + 1))?;
+        collector.meshes.face(&Face::flat(corners), &|| format!("{}: triangle {}", path.display(), seen + 1))?;
         if seen.is_multiple_of(REPORT_EVERY) {
             progress(PackProgress::Reading { done: total.min(form.bytes_of(seen)), total });
         }
@@ -59,7 +60,7 @@ pub(in crate::buildfile::import) fn import(
         return Err(PackError::input(path.display().to_string(), "it has no triangles"));
     }
     digest(path, collector)?;
-    collector.end_solid(&path.display().to_string())
+    collector.meshes.end_solid(&path.display().to_string())
 }
 
 /// The form of a file.

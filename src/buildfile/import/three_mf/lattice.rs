@@ -2,16 +2,18 @@
 
 use std::io::Read;
 
-use glam::DVec3;
+use glam::{DAffine3, DVec3};
 
-use super::attributes::{finite, measure, required};
+use super::attributes::{finite, measure, optional, required};
+use super::displacement::Displaced;
 use super::resources::Object;
 use super::space::Space;
-use super::structure::{Structure, ball_attribute};
+use super::structure::{Structure, ball_attribute, displacement_group};
 use super::xml::{Element, Xml, quote};
 use crate::buildfile::error::PackError;
 use crate::buildfile::import::collect::Collector;
 use crate::buildfile::import::lane::Beam;
+use crate::buildfile::import::relief::Face;
 use crate::buildfile::model::{Cap, Caps};
 
 /// Most beams, balls and triangles that share one walk over the places of their object: some 400 KiB.
@@ -29,6 +31,8 @@ pub(super) struct LatticeReader<'a, 'b, 'c> {
     pub(super) lattice_only: bool,
     /// Most vertices of one object.
     pub(super) vertex_limit: usize,
+    /// Number of each height map of the displacements.
+    pub(super) maps: Vec<u16>,
     /// Beams shorter than the minimum length of their lattice.
     pub(super) short_count: u64,
     /// Beams from a vertex to itself.
@@ -45,6 +49,8 @@ struct Open<'a> {
     bare: Vec<bool>,
     beam_count: u64,
     triangle_count: u64,
+    /// The displacement group of triangles that name none.
+    group: Option<u32>,
     defaults: Defaults,
     /// Beams, balls and triangles that were read and are not placed yet.
     block: Vec<Piece>,
@@ -57,7 +63,7 @@ enum Piece {
     /// Centre and radius.
     Ball(DVec3, f64),
     /// A triangle with its number in the mesh, counted from 1.
-    Triangle([DVec3; 3], u64),
+    Triangle([DVec3; 3], Option<Displaced>, u64),
 }
 
 /// Attributes of the lattice that hold for all its beams and balls.
@@ -89,6 +95,9 @@ impl<'a> LatticeReader<'a, '_, '_> {
                 self.close(open.take())?;
                 let id = required(element, "id").map_err(|problem| PackError::input(&self.place, problem))?;
                 open = self.open(id);
+                if let Some(open) = &open {
+                    self.collector.meshes.begin_solid(open.object.has_displacement);
+                }
             } else if let Some(open) = &mut open {
                 self.element(open, element)?;
             }
@@ -109,6 +118,7 @@ impl<'a> LatticeReader<'a, '_, '_> {
             bare: Vec::new(),
             beam_count: 0,
             triangle_count: 0,
+            group: object.group,
             defaults: Defaults::default(),
             block: Vec::new(),
         })
@@ -121,12 +131,17 @@ impl<'a> LatticeReader<'a, '_, '_> {
                 let vertex = self.vertex(open, element).map_err(|problem| self.wrong(open, None, problem))?;
                 open.vertices.push(vertex);
             }
-            (Space::Core, "triangle") if !self.lattice_only => {
+            (Space::Displacement, "triangles") => {
+                let group = displacement_group(element).map_err(|problem| self.wrong(open, None, problem))?;
+                open.group = group.or(open.object.group);
+            }
+            (Space::Core | Space::Displacement, "triangle") if !self.lattice_only => {
                 open.triangle_count += 1;
                 let number = open.triangle_count;
-                let triangle = triangle(open, element)
-                    .map_err(|problem| self.wrong(open, None, format!("triangle {number}: {problem}")))?;
-                open.block.push(Piece::Triangle(triangle, number));
+                let read = triangle(open, element).and_then(|corners| Ok((corners, self.displaced(open, element)?)));
+                let (corners, displaced) =
+                    read.map_err(|problem| self.wrong(open, None, format!("triangle {number}: {problem}")))?;
+                open.block.push(Piece::Triangle(corners, displaced, number));
             }
             (Space::Lattice, "beamlattice") => {
                 open.defaults = Defaults::read(element).map_err(|problem| self.wrong(open, None, problem))?;
@@ -152,6 +167,40 @@ impl<'a> LatticeReader<'a, '_, '_> {
         }
         let axis = |name| measure(element, name)?.ok_or(format!("a vertex without {name}"));
         Ok(DVec3::new(axis("x")?, axis("y")?, axis("z")?))
+    }
+
+    /// How a triangle is displaced; `None` if it is not.
+    fn displaced(&self, open: &Open<'_>, element: &Element) -> Result<Option<Displaced>, String> {
+        let Some(first) = optional(element, "d1")? else { return Ok(None) };
+        let corners = [first, optional(element, "d2")?.unwrap_or(first), optional(element, "d3")?.unwrap_or(first)];
+        let group = displacement_group(element)?.or(open.group);
+        let group = group.ok_or("d1, but neither it nor its mesh or object has a did")?;
+        self.structure.displacements.displaced(self.part, group, corners).map(Some)
+    }
+
+    /// A triangle at one of its places.
+    fn face(
+        &mut self,
+        open: &Open<'_>,
+        corners: [DVec3; 3],
+        displaced: &Displaced,
+        placed: &DAffine3,
+    ) -> Result<Face, PackError> {
+        let Displaced { textures, vectors, factors, .. } = *displaced;
+        let wrong = |problem: &str| PackError::input(&self.place, problem);
+        let group = self.structure.displacements.group_at(displaced.group).ok_or_else(|| wrong("a group is gone"))?;
+        let map = *self.maps.get(displaced.map).ok_or_else(|| wrong("a map is gone"))?;
+        let [height_mm, offset_mm] = [group.height, group.offset].map(|length| length * open.unit_mm);
+        let named = || place(self.structure, &self.place, open, None);
+        let meshes = &mut self.collector.meshes;
+        let (number, turn) = meshes.placed_displacement(map, [height_mm, offset_mm], placed.matrix3, &named)?;
+        Ok(Face {
+            directions: Some(vectors.map(|vector| turn * vector)),
+            textures: Some(textures),
+            factors,
+            displacement: Some(number),
+            ..Face::flat(corners)
+        })
     }
 
     /// A beam in millimetres. `None` if it is left out because of its length.
@@ -210,13 +259,17 @@ impl<'a> LatticeReader<'a, '_, '_> {
                         let named = || place(self.structure, &self.place, open, Some(number));
                         self.collector.beam(&Beam { a, b, ..beam }, stretch, &named)?;
                     }
-                    Piece::Triangle(mut corners, number) => {
-                        if is_mirrored {
-                            corners.swap(1, 2);
-                        }
+                    Piece::Triangle(corners, displaced, number) => {
                         let corners = corners.map(|corner| placed.transform_point3(corner));
+                        let mut face = match &displaced {
+                            Some(displaced) => self.face(open, corners, displaced, &placed)?,
+                            None => Face::flat(corners),
+                        };
+                        if is_mirrored {
+                            face.turn_around();
+                        }
                         let named = || format!("{}: triangle {number}", place(self.structure, &self.place, open, None));
-                        self.collector.triangle(corners, &named)?;
+                        self.collector.meshes.face(&face, &named)?;
                     }
                     Piece::Ball(centre, radius) => {
                         let centre = placed.transform_point3(centre);
@@ -246,7 +299,7 @@ impl<'a> LatticeReader<'a, '_, '_> {
         if open.triangle_count == 0 {
             return Ok(());
         }
-        self.collector.end_solid(&place(self.structure, &self.place, &open, None))
+        self.collector.meshes.end_solid(&place(self.structure, &self.place, &open, None))
     }
 
     fn wrong(&self, open: &Open<'_>, beam: Option<u64>, problem: String) -> PackError {

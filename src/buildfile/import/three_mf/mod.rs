@@ -1,4 +1,4 @@
-//! 3MF: core model, production extension and beam lattice extension 1.2. The compressed parts of the package are read in two passes and
+//! 3MF: core model, and the extensions for production, beam lattices (1.2) and displacement (0.8). The compressed parts of the package are read in two passes and
 //! never extracted.
 //!
 //! In a file, beams and triangles come before the build items that place them. So the first pass (`structure`, `assembly`) finds out where
@@ -7,6 +7,7 @@
 
 mod assembly;
 mod attributes;
+mod displacement;
 mod extensions;
 mod lattice;
 mod package;
@@ -17,10 +18,12 @@ mod structure;
 mod tags;
 mod xml;
 
+use std::io::Cursor;
 use std::path::Path;
 
 use glam::DVec3;
 
+use self::displacement::Map;
 use self::lattice::LatticeReader;
 use self::package::Package;
 use self::structure::Structure;
@@ -51,6 +54,7 @@ pub(super) fn import(
     if !options.lattice_only {
         collector.expect_triangles(structure.triangle_count(), progress)?;
     }
+    let maps = if options.lattice_only { Vec::new() } else { read_maps(&structure, &mut package, collector)? };
     // One more byte per vertex marks where balls of mode `all` belong.
     let vertex_limit = usize::try_from(options.memory_bytes).unwrap_or(usize::MAX) / (size_of::<DVec3>() + 1);
     let mut reader = LatticeReader {
@@ -60,6 +64,7 @@ pub(super) fn import(
         part: 0,
         lattice_only: options.lattice_only,
         vertex_limit,
+        maps,
         short_count: 0,
         pointless_count: 0,
     };
@@ -92,6 +97,22 @@ pub(super) fn import(
     Ok(())
 }
 
+/// Reads the height maps of the displacements, and returns their numbers.
+fn read_maps(
+    structure: &Structure,
+    package: &mut Package<'_>,
+    collector: &mut Collector<'_>,
+) -> Result<Vec<u16>, PackError> {
+    package.rewind();
+    let mut numbers = Vec::new();
+    for Map { part, channel, tiles, is_nearest } in &structure.displacements.maps {
+        let place = package.place(part);
+        let bytes = package.bytes(part)?;
+        numbers.push(collector.meshes.map(Cursor::new(bytes), *channel, *tiles, *is_nearest, &place)?);
+    }
+    Ok(numbers)
+}
+
 /// Refuses everything in the build that cannot be printed, or adds notes on it.
 fn check_left_out(
     structure: &Structure,
@@ -108,13 +129,8 @@ fn check_left_out(
         if object.triangle_count > 0 && options.lattice_only {
             collector.note(format!("{place}: it holds a solid mesh, which was left out"));
         }
-        if object.has_displacement {
-            let what = "it holds a displacement mesh";
-            if !options.lattice_only {
-                let problem = format!("{what}, which is not printed yet; --lattice-only leaves it out");
-                return Err(PackError::input(place, problem));
-            }
-            collector.note(format!("{place}: {what}, which was left out"));
+        if object.has_displacement && options.lattice_only {
+            collector.note(format!("{place}: it holds a displacement mesh, which was left out"));
         }
         if let Some(clipping) = &object.clipping {
             if !options.lattice_only {

@@ -154,6 +154,21 @@ impl<'a> Package<'a> {
         Ok(Xml::new(Bounded { input, left_bytes: &mut self.left_bytes }))
     }
 
+    /// All bytes of a part that is no XML.
+    ///
+    /// # Errors
+    /// If the archive does not have the part, or it unpacks to too many bytes.
+    pub(super) fn bytes(&mut self, name: &str) -> Result<Vec<u8>, PackError> {
+        let wrong = |problem: String| PackError::input(self.path.display().to_string(), problem);
+        let entry = self.names.entry(name).map_err(wrong)?;
+        let opened = self.archive.by_index(entry);
+        let input = opened.map_err(|error| wrong(format!("the package's part `{name}` cannot be read: {error}")))?;
+        let mut bytes = Vec::new();
+        let read = Bounded { input, left_bytes: &mut self.left_bytes }.read_to_end(&mut bytes);
+        read.map_err(|error| wrong(format!("the package's part `{name}` cannot be read: {error}")))?;
+        Ok(bytes)
+    }
+
     /// Reads the relationships of the package: model and keystore.
     fn read_relationships(&mut self) -> Result<(), PackError> {
         const RELATIONSHIPS: &str = "_rels/.rels";

@@ -31,6 +31,8 @@ pub(super) struct Object {
     /// Number of triangles of its mesh.
     pub(super) triangle_count: u64,
     pub(super) has_displacement: bool,
+    /// The displacement group of its triangles, unless they name another.
+    pub(super) group: Option<u32>,
     /// How its lattice is clipped; `None` if it is not.
     pub(super) clipping: Option<String>,
     pub(super) vertex_count: u64,

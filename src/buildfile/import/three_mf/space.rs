@@ -26,12 +26,8 @@ impl Space {
             "http://schemas.microsoft.com/3dmanufacturing/production/2015/06" => Self::Production,
             "http://schemas.microsoft.com/3dmanufacturing/material/2015/02"
             | "http://schemas.microsoft.com/3dmanufacturing/trianglesets/2021/07" => Self::Shapeless,
-            // Published files use two owners and several years.
-            _ if uri.starts_with("http://schemas.microsoft.com/3dmanufacturing/displacement/")
-                || uri.starts_with("http://schemas.3mf.io/3dmanufacturing/displacement/") =>
-            {
-                Self::Displacement
-            }
+            // Published files use several owners and dates.
+            _ if uri.contains("/displacement/") => Self::Displacement,
             _ => Self::Other,
         }
     }

@@ -8,7 +8,8 @@ use std::rc::Rc;
 use glam::DAffine3;
 
 use super::assembly::Assembly;
-use super::attributes::{required, transform};
+use super::attributes::{optional, required, transform};
+use super::displacement::Displacements;
 use super::extensions::Extensions;
 use super::package::{Names, Package};
 use super::part_name;
@@ -31,6 +32,7 @@ pub(super) struct Structure {
     pub(super) units_mm: Vec<f64>,
     /// One sentence for each thing that was ignored.
     pub(super) notes: Vec<String>,
+    pub(super) displacements: Displacements,
     assembly: Assembly,
 }
 
@@ -51,6 +53,7 @@ impl Structure {
             resources: Resources::new(root),
             units_mm: Vec::new(),
             extensions: Extensions::default(),
+            displacements: Displacements::default(),
             limit_bytes: usize::try_from(memory_bytes.max(FREE_BYTES)).unwrap_or(usize::MAX),
         };
         while let Some(part) = reader.resources.part_names.get(reader.units_mm.len()).cloned() {
@@ -96,6 +99,7 @@ struct Reader {
     /// Units of the parts read so far, including the current one.
     units_mm: Vec<f64>,
     extensions: Extensions,
+    displacements: Displacements,
     /// Limit of the memory of the resources.
     limit_bytes: usize,
 }
@@ -108,9 +112,9 @@ impl Reader {
         let mut current = None;
         while let Some(element) = xml.next()? {
             self.element(element, &mut current)?;
-            if self.resources.bytes() > self.limit_bytes {
+            if self.resources.bytes() + self.displacements.bytes > self.limit_bytes {
                 return Err(format!(
-                    "its objects, components and build items take more than {} MiB, which do not fit --memory; give it more",
+                    "its objects, components, build items and displacements take more than {} MiB, which do not fit --memory; give it more",
                     self.limit_bytes >> 20
                 ));
             }
@@ -160,8 +164,9 @@ impl Reader {
             (Space::Lattice, "beam" | "ball") | (Space::Balls, "ball") => {
                 self.current(element, *current)?.strut_count += 1;
             }
-            (Space::Core, "triangle") => self.current(element, *current)?.triangle_count += 1,
+            (Space::Core | Space::Displacement, "triangle") => self.current(element, *current)?.triangle_count += 1,
             (Space::Displacement, "displacementmesh") => self.current(element, *current)?.has_displacement = true,
+            (Space::Displacement, _) => self.displacements.element(self.number(), element)?,
             (Space::Lattice, "beamlattice") => lattice(element, self.current(element, *current)?),
             _ => {}
         }
@@ -184,7 +189,8 @@ impl Reader {
         };
         let id = (self.number(), required(element, "id")?);
         let name = quote(element.get("name").unwrap_or(""));
-        self.resources.add(Object { id, name, is_other, ..Object::default() })
+        let group = displacement_group(element)?;
+        self.resources.add(Object { id, name, is_other, group, ..Object::default() })
     }
 
     fn current(&mut self, element: &Element, current: Option<u32>) -> Result<&mut Object, String> {
@@ -236,7 +242,13 @@ impl Reader {
                 count_text(count as u64, "object")
             )
         }));
-        Ok(Structure { resources: self.resources, units_mm: self.units_mm, notes, assembly })
+        Ok(Structure {
+            resources: self.resources,
+            units_mm: self.units_mm,
+            notes,
+            displacements: self.displacements,
+            assembly,
+        })
     }
 }
 
@@ -252,6 +264,15 @@ fn lattice(element: &Element, object: &mut Object) {
     if ball_attribute(element, "ballmode") == Some("all") {
         object.strut_count += object.vertex_count;
     }
+}
+
+/// The displacement group that an element names for all triangles in it.
+pub(super) fn displacement_group(element: &Element) -> Result<Option<u32>, String> {
+    // With or without prefix.
+    element.get_of(Space::Displacement, "did").map_or_else(
+        || optional(element, "did"),
+        |text| text.trim().parse().map(Some).map_err(|_| format!("did = `{}` is not a number", quote(text))),
+    )
 }
 
 /// An attribute of the balls extension on a beam lattice, with or without prefix.

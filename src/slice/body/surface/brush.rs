@@ -4,12 +4,13 @@
 use std::ops::Range;
 
 use super::ROWS_PER_BAND;
-use super::active::ActiveFacets;
+use super::active::Active;
+use super::element::Element;
 use crate::layer::Depth;
 use crate::slice::SlicePlan;
 use crate::slice::band::{Band, FieldBand};
 use crate::slice::body::{Brush, FieldBrush};
-use crate::solid::{Crossings, FieldRows, Resolution, SectionPlane};
+use crate::solid::{Crossings, FieldRows, Resolution, SectionPlane, Segment, Window};
 
 /// What one thread draws with. It takes a fixed amount of memory.
 pub(super) trait Sheet: Send {
@@ -86,27 +87,25 @@ impl Sheet for FieldSheet {
 }
 
 /// The brush of one thread.
-pub(super) struct SurfaceBrush<'a, S> {
-    pub(super) active: &'a ActiveFacets,
+pub(super) struct SurfaceBrush<'a, E: Element, S> {
+    pub(super) active: &'a Active<E::Kept>,
+    pub(super) cutter: &'a E::Cutter,
     pub(super) plane: SectionPlane,
     pub(super) sheet: &'a mut S,
 }
 
-impl<S: Sheet> SurfaceBrush<'_, S> {
+impl<E: Element, S: Sheet> SurfaceBrush<'_, E, S> {
     /// Finds the crossings of up to `count` rows from `first` on, and returns for how many there was room.
     fn cross(&mut self, first: usize, mut count: usize) -> usize {
         let is_mirrored = self.plane.is_mirrored();
         let crossings = self.sheet.crossings();
         loop {
             crossings.begin(first, count);
-            for facet in self.active.facets(first as i64..(first + count) as i64) {
-                if let Some(segment) = self.plane.cut(facet) {
-                    crossings.add(&segment, is_mirrored);
-                }
-                if crossings.is_full() {
-                    break;
-                }
-            }
+            let rows = first as i64..(first + count) as i64;
+            segments::<E>(self.active, self.cutter, &self.plane, rows, |segment| {
+                crossings.add(segment, is_mirrored);
+                !crossings.is_full()
+            });
             if !crossings.is_full() {
                 return count;
             }
@@ -128,7 +127,7 @@ impl<S: Sheet> SurfaceBrush<'_, S> {
     }
 }
 
-impl Brush for SurfaceBrush<'_, PixelSheet> {
+impl<E: Element> Brush for SurfaceBrush<'_, E, PixelSheet> {
     fn cover(&mut self, band: &mut Band<'_>) {
         match band {
             Band::Bits(rows) => {
@@ -145,22 +144,46 @@ impl Brush for SurfaceBrush<'_, PixelSheet> {
     }
 }
 
-impl FieldBrush for SurfaceBrush<'_, FieldSheet> {
+impl<E: Element> FieldBrush for SurfaceBrush<'_, E, FieldSheet> {
     fn raise(&mut self, band: &mut FieldBand<'_>) {
         let (first, mut lines) = (band.first, band.each_mut().collect::<Vec<_>>());
         self.draw(first, &mut lines, |brush, first, lines| {
             let FieldSheet { crossings, rows } = &mut *brush.sheet;
             rows.begin(first, lines.len());
-            for facet in brush.active.facets(rows.reach(first, lines.len())) {
-                if let Some(segment) = brush.plane.cut(facet) {
-                    rows.add(&segment);
-                }
-            }
+            let reach = rows.reach(first, lines.len());
+            segments::<E>(brush.active, brush.cutter, &brush.plane, reach, |segment| {
+                rows.add(segment);
+                true
+            });
             crossings.spans(|row, span| rows.fill(row, span));
             for (line, row) in lines.iter_mut().zip(rows.rows()) {
                 line.iter_mut().zip(row).for_each(|(value, excess)| *value = value.max(*excess));
             }
         });
+    }
+}
+
+/// Cuts all elements that may reach some rows, until `take` returns false.
+fn segments<E: Element>(
+    active: &Active<E::Kept>,
+    cutter: &E::Cutter,
+    plane: &SectionPlane,
+    rows: Range<i64>,
+    mut take: impl FnMut(&Segment) -> bool,
+) {
+    // Rows of samples lie up to half a row from the middle of a row.
+    let ends = [rows.start - 1, rows.end].map(|row| plane.origin[1] + row as f64 * plane.step[1]);
+    let window = Window { z: plane.z, y: [ends[0].min(ends[1]), ends[0].max(ends[1])] };
+    let mut goes_on = true;
+    for kept in active.reaching(rows) {
+        E::facets(kept, cutter, window, |facet| {
+            if goes_on && let Some(segment) = plane.cut(facet) {
+                goes_on = take(&segment);
+            }
+        });
+        if !goes_on {
+            return;
+        }
     }
 }
 

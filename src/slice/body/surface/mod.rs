@@ -1,26 +1,28 @@
-//! A surface as a body: triangles are read in ascending order (`sweep`), kept while the plane cuts them (`active`), and drawn (`brush`).
+//! A surface as a body: triangles or patches (`element`) are read in ascending order (`sweep`), kept while the plane cuts them (`active`),
+//! and drawn (`brush`).
 
 mod active;
 mod brush;
+mod element;
 mod sweep;
 
 use super::source::ChunkSource;
 use super::{Body, Brush, Cut, FieldBody, FieldBrush, PixelBody};
-use crate::buildfile::Triangle;
 use crate::slice::workers::Workers;
 use crate::slice::{SliceError, SlicePlan};
 use crate::solid::{Effort, SectionPlane};
 use crate::stream::{Charge, MemoryBudget};
 use brush::{FieldSheet, PixelSheet, Sheet, SurfaceBrush};
+use element::Element;
 use sweep::Sweep;
 
 /// Rows of a band. A facet is cut once for each band that it may reach, so bands are not too low; and a small picture has work for several
 /// threads, so they are not too high.
 const ROWS_PER_BAND: usize = 64;
 
-/// Triangles and what they enclose, as a body. Each thread draws with a sheet.
-struct Surface<S> {
-    sweep: Sweep,
+/// Elements and what they enclose, as a body. Each thread draws with a sheet.
+struct Surface<E: Element, S> {
+    sweep: Sweep<E>,
     sheets: Vec<S>,
     /// Centre of the first pixel, and from one to the next, quanta.
     origin: [f64; 2],
@@ -33,53 +35,53 @@ struct Surface<S> {
 ///
 /// # Errors
 /// [`SliceError`] if the memory is not free.
-pub(in crate::slice) fn pixels(
-    source: Box<dyn ChunkSource<Triangle>>,
+pub(in crate::slice) fn pixels<E: Element>(
+    source: Box<dyn ChunkSource<E>>,
     plan: &SlicePlan,
     threads: usize,
     budget: &MemoryBudget,
 ) -> Result<Box<dyn PixelBody>, SliceError> {
-    Ok(Box::new(Surface::<PixelSheet>::new(source, plan, threads, budget)?))
+    Ok(Box::new(Surface::<E, PixelSheet>::new(source, plan, threads, budget)?))
 }
 
 /// As [`pixels`], as a field.
 ///
 /// # Errors
 /// As [`pixels`].
-pub(in crate::slice) fn field(
-    source: Box<dyn ChunkSource<Triangle>>,
+pub(in crate::slice) fn field<E: Element>(
+    source: Box<dyn ChunkSource<E>>,
     plan: &SlicePlan,
     threads: usize,
     budget: &MemoryBudget,
 ) -> Result<Box<dyn FieldBody>, SliceError> {
-    Ok(Box::new(Surface::<FieldSheet>::new(source, plan, threads, budget)?))
+    Ok(Box::new(Surface::<E, FieldSheet>::new(source, plan, threads, budget)?))
 }
 
 /// Memory that [`pixels`] charges, bytes. It is known before a chunk is read.
-pub(in crate::slice) fn pixels_memory_bytes(
-    source: &dyn ChunkSource<Triangle>,
+pub(in crate::slice) fn pixels_memory_bytes<E: Element>(
+    source: &dyn ChunkSource<E>,
     plan: &SlicePlan,
     threads: usize,
 ) -> u64 {
-    Surface::<PixelSheet>::memory_bytes(source, plan, threads)
+    Surface::<E, PixelSheet>::memory_bytes(source, plan, threads)
 }
 
 /// Memory that [`field`] charges, bytes. It is known before a chunk is read.
-pub(in crate::slice) fn field_memory_bytes(
-    source: &dyn ChunkSource<Triangle>,
+pub(in crate::slice) fn field_memory_bytes<E: Element>(
+    source: &dyn ChunkSource<E>,
     plan: &SlicePlan,
     threads: usize,
 ) -> u64 {
-    Surface::<FieldSheet>::memory_bytes(source, plan, threads)
+    Surface::<E, FieldSheet>::memory_bytes(source, plan, threads)
 }
 
 fn sheets_bytes<S: Sheet>(plan: &SlicePlan, threads: usize) -> u64 {
     S::bytes(plan).saturating_mul(threads as u64)
 }
 
-impl<S: Sheet> Surface<S> {
+impl<E: Element, S: Sheet> Surface<E, S> {
     fn new(
-        source: Box<dyn ChunkSource<Triangle>>,
+        source: Box<dyn ChunkSource<E>>,
         plan: &SlicePlan,
         threads: usize,
         budget: &MemoryBudget,
@@ -92,20 +94,20 @@ impl<S: Sheet> Surface<S> {
         Ok(Self { sweep, sheets, origin, step, quantum_um, _charge: charge })
     }
 
-    fn memory_bytes(source: &dyn ChunkSource<Triangle>, plan: &SlicePlan, threads: usize) -> u64 {
+    fn memory_bytes(source: &dyn ChunkSource<E>, plan: &SlicePlan, threads: usize) -> u64 {
         Sweep::memory_bytes(source, plan, threads).saturating_add(sheets_bytes::<S>(plan, threads))
     }
 
     /// A brush for each thread.
-    fn sheet_brushes(&mut self, cut: &Cut) -> impl Iterator<Item = SurfaceBrush<'_, S>> {
+    fn sheet_brushes(&mut self, cut: &Cut) -> impl Iterator<Item = SurfaceBrush<'_, E, S>> {
         let origin = [0, 1].map(|axis| self.origin[axis] + cut.shift_px[axis] * self.step[axis]);
         let plane = SectionPlane { z: cut.z_um / self.quantum_um, origin, step: self.step };
-        let active = self.sweep.active();
-        self.sheets.iter_mut().map(move |sheet| SurfaceBrush { active, plane, sheet })
+        let (active, cutter) = (self.sweep.active(), self.sweep.cutter());
+        self.sheets.iter_mut().map(move |sheet| SurfaceBrush { active, cutter, plane, sheet })
     }
 }
 
-impl<S: Sheet> Body for Surface<S> {
+impl<E: Element, S: Sheet> Body for Surface<E, S> {
     fn rows_per_band(&self) -> usize {
         ROWS_PER_BAND
     }
@@ -123,13 +125,13 @@ impl<S: Sheet> Body for Surface<S> {
     }
 }
 
-impl PixelBody for Surface<PixelSheet> {
+impl<E: Element> PixelBody for Surface<E, PixelSheet> {
     fn brushes(&mut self, cut: &Cut) -> Vec<Box<dyn Brush + '_>> {
         self.sheet_brushes(cut).map(|brush| Box::new(brush) as Box<dyn Brush>).collect()
     }
 }
 
-impl FieldBody for Surface<FieldSheet> {
+impl<E: Element> FieldBody for Surface<E, FieldSheet> {
     fn brushes(&mut self, cut: &Cut) -> Vec<Box<dyn FieldBrush + '_>> {
         self.sheet_brushes(cut).map(|brush| Box::new(brush) as Box<dyn FieldBrush>).collect()
     }

@@ -1,0 +1,237 @@
+//! A point of a patch, and a box around a part of one. `dice` divides patches; `buildfile/primitive/patch.rs` makes them.
+
+use std::sync::Arc;
+
+use glam::{DMat3, DVec3};
+
+use super::curve::Curve;
+use super::map::HeightMap;
+
+/// Corners of the edges of a patch.
+pub(super) const EDGES: [[usize; 2]; 3] = [[0, 1], [1, 2], [0, 2]];
+
+/// A corner of a patch. Lengths are in quanta.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct PatchCorner {
+    pub(crate) at: DVec3,
+    /// Where the surface is displaced to, of unit length. On a curved patch the normal.
+    pub(crate) direction: DVec3,
+    /// Texture coordinates.
+    pub(crate) texture: [f64; 2],
+    /// What the displacement is multiplied by.
+    pub(crate) factor: f64,
+}
+
+impl PatchCorner {
+    /// An order of corners in which equal ones are equal in every bit.
+    fn key(&self) -> [f64; 9] {
+        let Self { at, direction, texture: [u, v], factor } = self;
+        [at.z, at.y, at.x, *u, *v, *factor, direction.z, direction.y, direction.x]
+    }
+}
+
+/// How a map displaces: at a point with the unit direction n by `factor · (height · value + offset)` along `frame · n`.
+#[derive(Clone, Debug)]
+pub(crate) struct Lift {
+    pub(crate) map: Arc<HeightMap>,
+    /// Displacement where the map is 1, without the offset.
+    pub(crate) height: f64,
+    pub(crate) offset: f64,
+    /// What a transformation of the displaced shape makes of directions.
+    pub(crate) frame: DMat3,
+}
+
+/// A patch as it is evaluated.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PatchShape<'a> {
+    /// In the order of their keys, so that an edge is computed alike in both patches that share it.
+    corners: [PatchCorner; 3],
+    /// Whether that order runs clockwise, seen from outside.
+    pub(super) is_turned: bool,
+    /// Which edges are seams: those of [`EDGES`].
+    pub(super) seams: [bool; 3],
+    lift: Option<&'a Lift>,
+    curve: Option<Curve>,
+    /// How far all of it is moved inwards, against the direction.
+    inset: f64,
+}
+
+/// A point of a patch.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Point {
+    /// Shares of the corners.
+    pub(super) weights: [f64; 3],
+    /// On the flat triangle.
+    pub(super) flat: DVec3,
+    /// Before it is displaced.
+    base: DVec3,
+    direction: DVec3,
+    texture: [f64; 2],
+    factor: f64,
+    /// Where it is.
+    pub(super) at: DVec3,
+}
+
+impl<'a> PatchShape<'a> {
+    /// A patch of these corners, counter-clockwise seen from outside. `seams` tells of the edges from each corner to the next whether the
+    /// neighbour there has other directions, texture coordinates or displacements, or is missing.
+    pub(crate) fn new(corners: [PatchCorner; 3], seams: [bool; 3], lift: Option<&'a Lift>, is_curved: bool) -> Self {
+        let mut order = [0, 1, 2];
+        order.sort_by(|a, b| {
+            let [a, b] = [a, b].map(|corner: &usize| corners[*corner].key());
+            a.partial_cmp(&b).unwrap_or(std::cmp::Ordering::Equal)
+        });
+        let is_turned = (order[0] + 1) % 3 != order[1];
+        // The edge between two corners is that of the one from which the other is next.
+        let seam = |a: usize, b: usize| seams[if (a + 1) % 3 == b { a } else { b }];
+        let seams = EDGES.map(|[a, b]| seam(order[a], order[b]));
+        let corners = order.map(|corner| corners[corner]);
+        let curve =
+            is_curved.then(|| Curve::new(corners.map(|corner| corner.at), corners.map(|corner| corner.direction)));
+        Self { corners, is_turned, seams, lift, curve, inset: 0.0 }
+    }
+
+    /// The same patch, moved inwards: the inner side of a shell.
+    pub(crate) fn inner(self, thickness: f64) -> Self {
+        Self { inset: thickness, is_turned: !self.is_turned, ..self }
+    }
+
+    /// Whether all of it is what its corners and edges say.
+    pub(super) fn is_flat(&self) -> bool {
+        self.lift.is_none() && self.curve.is_none()
+    }
+
+    /// Whether its edges lie on those of the flat triangle.
+    pub(super) fn is_plain(&self) -> bool {
+        self.is_flat() && self.inset == 0.0
+    }
+
+    /// Its corners.
+    pub(super) fn ends(&self) -> [Point; 3] {
+        [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|weights| self.point(weights))
+    }
+
+    /// The point in the middle of two.
+    pub(super) fn between(&self, a: &Point, b: &Point) -> Point {
+        self.point([0, 1, 2].map(|corner| (a.weights[corner] + b.weights[corner]) / 2.0))
+    }
+
+    /// The point of these weights. On an edge it depends on the two corners there alone, bit for bit: what is multiplied by 0 adds 0.
+    fn point(&self, weights: [f64; 3]) -> Point {
+        let [a, b, c] = &self.corners;
+        let mix = |values: [f64; 3]| values[0] * weights[0] + values[1] * weights[1] + values[2] * weights[2];
+        let flat = a.at * weights[0] + b.at * weights[1] + c.at * weights[2];
+        let base = self.curve.map_or(flat, |curve| curve.point(weights));
+        let sum = a.direction * weights[0] + b.direction * weights[1] + c.direction * weights[2];
+        // Opposite directions have no middle; there is no displacement there.
+        let direction = sum.normalize_or_zero();
+        let texture = [0, 1].map(|axis| mix([a.texture[axis], b.texture[axis], c.texture[axis]]));
+        let factor = mix([a.factor, b.factor, c.factor]);
+        let mut at = base;
+        if let Some(Lift { map, height, offset, frame }) = self.lift {
+            if let Some(value) = map.sample(texture) {
+                at += *frame * direction * ((height * value + offset) * factor);
+            }
+            if self.inset > 0.0 {
+                at -= (*frame * direction).normalize_or_zero() * self.inset;
+            }
+        } else {
+            // Not normalised: flat sides stay flat.
+            at -= if self.curve.is_some() { direction } else { sum } * self.inset;
+        }
+        Point { weights, flat, base, direction, texture, factor, at }
+    }
+
+    /// A box around all of it and its walls, as low and high corners. The map is read in a margin of so many texels around it, so that the box holds for
+    /// smoother versions of the map, too.
+    pub(crate) fn bounds(&self, margin: i64) -> [DVec3; 2] {
+        let ends = self.ends();
+        let [mut low, mut high] = self.part([&ends[0], &ends[1], &ends[2]], margin).bounds;
+        if self.seams != [false; 3] {
+            // Walls begin at the edges themselves.
+            for end in ends {
+                (low, high) = (low.min(end.flat), high.max(end.flat));
+            }
+        }
+        [low, high]
+    }
+
+    /// What is known of the part between three points, or of the line between two.
+    pub(super) fn part(&self, points: [&Point; 3], margin: i64) -> Part {
+        let [a, b, c] = points;
+        let mut low = a.base.min(b.base).min(c.base);
+        let mut high = a.base.max(b.base).max(c.base);
+        let mut off = 0.0;
+        if let Some(curve) = &self.curve {
+            let size = [0, 1, 2].map(|corner| {
+                let weights = [a, b, c].map(|point| point.weights[corner]);
+                weights[0].max(weights[1]).max(weights[2]) - weights[0].min(weights[1]).min(weights[2])
+            });
+            let size = size[0].max(size[1]).max(size[2]);
+            let bend = if std::ptr::eq(b, c) { curve.bend_between(a.weights, b.weights) } else { curve.bend() };
+            off = bend * size * size;
+            (low, high) = (low - off, high + off);
+        }
+        if let Some(lift) = self.lift {
+            let (bounds, lift_off) = lift.part(points, margin);
+            off += lift_off;
+            (low, high) = (low + bounds[0], high + bounds[1]);
+        }
+        Part { bounds: [low - self.inset, high + self.inset], off }
+    }
+}
+
+/// A part of a patch.
+pub(super) struct Part {
+    /// A box around it, as low and high corners.
+    pub(super) bounds: [DVec3; 2],
+    /// Bound of how far it is from flat. What follows from a shell being moved inwards is left out: it is as smooth as the outer side.
+    pub(super) off: f64,
+}
+
+impl Lift {
+    /// Bounds of the displacement of the part between three points, and of how far it is from linear.
+    fn part(&self, points: [&Point; 3], margin: i64) -> ([DVec3; 2], f64) {
+        let [a, b, c] = points;
+        let texture = |pick: fn(f64, f64) -> f64| {
+            [0, 1].map(|axis| pick(pick(a.texture[axis], b.texture[axis]), c.texture[axis]))
+        };
+        let range = self.map.range(texture(f64::min), texture(f64::max), margin);
+        let ends = range.values.map(|value| self.height * value + self.offset);
+        let (mut least, mut most) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
+        if range.may_be_nothing {
+            (least, most) = (least.min(0.0), most.max(0.0));
+        }
+        let factors = [a.factor.min(b.factor).min(c.factor), a.factor.max(b.factor).max(c.factor)];
+        let [least, most] = products([least, most], factors);
+        let [da, db, dc] = [a.direction, b.direction, c.direction];
+        let squared_chord = da.distance_squared(db).max(db.distance_squared(dc)).max(dc.distance_squared(da));
+        // Directions between three lie on the sphere among them. They rise above the highest by less than a quarter of the square of the
+        // longest chord.
+        let reach = self.reach();
+        let bulge = reach * (squared_chord / 4.0);
+        let [da, db, dc] = [self.frame * da, self.frame * db, self.frame * dc];
+        let (low, high) = (da.min(db).min(dc) - bulge, da.max(db).max(dc) + bulge);
+        let axes = [0, 1, 2].map(|axis| products([least, most], [low[axis], high[axis]]));
+        let bounds = [0, 1].map(|end| DVec3::from(axes.map(|range| range[end])));
+        // The product of two functions is as far from linear as each of them, and a quarter of the product of their changes.
+        let map_off = self.map.off(&range, texture(f64::min), texture(f64::max)) * self.height.abs();
+        let factor_off = (factors[1] - factors[0]) * (ends[1] - ends[0]).abs() / 4.0;
+        let largest_factor = factors[0].abs().max(factors[1].abs());
+        let directions_off =
+            least.abs().max(most.abs()) * squared_chord / 8.0 + (most - least) * squared_chord.sqrt() / 4.0;
+        (bounds, (map_off * largest_factor + factor_off + directions_off) * reach.length())
+    }
+
+    /// Along each axis, how far the frame takes a unit direction at most.
+    fn reach(&self) -> DVec3 {
+        let rows = self.frame.transpose();
+        DVec3::new(rows.x_axis.length(), rows.y_axis.length(), rows.z_axis.length())
+    }
+}
+
+/// The range of the products of two numbers in these ranges.
+fn products([a, b]: [f64; 2], [c, d]: [f64; 2]) -> [f64; 2] {
+    let all = [a * c, a * d, b * c, b * d];
+    [all[0].min(all[1]).min(all[2].min(all[3])), all[0].max(all[1]).max(all[2].max(all[3]))]
+}
