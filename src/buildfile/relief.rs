@@ -226,11 +226,7 @@ impl Displacement {
 
     /// The displacement by a map, for evaluation.
     pub(crate) fn lift(&self, map: Arc<HeightMap>, quantum_um: f64) -> Lift {
-        Lift {
-            map,
-            height: self.height_um / quantum_um,
-            offset: self.offset_um / quantum_um,
-            frame: DMat3::from_cols_array_2d(&self.frame),
-        }
+        let [height, offset] = [self.height_um, self.offset_um].map(|um| um / quantum_um);
+        Lift::new(map, height, offset, DMat3::from_cols_array_2d(&self.frame))
     }
 }

@@ -1,8 +1,9 @@
-//! `layerctl demo`: generates a lattice and prints it on a simulated device. Daemon and device are processes of their own.
+//! `layerctl demo`: makes a part and prints it on a simulated device. Daemon and device are processes of their own.
 //! `.ci/run` runs it.
 
 mod compare;
 mod processes;
+mod rough;
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -25,24 +26,38 @@ const MAX_START_TIME: Duration = Duration::from_secs(30);
 /// First line of the configuration. It marks the directory of an earlier demo; others must not be touched.
 const MARK: &str = "# written by `layerctl demo`; the next demo replaces this directory's contents\n";
 /// What a demo leaves in its directory and the next one removes.
-const CONTENTS: [&str; 8] =
-    ["layerd.toml", "machine.toml", "recipe.toml", "demo.layerd", "layerd.log", "device.log", "exposed", "sliced"];
+const CONTENTS: [&str; 10] = [
+    "layerd.toml",
+    "machine.toml",
+    "recipe.toml",
+    "demo.obj",
+    "demo.png",
+    "demo.layerd",
+    "layerd.log",
+    "device.log",
+    "exposed",
+    "sliced",
+];
 
-/// Print a lattice on a simulated printer, and compare the result.
+/// Print a part on a simulated printer, and compare the result.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
   layerctl demo                  about half a minute; pictures in demo-out/exposed
+  layerctl demo --displaced      a ring of 480 triangles, made rough by a height map
   layerctl demo slm              a laser machine, simulated twenty times faster than real
   layerctl demo dlp -o /tmp/d    somewhere else
 
-It generates a lattice, starts a simulated printer on a virtual serial port and the daemon, and prints the lattice. Then it slices \
-the lattice, and compares each layer with what the printer made of it: the pictures that a DLP printer exposed, pixel by pixel; the \
+It makes a part, a lattice unless --displaced is given, starts a simulated printer on a virtual serial port and the daemon, and prints \
+the part. Then it slices the part, and compares each layer with what the printer made of it: the pictures that a DLP printer exposed, pixel by pixel; the \
 area that an SLM machine melted, which may differ at the border.")]
 pub(super) struct DemoArgs {
     /// Kind of machine.
     #[arg(value_enum, default_value_t = Kind::Dlp)]
     kind: Kind,
+    /// Print a solid whose surface a height map displaces, instead of a lattice.
+    #[arg(long)]
+    displaced: bool,
     /// Directory for everything the demo writes.
     #[arg(short, long, value_name = "DIR", default_value = "demo-out")]
     output: PathBuf,
@@ -67,6 +82,9 @@ struct Stage {
     time_scale: u32,
     /// Arguments of `generate`.
     part: &'static [&'static str],
+    /// Radii of the displaced ring and of its tube, and the height of its map, millimetres.
+    ring_mm: [f64; 2],
+    height_mm: &'static str,
 }
 
 impl Kind {
@@ -79,6 +97,8 @@ impl Kind {
                 recipe: include_str!("../../config/recipes/demo.toml"),
                 time_scale: 1,
                 part: &["--struts", "3600", "--box", "24,16,5", "--radius", "0.2"],
+                ring_mm: [7.5, 2.0],
+                height_mm: "0.5",
             },
             Self::Slm => Stage {
                 name: "slm",
@@ -87,6 +107,8 @@ impl Kind {
                 recipe: include_str!("../../config/recipes/slm-demo.toml"),
                 time_scale: 20,
                 part: &["--struts", "500", "--box", "12,12,1", "--radius", "0.15"],
+                ring_mm: [4.0, 0.4],
+                height_mm: "0.15",
             },
         }
     }
@@ -100,9 +122,7 @@ pub(super) fn run(args: &DemoArgs) -> anyhow::Result<()> {
         tempfile::Builder::new().prefix("layerd-demo-").tempdir().context("cannot make a directory for sockets")?;
     write_config(&stage, &directory, short.path())?;
     let part = directory.join("demo.layerd");
-    super::eprint("generating a lattice");
-    let generate = [&["generate", "bcc"], stage.part, &["-o"]].concat();
-    run_self(&[&generate.into_iter().map(OsStr::new).collect::<Vec<_>>(), &[part.as_os_str()][..]].concat())?;
+    make_part(&stage, args.displaced, &directory, &part)?;
 
     let began = Instant::now();
     let mut children = Children::default();
@@ -122,6 +142,34 @@ pub(super) fn run(args: &DemoArgs) -> anyhow::Result<()> {
         Kind::Dlp => compare::pictures(&directory, &part, job.layers_total),
         Kind::Slm => compare::melted(&directory, &part, job.layers_total),
     }
+}
+
+/// Generates a lattice, or packs a displaced ring.
+fn make_part(stage: &Stage, is_displaced: bool, directory: &Path, part: &Path) -> anyhow::Result<()> {
+    if !is_displaced {
+        super::eprint("generating a lattice");
+        let generate = [&["generate", "bcc"], stage.part, &["-o"]].concat();
+        return run_self(
+            &[&generate.into_iter().map(OsStr::new).collect::<Vec<_>>(), &[part.as_os_str()][..]].concat(),
+        );
+    }
+    super::eprint("packing a ring of few triangles and a height map");
+    let (ring, map) = (directory.join("demo.obj"), directory.join("demo.png"));
+    rough::write_ring(&ring, stage.ring_mm)?;
+    rough::write_weave(&map)?;
+    let words = ["--displacement", "--height", stage.height_mm, "--curved", "-o"].map(OsStr::new);
+    let [displacement, height, height_mm, curved, output] = words;
+    run_self(&[
+        "pack".as_ref(),
+        ring.as_os_str(),
+        displacement,
+        map.as_os_str(),
+        height,
+        height_mm,
+        curved,
+        output,
+        part.as_os_str(),
+    ])
 }
 
 /// Makes the directory, or empties it of an earlier demo; returns its absolute path.

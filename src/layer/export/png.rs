@@ -40,11 +40,25 @@ pub(super) fn encode(file: &mut impl Write, bitmap: &Bitmap) -> io::Result<()> {
     })
 }
 
+/// Grey values of the eight pixels of each byte.
+const GREY_OF_BYTE: [[u8; 8]; 256] = {
+    let mut table = [[0; 8]; 256];
+    let mut number = 0;
+    while number < 8 * 256 {
+        let (byte, bit) = (number / 8, number % 8);
+        table[byte][bit] = if byte & (0x80 >> bit) != 0 { 255 } else { 0 };
+        number += 1;
+    }
+    table
+};
+
 fn grey_of_bits(bitmap: &Bitmap) -> Vec<u8> {
     let width = bitmap.width_px() as usize;
-    let mut grey = Vec::with_capacity(width * bitmap.height_px() as usize);
-    for row in bitmap.data().chunks_exact(bitmap.stride_bytes().max(1)) {
-        grey.extend((0..width).map(|x| if row[x / 8] & (0x80 >> (x % 8)) != 0 { 255 } else { 0 }));
+    let mut grey = Vec::with_capacity(width * bitmap.height_px() as usize + 8);
+    for (row, bytes) in bitmap.data().chunks_exact(bitmap.stride_bytes().max(1)).enumerate() {
+        bytes[..width.div_ceil(8)].iter().for_each(|byte| grey.extend_from_slice(&GREY_OF_BYTE[usize::from(*byte)]));
+        // The last byte of a row may have pixels to spare.
+        grey.truncate((row + 1) * width);
     }
     grey
 }

@@ -25,13 +25,13 @@ impl Dicing {
 
     /// Whether an edge is so long that it may have to be divided.
     fn is_long(&self, a: &Point, b: &Point) -> bool {
-        let share = (0..3).map(|corner| (a.weights[corner] - b.weights[corner]).abs()).fold(0.0, f64::max);
-        share > SMALLEST_SHARE && ((a.flat - b.flat) * self.scale).length_squared() > 1.0
+        let share = |corner: usize| (a.weights[corner] - b.weights[corner]).abs();
+        share(0).max(share(1)).max(share(2)) > SMALLEST_SHARE && ((a.flat - b.flat) * self.scale).length_squared() > 1.0
     }
 
     /// Whether an edge is divided. It depends on the edge alone, so that neighbours agree.
     fn divides(&self, patch: &PatchShape<'_>, a: &Point, b: &Point) -> bool {
-        self.is_long(a, b) && patch.part([a, b, b], 0).off > self.tolerance
+        self.is_long(a, b) && patch.off(a, b) > self.tolerance
     }
 }
 

@@ -20,10 +20,14 @@ pub enum Tile {
 
 impl Tile {
     /// The texel of a map of `count` texels that stands for texel `at`.
+    #[inline]
     fn texel(self, at: i64, count: usize) -> usize {
+        if (0..count as i64).contains(&at) { at as usize } else { self.texel_beyond(at, count) }
+    }
+
+    fn texel_beyond(self, at: i64, count: usize) -> usize {
         let count = count as i64;
         let inside = match self {
-            _ if (0..count).contains(&at) => at,
             Self::Wrap => at.rem_euclid(count),
             Self::Mirror => {
                 let place = at.rem_euclid(2 * count);
@@ -105,17 +109,15 @@ impl HeightMap {
         }
         let [x, y] = self.place(texture);
         if self.is_nearest {
-            let at = [x, y].map(|at| (at + 0.5).floor() as i64);
-            return Some(f64::from(self.texel(at)) / 65_535.0);
+            return Some(f64::from(self.texel([floor(x + 0.5), floor(y + 0.5)])) / 65_535.0);
         }
-        let (left, top) = (x.floor(), y.floor());
-        let (right, below) = (x - left, y - top);
-        let (left, top) = (left as i64, top as i64);
+        let (left, top) = (floor(x), floor(y));
+        let (right, below) = (x - left as f64, y - top as f64);
         let row = |row: i64| {
-            let [a, b] = [left, left + 1].map(|column| f64::from(self.texel([column, row])));
+            let (a, b) = (f64::from(self.texel([left, row])), f64::from(self.texel([left + 1, row])));
             a + (b - a) * right
         };
-        let [a, b] = [row(top), row(top + 1)];
+        let (a, b) = (row(top), row(top + 1));
         Some((a + (b - a) * below) / 65_535.0)
     }
 
@@ -123,20 +125,29 @@ impl HeightMap {
     pub(super) fn range(&self, low: [f64; 2], high: [f64; 2], margin: i64) -> MapRange {
         let outside = |axis: usize| self.tiles[axis] == Tile::Nothing && (low[axis] < 0.0 || high[axis] > 1.0);
         // Rows run downwards.
-        let [first, last] = [self.place([low[0], high[1]]), self.place([high[0], low[1]])];
-        let along = |axis: usize| {
-            let (first, last) = (first[axis].floor() as i64 - margin, last[axis].floor() as i64 + 1 + margin);
-            self.tiles[axis].texels(first, last, self.size[axis])
+        let (first, last) = (self.place([low[0], high[1]]), self.place([high[0], low[1]]));
+        let first = [floor(first[0]) - margin, floor(first[1]) - margin];
+        let last = [floor(last[0]) + 1 + margin, floor(last[1]) + 1 + margin];
+        let is_inside = |axis: usize| first[axis] >= 0 && last[axis] < self.size[axis] as i64;
+        let Cell { least, most, half_bend } = if is_inside(0) && is_inside(1) {
+            let along = |axis: usize| [first[axis] as usize, last[axis] as usize];
+            self.ranges.of(along(0), along(1))
+        } else {
+            self.cells(first, last)
         };
-        let (columns, rows) = (along(0), along(1));
-        let parts = distinct(&columns).flat_map(|columns| distinct(&rows).map(move |rows| (columns, rows)));
-        let cells = parts.map(|(columns, rows)| self.ranges.of(columns, rows));
-        let Cell { least, most, half_bend } = cells.reduce(Cell::joined).unwrap_or(Cell::EMPTY);
         MapRange {
             values: [least, most].map(|value| f64::from(value) / 65_535.0),
             bend: 2.0 * f64::from(half_bend) / 65_535.0,
             may_be_nothing: outside(0) || outside(1),
         }
+    }
+
+    /// What a box of texels holds that may lie beyond the map; both ends belong to it.
+    fn cells(&self, first: [i64; 2], last: [i64; 2]) -> Cell {
+        let [columns, rows] = [0, 1].map(|axis| self.tiles[axis].texels(first[axis], last[axis], self.size[axis]));
+        let parts = distinct(&columns).flat_map(|columns| distinct(&rows).map(move |rows| (columns, rows)));
+        let cells = parts.map(|(columns, rows)| self.ranges.of(columns, rows));
+        cells.reduce(Cell::joined).unwrap_or(Cell::EMPTY)
     }
 
     /// Bound of how far values between two points are from a linear interpolation, where the map is `range` around both. Infinite where
@@ -163,6 +174,12 @@ impl HeightMap {
         let [column, row] = [self.tiles[0].texel(column, self.size[0]), self.tiles[1].texel(row, self.size[1])];
         self.texels[row * self.size[0] + column]
     }
+}
+
+/// The largest whole number that is not above a coordinate. `f64::floor` is a function call on processors without SSE 4.1.
+fn floor(at: f64) -> i64 {
+    let whole = at as i64;
+    whole - i64::from(whole as f64 > at)
 }
 
 /// The ranges of a pair, without the second if it is the first again.

@@ -33,12 +33,14 @@ impl PatchCorner {
 /// How a map displaces: at a point with the unit direction n by `factor · (height · value + offset)` along `frame · n`.
 #[derive(Clone, Debug)]
 pub(crate) struct Lift {
-    pub(crate) map: Arc<HeightMap>,
+    map: Arc<HeightMap>,
     /// Displacement where the map is 1, without the offset.
-    pub(crate) height: f64,
-    pub(crate) offset: f64,
+    height: f64,
+    offset: f64,
     /// What a transformation of the displaced shape makes of directions.
-    pub(crate) frame: DMat3,
+    frame: DMat3,
+    /// Along each axis, how far the frame takes a unit direction at most.
+    reach: DVec3,
 }
 
 /// A patch as it is evaluated.
@@ -113,7 +115,8 @@ impl<'a> PatchShape<'a> {
 
     /// The point in the middle of two.
     pub(super) fn between(&self, a: &Point, b: &Point) -> Point {
-        self.point([0, 1, 2].map(|corner| (a.weights[corner] + b.weights[corner]) / 2.0))
+        let middle = |corner: usize| (a.weights[corner] + b.weights[corner]) / 2.0;
+        self.point([middle(0), middle(1), middle(2)])
     }
 
     /// The point of these weights. On an edge it depends on the two corners there alone, bit for bit: what is multiplied by 0 adds 0.
@@ -125,10 +128,11 @@ impl<'a> PatchShape<'a> {
         let sum = a.direction * weights[0] + b.direction * weights[1] + c.direction * weights[2];
         // Opposite directions have no middle; there is no displacement there.
         let direction = sum.normalize_or_zero();
-        let texture = [0, 1].map(|axis| mix([a.texture[axis], b.texture[axis], c.texture[axis]]));
+        let texture = |axis: usize| mix([a.texture[axis], b.texture[axis], c.texture[axis]]);
+        let texture = [texture(0), texture(1)];
         let factor = mix([a.factor, b.factor, c.factor]);
         let mut at = base;
-        if let Some(Lift { map, height, offset, frame }) = self.lift {
+        if let Some(Lift { map, height, offset, frame, .. }) = self.lift {
             if let Some(value) = map.sample(texture) {
                 at += *frame * direction * ((height * value + offset) * factor);
             }
@@ -163,21 +167,30 @@ impl<'a> PatchShape<'a> {
         let mut high = a.base.max(b.base).max(c.base);
         let mut off = 0.0;
         if let Some(curve) = &self.curve {
-            let size = [0, 1, 2].map(|corner| {
-                let weights = [a, b, c].map(|point| point.weights[corner]);
-                weights[0].max(weights[1]).max(weights[2]) - weights[0].min(weights[1]).min(weights[2])
-            });
-            let size = size[0].max(size[1]).max(size[2]);
-            let bend = if std::ptr::eq(b, c) { curve.bend_between(a.weights, b.weights) } else { curve.bend() };
-            off = bend * size * size;
+            let size = |corner: usize| {
+                let [a, b, c] = [a.weights[corner], b.weights[corner], c.weights[corner]];
+                a.max(b).max(c) - a.min(b).min(c)
+            };
+            off = curve.bend() * size(0).max(size(1)).max(size(2)).powi(2);
             (low, high) = (low - off, high + off);
         }
         if let Some(lift) = self.lift {
-            let (bounds, lift_off) = lift.part(points, margin);
-            off += lift_off;
-            (low, high) = (low + bounds[0], high + bounds[1]);
+            let span = lift.span(points, margin);
+            let (least, most) = lift.bounds(points, &span);
+            off += lift.off(&span);
+            (low, high) = (low + least, high + most);
         }
         Part { bounds: [low - self.inset, high + self.inset], off }
+    }
+
+    /// Bound of how far the line between two points is from straight, as [`Part::off`]. On an edge of the patch, it depends on that edge alone.
+    pub(super) fn off(&self, a: &Point, b: &Point) -> f64 {
+        let mut off = 0.0;
+        if let Some(curve) = &self.curve {
+            let size = |corner: usize| (a.weights[corner] - b.weights[corner]).abs();
+            off = curve.bend_between(a.weights, b.weights) * size(0).max(size(1)).max(size(2)).powi(2);
+        }
+        off + self.lift.map_or(0.0, |lift| lift.off(&lift.span([a, b, b], 0)))
     }
 }
 
@@ -189,44 +202,70 @@ pub(super) struct Part {
     pub(super) off: f64,
 }
 
+/// What is displaced between some points.
+struct Span {
+    /// How far values of the map may be from linear.
+    map_off: f64,
+    /// Least and greatest displacement, without factors and with them.
+    heights: [f64; 2],
+    factors: [f64; 2],
+    lengths: [f64; 2],
+    /// Square of the longest chord between their directions.
+    squared_chord: f64,
+}
+
 impl Lift {
-    /// Bounds of the displacement of the part between three points, and of how far it is from linear.
-    fn part(&self, points: [&Point; 3], margin: i64) -> ([DVec3; 2], f64) {
-        let [a, b, c] = points;
-        let texture = |pick: fn(f64, f64) -> f64| {
-            [0, 1].map(|axis| pick(pick(a.texture[axis], b.texture[axis]), c.texture[axis]))
-        };
-        let range = self.map.range(texture(f64::min), texture(f64::max), margin);
-        let ends = range.values.map(|value| self.height * value + self.offset);
-        let (mut least, mut most) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
-        if range.may_be_nothing {
-            (least, most) = (least.min(0.0), most.max(0.0));
-        }
-        let factors = [a.factor.min(b.factor).min(c.factor), a.factor.max(b.factor).max(c.factor)];
-        let [least, most] = products([least, most], factors);
-        let [da, db, dc] = [a.direction, b.direction, c.direction];
-        let squared_chord = da.distance_squared(db).max(db.distance_squared(dc)).max(dc.distance_squared(da));
-        // Directions between three lie on the sphere among them. They rise above the highest by less than a quarter of the square of the
-        // longest chord.
-        let reach = self.reach();
-        let bulge = reach * (squared_chord / 4.0);
-        let [da, db, dc] = [self.frame * da, self.frame * db, self.frame * dc];
-        let (low, high) = (da.min(db).min(dc) - bulge, da.max(db).max(dc) + bulge);
-        let axes = [0, 1, 2].map(|axis| products([least, most], [low[axis], high[axis]]));
-        let bounds = [0, 1].map(|end| DVec3::from(axes.map(|range| range[end])));
-        // The product of two functions is as far from linear as each of them, and a quarter of the product of their changes.
-        let map_off = self.map.off(&range, texture(f64::min), texture(f64::max)) * self.height.abs();
-        let factor_off = (factors[1] - factors[0]) * (ends[1] - ends[0]).abs() / 4.0;
-        let largest_factor = factors[0].abs().max(factors[1].abs());
-        let directions_off =
-            least.abs().max(most.abs()) * squared_chord / 8.0 + (most - least) * squared_chord.sqrt() / 4.0;
-        (bounds, (map_off * largest_factor + factor_off + directions_off) * reach.length())
+    /// A displacement by `height` and `offset`, quanta.
+    pub(crate) fn new(map: Arc<HeightMap>, height: f64, offset: f64, frame: DMat3) -> Self {
+        let rows = frame.transpose();
+        let reach = DVec3::new(rows.x_axis.length(), rows.y_axis.length(), rows.z_axis.length());
+        Self { map, height, offset, frame, reach }
     }
 
-    /// Along each axis, how far the frame takes a unit direction at most.
-    fn reach(&self) -> DVec3 {
-        let rows = self.frame.transpose();
-        DVec3::new(rows.x_axis.length(), rows.y_axis.length(), rows.z_axis.length())
+    fn span(&self, [a, b, c]: [&Point; 3], margin: i64) -> Span {
+        let least = |axis: usize| a.texture[axis].min(b.texture[axis]).min(c.texture[axis]);
+        let most = |axis: usize| a.texture[axis].max(b.texture[axis]).max(c.texture[axis]);
+        let (low, high) = ([least(0), least(1)], [most(0), most(1)]);
+        let range = self.map.range(low, high, margin);
+        let (one, other) = (self.height * range.values[0] + self.offset, self.height * range.values[1] + self.offset);
+        let mut heights = [one.min(other), one.max(other)];
+        if range.may_be_nothing {
+            heights = [heights[0].min(0.0), heights[1].max(0.0)];
+        }
+        let factors = [a.factor.min(b.factor).min(c.factor), a.factor.max(b.factor).max(c.factor)];
+        let [da, db, dc] = [a.direction, b.direction, c.direction];
+        Span {
+            map_off: self.map.off(&range, low, high) * self.height.abs(),
+            heights,
+            factors,
+            lengths: products(heights, factors),
+            squared_chord: da.distance_squared(db).max(db.distance_squared(dc)).max(dc.distance_squared(da)),
+        }
+    }
+
+    /// Bounds of the displacement between three points, between which is `span`.
+    fn bounds(&self, [a, b, c]: [&Point; 3], span: &Span) -> (DVec3, DVec3) {
+        // Directions between three lie on the sphere among them. They rise above the highest by less than a quarter of the square of the
+        // longest chord.
+        let bulge = self.reach * (span.squared_chord / 4.0);
+        let [a, b, c] = [self.frame * a.direction, self.frame * b.direction, self.frame * c.direction];
+        let (low, high) = (a.min(b).min(c) - bulge, a.max(b).max(c) + bulge);
+        let [x, y, z] = [
+            products(span.lengths, [low.x, high.x]),
+            products(span.lengths, [low.y, high.y]),
+            products(span.lengths, [low.z, high.z]),
+        ];
+        (DVec3::new(x[0], y[0], z[0]), DVec3::new(x[1], y[1], z[1]))
+    }
+
+    /// Bound of how far the displacement is from linear. The product of two functions is as far from linear as each of them, and a quarter of
+    /// the product of their changes.
+    fn off(&self, span: &Span) -> f64 {
+        let Span { map_off, heights, factors, lengths, squared_chord } = span;
+        let factor_off = (factors[1] - factors[0]) * (heights[1] - heights[0]) / 4.0;
+        let longest = lengths[0].abs().max(lengths[1].abs());
+        let directions_off = longest * squared_chord / 8.0 + (lengths[1] - lengths[0]) * squared_chord.sqrt() / 4.0;
+        (map_off * factors[0].abs().max(factors[1].abs()) + factor_off + directions_off) * self.reach.length()
     }
 }
 
