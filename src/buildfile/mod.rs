@@ -37,7 +37,8 @@ mod store;
 pub use error::PackError;
 pub use generate::{GenerateOptions, Height, Kind, generate};
 pub use model::{
-    Blend, BodyHeader, Bounds, Cap, Caps, Header, Lattice, Placement, QUANTUM_FRACTIONS, Strut, Surface, Triangle,
+    Blend, BodyHeader, Bounds, Cap, Caps, Clip, Header, Keeps, Lattice, Placement, QUANTUM_FRACTIONS, Strut, Surface,
+    Triangle,
 };
 pub use options::{BlendChoice, DisplacementOptions, PackOptions, ReliefOptions};
 pub use pack::{PackReport, pack};

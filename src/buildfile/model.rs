@@ -136,6 +136,13 @@ impl Bounds {
     /// The bounds of nothing.
     pub(super) const EMPTY: Self = Self { min: [i32::MAX; 3], max: [i32::MIN; 3] };
 
+    /// What belongs to both; `None` if nothing does.
+    pub(super) fn common(&self, other: &Self) -> Option<Self> {
+        let min = [0, 1, 2].map(|axis| self.min[axis].max(other.min[axis]));
+        let max = [0, 1, 2].map(|axis| self.max[axis].min(other.max[axis]));
+        (0..3).all(|axis| min[axis] <= max[axis]).then_some(Self { min, max })
+    }
+
     /// The bounds of both.
     pub(super) fn joined(mut self, other: &Self) -> Self {
         for axis in 0..3 {
@@ -192,7 +199,7 @@ pub struct Header {
     pub source_digest: [u8; 32],
     /// Name of the source, for people; at most 255 bytes.
     pub source_name: String,
-    /// The bodies, 1 to [`Header::MAX_BODIES`]. The part is their union.
+    /// The bodies, 1 to [`Header::MAX_BODIES`]. The part is their union, but for clips: each of them clips the lattice before it.
     pub bodies: Vec<BodyHeader>,
 }
 
@@ -205,9 +212,16 @@ impl Header {
     pub fn lattices(&self) -> impl Iterator<Item = &Lattice> {
         self.bodies.iter().filter_map(|body| match body {
             BodyHeader::Lattice(lattice) => Some(lattice),
-            BodyHeader::Surface(_) | BodyHeader::Relief(_) => None,
+            BodyHeader::Surface(_) | BodyHeader::Relief(_) | BodyHeader::Clip(_) => None,
         })
     }
+}
+
+/// Bounds of what is printed of these bodies: of a clipped lattice, what is left.
+pub(super) fn printed_bounds(bodies: &[BodyHeader]) -> Bounds {
+    let is_clipped = |body: usize| matches!(bodies.get(body + 1), Some(BodyHeader::Clip(_)));
+    let printed = bodies.iter().enumerate().filter(|(body, _)| !is_clipped(*body));
+    printed.fold(Bounds::EMPTY, |bounds, (_, body)| bounds.joined(body.bounds()))
 }
 
 /// The header of one body, by kind.
@@ -219,15 +233,18 @@ pub enum BodyHeader {
     Surface(Surface),
     /// What patches enclose.
     Relief(Relief),
+    /// What clips the lattice before it.
+    Clip(Clip),
 }
 
 impl BodyHeader {
-    /// Bounds of the body, quanta.
+    /// Bounds of the body, quanta; those of a clip are of what it leaves.
     pub fn bounds(&self) -> &Bounds {
         match self {
             Self::Lattice(lattice) => &lattice.bounds,
             Self::Surface(surface) => &surface.bounds,
             Self::Relief(relief) => &relief.bounds,
+            Self::Clip(clip) => &clip.bounds,
         }
     }
 
@@ -237,6 +254,7 @@ impl BodyHeader {
             Self::Lattice(lattice) => lattice.total(),
             Self::Surface(surface) => surface.triangle_count,
             Self::Relief(relief) => relief.patch_count,
+            Self::Clip(clip) => clip.surface.triangle_count,
         }
     }
 
@@ -244,6 +262,7 @@ impl BodyHeader {
     pub(super) fn z_reach(&self) -> [i32; 2] {
         match self {
             Self::Relief(relief) => relief.z_reach,
+            Self::Clip(Clip { surface, .. }) => [surface.bounds.min[2], surface.bounds.max[2]],
             Self::Lattice(_) | Self::Surface(_) => [self.bounds().min[2], self.bounds().max[2]],
         }
     }
@@ -251,14 +270,14 @@ impl BodyHeader {
     /// Its height maps.
     pub(super) fn maps(&self) -> &[MapHeader] {
         match self {
-            Self::Lattice(_) | Self::Surface(_) => &[],
+            Self::Lattice(_) | Self::Surface(_) | Self::Clip(_) => &[],
             Self::Relief(relief) => &relief.maps,
         }
     }
 
     /// Whether the lowest solid point is known exactly from the primitives alone.
     pub(super) fn is_exact(&self) -> bool {
-        !matches!(self, Self::Lattice(Lattice { blend: Blend::Convolution { .. }, .. }))
+        !matches!(self, Self::Lattice(Lattice { blend: Blend::Convolution { .. }, .. }) | Self::Clip(_))
     }
 }
 
@@ -277,6 +296,43 @@ impl Surface {
     pub fn of(triangles: &[Triangle]) -> Self {
         let bounds = triangles.iter().fold(Bounds::EMPTY, |bounds, triangle| bounds.joined(&triangle.bounds()));
         Self { bounds, triangle_count: triangles.len() as u64 }
+    }
+}
+
+/// Which part of a lattice a clip leaves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
+pub enum Keeps {
+    /// What lies within the surface.
+    Inside,
+    /// What lies outside of it.
+    Outside,
+}
+
+/// The header of a clip: a surface that leaves one side of the lattice before it, and is not printed itself.
+#[derive(Clone, Debug, PartialEq, Encode, Decode)]
+pub struct Clip {
+    /// What it leaves.
+    pub keeps: Keeps,
+    /// A box around what is left. Its z is that of the lowest and highest point, found as [`Header::bottom_um`] is; a convolution may bulge
+    /// beyond its sides.
+    pub bounds: Bounds,
+    /// The surface.
+    pub surface: Surface,
+}
+
+impl Clip {
+    /// The most that [`Clip::bounds`] may be: those of the lattice, along z with its bulge, and within the surface if that is kept. `None` if
+    /// nothing can be left.
+    pub(super) fn limits(&self, lattice: &Lattice, quantum_um: f64) -> Option<Bounds> {
+        let mut bounds = lattice.bounds;
+        // The cast saturates.
+        let bulge = (lattice.bulge_um(quantum_um) / quantum_um).ceil() as i32;
+        bounds.min[2] = bounds.min[2].saturating_sub(bulge);
+        bounds.max[2] = bounds.max[2].saturating_add(bulge);
+        match self.keeps {
+            Keeps::Inside => bounds.common(&self.surface.bounds),
+            Keeps::Outside => Some(bounds),
+        }
     }
 }
 

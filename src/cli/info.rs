@@ -108,6 +108,13 @@ pub enum BodySummary {
         /// Columns and rows of each height map, texels.
         maps: Vec<[u32; 2]>,
     },
+    /// Triangles that clip the lattice before them.
+    Clip {
+        /// What is left of it: what lies `inside` or `outside`.
+        keeps: &'static str,
+        /// Number of triangles.
+        triangles: u64,
+    },
 }
 
 impl BodySummary {
@@ -131,6 +138,9 @@ impl BodySummary {
                 shell_mm: (relief.shell_um > 0.0).then_some(relief.shell_um / 1000.0),
                 maps: relief.maps.iter().map(|map| map.size).collect(),
             },
+            BodyHeader::Clip(clip) => {
+                Self::Clip { keeps: super::keeps_text(clip.keeps), triangles: clip.surface.triangle_count }
+            }
         }
     }
 }
@@ -164,6 +174,10 @@ impl fmt::Display for BodySummary {
                 for [width, height] in maps {
                     writeln!(out, "height map    {width} × {height} texels")?;
                 }
+                writeln!(out, "triangles     {triangles}")
+            }
+            Self::Clip { keeps, triangles } => {
+                writeln!(out, "kind          clip of the lattice before it, of which it leaves what lies {keeps}")?;
                 writeln!(out, "triangles     {triangles}")
             }
         }

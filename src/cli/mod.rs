@@ -36,7 +36,7 @@ use std::sync::OnceLock;
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use crate::buildfile::{Blend, PackError};
+use crate::buildfile::{Blend, Keeps, PackError};
 use crate::config::{ConfigText, Folder, Machine, Recipe, find};
 use crate::text::{is_hidden, plain, shell_word};
 
@@ -331,6 +331,14 @@ fn blend_figures(blend: Blend) -> (&'static str, Option<f64>) {
     match blend {
         Blend::Convolution { support_um } => ("convolution", Some(support_um / 1000.0)),
         Blend::Union => ("union", None),
+    }
+}
+
+/// Which part of a lattice a clip leaves, as JSON has it.
+fn keeps_text(keeps: Keeps) -> &'static str {
+    match keeps {
+        Keeps::Inside => "inside",
+        Keeps::Outside => "outside",
     }
 }
 

@@ -50,6 +50,11 @@ impl Rows<'_> {
         self.bytes.len() / self.stride_bytes
     }
 
+    /// Bytes from one row to the next.
+    pub(super) fn stride_bytes(&self) -> usize {
+        self.stride_bytes
+    }
+
     /// The bytes of each row.
     pub(super) fn each_mut(&mut self) -> impl Iterator<Item = &mut [u8]> {
         self.bytes.chunks_exact_mut(self.stride_bytes)
@@ -75,6 +80,11 @@ impl<'a> FieldBand<'a> {
     /// Number of rows.
     pub(super) fn count(&self) -> usize {
         self.values.len() / self.width_px
+    }
+
+    /// Values of a row.
+    pub(super) fn width_px(&self) -> usize {
+        self.width_px
     }
 
     /// The values of each row.

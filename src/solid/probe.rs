@@ -1,21 +1,26 @@
-//! Does a convolution surface have a solid point anywhere in a plane of unlimited extent?
+//! Does a lattice have a solid point anywhere in a plane of unlimited extent? It may be clipped by a surface (`probe/cut.rs`).
 //!
 //! The plane is divided into bands of rows, and bands into tiles. A sweep along y finds the struts of each band, and a sweep along x
 //! those of each tile; empty regions are skipped. Each tile has its own grid, so `f32` is precise enough however far tiles are apart.
-//! `buildfile/store/bottom.rs` finds the lowest point of a part with it.
+//! `buildfile/store/bottom.rs` and `clipped.rs` find the lowest point of a part with it.
 
-use super::{Block, Convolution, Grid, InstructionSet, PixelShape, Plane, Shape, Strip, StrutRecord};
+mod cut;
+
+use super::{Block, Grid, InstructionSet, PixelShape, Plane, Strip, StrutRecord};
+pub(crate) use cut::Cut;
 
 /// Rows and columns of a tile: 256 KiB of fields, which fit a level-2 cache.
 const TILE_ROWS: usize = 64;
 const TILE_COLUMNS: usize = 1024;
 
-/// Probes planes. Unit of length: the support R.
+/// Probes planes. Unit of length: that of the shape.
 #[derive(Debug)]
-pub(crate) struct PlaneProbe {
+pub(crate) struct PlaneProbe<S: PixelShape> {
     quantum: f64,
+    /// The most that a strut reaches from its axis.
+    reach: f64,
     pitch: f64,
-    strip: Strip<f32>,
+    strip: Strip<S::Cell>,
     bits: [u8; TILE_COLUMNS / 8],
 }
 
@@ -27,16 +32,16 @@ struct Span {
     at: usize,
 }
 
-impl PlaneProbe {
-    /// A probe of points at distances of `pitch`, for struts whose quantum has length `quantum`.
-    pub(crate) fn new(quantum: f64, pitch: f64) -> Self {
+impl<S: PixelShape> PlaneProbe<S> {
+    /// A probe of points at distances of `pitch`, for struts that reach so far, and whose quantum has length `quantum`.
+    pub(crate) fn new(quantum: f64, reach: f64, pitch: f64) -> Self {
         let strip = Strip::new(TILE_COLUMNS, TILE_ROWS, 0);
-        Self { quantum, pitch, strip, bits: [0; TILE_COLUMNS / 8] }
+        Self { quantum, reach, pitch, strip, bits: [0; TILE_COLUMNS / 8] }
     }
 
-    /// Whether the field is at least the isovalue at any point of the plane at height `z`. Allocates some 48 bytes for each record that
-    /// may reach the plane.
-    pub(crate) fn is_solid(&mut self, records: &[StrutRecord], z: f64) -> bool {
+    /// Whether any point of the plane at height `z` is solid, and left by the cut of this plane. Allocates some 48 bytes for each record
+    /// that may reach the plane.
+    pub(crate) fn is_solid(&mut self, records: &[StrutRecord], z: f64, mut cut: Option<&mut Cut>) -> bool {
         let height = TILE_ROWS as f64 * self.pitch;
         let seen = |at: usize| self.seen(&records[at], z, [f64::NEG_INFINITY, f64::INFINITY]).map(|[_, y]| (at, y));
         let mut waiting: Vec<Span> =
@@ -55,7 +60,7 @@ impl PlaneProbe {
             while let Some(next) = waiting.pop_if(|next| next.low < band[1]) {
                 active.push(next);
             }
-            if self.is_solid_in(records, &active, z, band) {
+            if self.is_solid_in(records, &active, z, band, cut.as_deref_mut()) {
                 return true;
             }
             low = band[1];
@@ -63,7 +68,17 @@ impl PlaneProbe {
     }
 
     /// [`PlaneProbe::is_solid`] within one band of rows.
-    fn is_solid_in(&mut self, records: &[StrutRecord], active: &[Span], z: f64, band: [f64; 2]) -> bool {
+    fn is_solid_in(
+        &mut self,
+        records: &[StrutRecord],
+        active: &[Span],
+        z: f64,
+        band: [f64; 2],
+        mut cut: Option<&mut Cut>,
+    ) -> bool {
+        if let Some(cut) = &mut cut {
+            cut.begin_band(band[0], self.pitch);
+        }
         let seen = |span: &Span| {
             let [[low, high], _] = self.seen(&records[span.at], z, band)?;
             Some(Span { low, high, at: span.at })
@@ -84,7 +99,8 @@ impl PlaneProbe {
             let end = rest.partition_point(|span| span.low < left + width);
             tile.extend_from_slice(&rest[..end]);
             rest = &rest[end..];
-            if self.is_solid_tile(records, &tile, [left, band[0], z]) {
+            let is_left = cut.as_deref_mut().is_none_or(|cut| cut.begin_tile(left));
+            if is_left && self.is_solid_tile(records, &tile, [left, band[0], z], cut.as_deref()) {
                 return true;
             }
             left += width;
@@ -92,7 +108,13 @@ impl PlaneProbe {
     }
 
     /// [`PlaneProbe::is_solid`] within the tile whose corner is given.
-    fn is_solid_tile(&mut self, records: &[StrutRecord], tile: &[Span], [x0, y0, z]: [f64; 3]) -> bool {
+    fn is_solid_tile(
+        &mut self,
+        records: &[StrutRecord],
+        tile: &[Span],
+        [x0, y0, z]: [f64; 3],
+        cut: Option<&Cut>,
+    ) -> bool {
         let instructions = InstructionSet::detect();
         let grid = Grid { x0, dx: self.pitch, y0, dy: self.pitch, width: TILE_COLUMNS, samples: 1 };
         let plane = Plane { grid, z, quantum: self.quantum };
@@ -102,14 +124,18 @@ impl PlaneProbe {
             some.iter().for_each(|span| {
                 block.push(records[span.at]);
             });
-            Convolution::draw(instructions, std::iter::once(&block), &plane, &mut self.strip);
+            S::draw(instructions, std::iter::once(&block), &plane, &mut self.strip);
         }
         for pixels in self.strip.used_pixels(TILE_COLUMNS) {
             let bytes = pixels.start / 8..pixels.end.div_ceil(8);
             for row in 0..TILE_ROWS {
                 let bits = &mut self.bits[bytes.clone()];
                 bits.fill(0);
-                Convolution::merge_bits(instructions, &self.strip, row, bytes.start, bits);
+                S::merge_bits(instructions, &self.strip, row, bytes.start, bits);
+                if let Some(cut) = cut {
+                    let left = &cut.row(row)[bytes.clone()];
+                    bits.iter_mut().zip(left).for_each(|(bits, left)| *bits &= left);
+                }
                 if bits.iter().any(|byte| *byte != 0) {
                     return true;
                 }
@@ -121,15 +147,16 @@ impl PlaneProbe {
     /// The ranges of x and y that a strut may reach in a plane and within a band; `None` if it does not reach them.
     fn seen(&self, record: &StrutRecord, z: f64, [low, high]: [f64; 2]) -> Option<[[f64; 2]; 2]> {
         let [a, b] = [record.a, record.b].map(|node| node.map(|x| f64::from(x) * self.quantum));
-        let along_z = within(a[2], b[2], [z - 1.0, z + 1.0])?;
-        let along_y = within(a[1], b[1], [low - 1.0, high + 1.0])?;
+        let reach = self.reach;
+        let along_z = within(a[2], b[2], [z - reach, z + reach])?;
+        let along_y = within(a[1], b[1], [low - reach, high + reach])?;
         let (from, to) = (along_z[0].max(along_y[0]), along_z[1].min(along_y[1]));
         if from > to {
             return None;
         }
         let range = |axis: usize| {
             let [one, two] = [from, to].map(|share| a[axis] + share * (b[axis] - a[axis]));
-            [one.min(two) - 1.0, one.max(two) + 1.0]
+            [one.min(two) - reach, one.max(two) + reach]
         };
         Some([range(0), range(1)])
     }

@@ -6,7 +6,7 @@ use layerd::buildfile::{QUANTUM_FRACTIONS, Triangle};
 use crate::box_mesh::{box_triangles, corner};
 
 /// Triangles, counter-clockwise seen from outside.
-#[derive(Clone, Default)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Mesh(pub(crate) Vec<[DVec3; 3]>);
 
 impl Mesh {

@@ -40,7 +40,7 @@ pub(super) fn lowest_of_convolution(
     // So that no strut that prints at its radius can lie between two planes, nor its bottom between points.
     let mut step_um = (support_um * MAX_STEP_SHARE).min(smallest_radius_um);
     let pitch_um = (support_um * MAX_STEP_SHARE).min(2.0 * (smallest_radius_um * MISSED_UM).sqrt());
-    let mut probe = PlaneProbe::new(quantum_um / support_um, pitch_um / support_um);
+    let mut probe = PlaneProbe::<Convolution>::new(quantum_um / support_um, 1.0, pitch_um / support_um);
     let chunks = file.body_chunks(body);
     let mut near = Near { file, chunks, support_um, records: Vec::new(), struts: Vec::new() };
     let (mut dark_um, mut planes) = (f64::NEG_INFINITY, 0);
@@ -53,7 +53,7 @@ pub(super) fn lowest_of_convolution(
             return Ok(None);
         }
         near.rise(dark_um, z_um)?;
-        if probe.is_solid(&near.records, z_um / support_um) {
+        if probe.is_solid(&near.records, z_um / support_um, None) {
             break z_um;
         }
         dark_um = z_um;
@@ -64,7 +64,7 @@ pub(super) fn lowest_of_convolution(
     };
     for _ in 0..HALVINGS {
         let middle_um = f64::midpoint(dark_um, solid_um);
-        if probe.is_solid(&near.records, middle_um / support_um) {
+        if probe.is_solid(&near.records, middle_um / support_um, None) {
             solid_um = middle_um;
         } else {
             dark_um = middle_um;

@@ -2,7 +2,9 @@
 //! every byte. `reader` and `writer` use it.
 
 use super::maps;
-use crate::buildfile::model::{Blend, BodyHeader, Bounds, Header, Lattice, Placement, QUANTA_UM};
+use crate::buildfile::model::{
+    Blend, BodyHeader, Bounds, Clip, Header, Lattice, Placement, QUANTA_UM, Surface, printed_bounds,
+};
 use crate::buildfile::relief::{Displacement, MapHeader, Relief};
 use crate::codec;
 use crate::solid::{MAX_RADIUS, MAX_RADIUS_SHARE};
@@ -130,23 +132,19 @@ pub(super) fn check_header(header: &Header) -> Result<(), String> {
     if !(1..=Header::MAX_BODIES).contains(&bodies.len()) {
         return Err(format!("{} bodies: allowed are 1 to {}", bodies.len(), Header::MAX_BODIES));
     }
-    let (mut joined, mut bulge_um) = (Bounds::EMPTY, 0.0_f64);
-    for body in bodies {
+    let mut bulge_um = 0.0_f64;
+    for (number, body) in bodies.iter().enumerate() {
         match body {
             BodyHeader::Lattice(lattice) => {
                 check_lattice(lattice, *quantum_um)?;
                 bulge_um = bulge_um.max(lattice.bulge_um(*quantum_um));
             }
-            BodyHeader::Surface(surface) => {
-                check_box(&surface.bounds)?;
-                if surface.triangle_count == 0 {
-                    return Err("a surface without triangles".into());
-                }
-            }
+            BodyHeader::Surface(surface) => check_surface(surface)?,
             BodyHeader::Relief(relief) => check_relief(relief, *quantum_um)?,
+            BodyHeader::Clip(clip) => check_clip(clip, &bodies[..number], *quantum_um)?,
         }
-        joined = joined.joined(body.bounds());
     }
+    let joined = printed_bounds(bodies);
     if joined != *bounds {
         return Err(format!("bounds {bounds:?}: those of its bodies are {joined:?}"));
     }
@@ -198,6 +196,27 @@ fn check_lattice(lattice: &Lattice, quantum_um: f64) -> Result<(), String> {
     }
     if node_count / 2 > lattice.total() {
         return Err(format!("{node_count} nodes are more than its struts have ends"));
+    }
+    Ok(())
+}
+
+fn check_surface(surface: &Surface) -> Result<(), String> {
+    check_box(&surface.bounds)?;
+    if surface.triangle_count == 0 {
+        return Err("a surface without triangles".into());
+    }
+    Ok(())
+}
+
+/// A clip, which follows these bodies.
+fn check_clip(clip: &Clip, before: &[BodyHeader], quantum_um: f64) -> Result<(), String> {
+    check_surface(&clip.surface)?;
+    let Some(BodyHeader::Lattice(lattice)) = before.last() else {
+        return Err(format!("body {} is a clip, but the body before it is no lattice", before.len()));
+    };
+    let most = clip.limits(lattice, quantum_um);
+    if most.is_none_or(|most| clip.bounds.common(&most) != Some(clip.bounds)) {
+        return Err(format!("bounds {:?} of what a clip leaves are beyond its lattice or its surface", clip.bounds));
     }
     Ok(())
 }

@@ -5,6 +5,7 @@
 mod bottom;
 mod chunk;
 mod chunker;
+mod clipped;
 mod encoders;
 mod error;
 mod format;

@@ -16,7 +16,7 @@ use super::opening::{Opening, Stored};
 use super::profile::ProfileBuilder;
 use super::relief::ReliefBuilder;
 use super::settings::ReliefSettings;
-use crate::buildfile::model::{BodyHeader, Bounds, Header, Lattice, Strut, Surface, Triangle};
+use crate::buildfile::model::{BodyHeader, Bounds, Clip, Header, Lattice, Strut, Surface, Triangle};
 use crate::buildfile::primitive::Primitive;
 use crate::buildfile::relief::{MapHeader, Patch, Relief};
 use crate::disk::{self, File, How};
@@ -107,7 +107,7 @@ impl BuildFile {
         }
     }
 
-    /// As [`BuildFile::read_chunk`], of a surface: its triangles, in ascending order of their lowest corners.
+    /// As [`BuildFile::read_chunk`], of a surface or a clip: its triangles, in ascending order of their lowest corners.
     ///
     /// # Errors
     /// [`BuildFileError`] if the chunk cannot be read, is damaged, or is one of a lattice. Then `out` is as before.
@@ -116,7 +116,9 @@ impl BuildFile {
     /// If `index` is not below `chunks().len()`.
     pub fn read_triangles(&self, index: usize, out: &mut Vec<Triangle>) -> Result<(), BuildFileError> {
         match &self.header.bodies[usize::from(self.chunks[index].body)] {
-            BodyHeader::Surface(surface) => self.read_primitives(index, surface, out),
+            BodyHeader::Surface(surface) | BodyHeader::Clip(Clip { surface, .. }) => {
+                self.read_primitives(index, surface, out)
+            }
             _ => Err(self.wrong_chunk(index, "it holds no triangles".into())),
         }
     }
@@ -198,7 +200,9 @@ impl BuildFile {
         for (body, (header, stored)) in self.header.bodies.iter().zip(&self.bodies).enumerate() {
             match header {
                 BodyHeader::Lattice(lattice) => self.verify_lattice(lattice, stored, &mut lowest)?,
-                BodyHeader::Surface(surface) => self.verify_surface(surface, stored, &mut lowest)?,
+                BodyHeader::Surface(surface) | BodyHeader::Clip(Clip { surface, .. }) => {
+                    self.verify_surface(surface, stored, &mut lowest)?;
+                }
                 BodyHeader::Relief(relief) => self.verify_relief(body, relief, &mut lowest)?,
             }
         }
@@ -337,7 +341,7 @@ impl BuildFile {
     pub fn scratch_bytes(&self) -> usize {
         let primitive_bytes = self.header.bodies.iter().map(|body| match body {
             BodyHeader::Lattice(_) => Strut::SCRATCH_BYTES,
-            BodyHeader::Surface(_) => Triangle::SCRATCH_BYTES,
+            BodyHeader::Surface(_) | BodyHeader::Clip(_) => Triangle::SCRATCH_BYTES,
             BodyHeader::Relief(_) => Patch::SCRATCH_BYTES,
         });
         ChunkReader::memory_bytes(&self.chunks, primitive_bytes.max().unwrap_or(0))

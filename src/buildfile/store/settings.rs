@@ -4,7 +4,9 @@ use std::io;
 use std::path::PathBuf;
 
 use super::format::MAX_SOURCE_NAME_BYTES;
-use crate::buildfile::model::{Blend, BodyHeader, Bounds, Header, Lattice, Placement, Surface};
+use crate::buildfile::model::{
+    Blend, BodyHeader, Bounds, Clip, Header, Keeps, Lattice, Placement, Surface, printed_bounds,
+};
 use crate::buildfile::relief::{Displacement, MapHeader, Relief};
 use crate::solid::MAX_RADIUS;
 
@@ -37,6 +39,11 @@ pub enum BodySettings {
     Surface,
     /// Patches.
     Relief(ReliefSettings),
+    /// Triangles that clip the body before, which is a lattice.
+    Clip {
+        /// What they leave of it.
+        keeps: Keeps,
+    },
 }
 
 /// Settings of a surface with relief.
@@ -78,6 +85,14 @@ pub enum WriteError {
         /// Why.
         source: io::Error,
     },
+    /// A clip leaves nothing of its lattice.
+    #[error("cannot write {}: the clip of body {body} leaves nothing of its lattice", path.display())]
+    NothingLeft {
+        /// The build file.
+        path: PathBuf,
+        /// The body of the clip, counted from 0.
+        body: usize,
+    },
     /// A primitive or the settings are not allowed in a build file.
     #[error("cannot write {}: {problem}", path.display())]
     Refused {
@@ -111,7 +126,7 @@ impl BodySettings {
     /// The height maps of the body, as PNG.
     pub(super) fn maps(&self) -> impl Iterator<Item = &Vec<u8>> {
         let maps = match self {
-            Self::Lattice { .. } | Self::Surface => &[][..],
+            Self::Lattice { .. } | Self::Surface | Self::Clip { .. } => &[][..],
             Self::Relief(relief) => &relief.maps,
         };
         maps.iter().map(|(_, bytes)| bytes)
@@ -119,13 +134,13 @@ impl BodySettings {
 
     /// The header of the smallest such body: one ball of the largest radius, one triangle, or one patch.
     fn smallest(&self) -> BodyHeader {
+        let surface = Surface { bounds: Bounds { min: [0; 3], max: [1; 3] }, triangle_count: 1 };
         match self {
             Self::Lattice { blend, largest_radius } => BodyHeader::Lattice(smallest_lattice(*blend, *largest_radius)),
-            Self::Surface => {
-                BodyHeader::Surface(Surface { bounds: Bounds { min: [0; 3], max: [1; 3] }, triangle_count: 1 })
-            }
+            Self::Surface => BodyHeader::Surface(surface),
+            Self::Clip { keeps } => BodyHeader::Clip(Clip { keeps: *keeps, bounds: surface.bounds, surface }),
             Self::Relief(settings) => BodyHeader::Relief(Relief {
-                bounds: Bounds { min: [0; 3], max: [1; 3] },
+                bounds: surface.bounds,
                 z_reach: [0, 1],
                 patch_count: 1,
                 ..settings.header()
@@ -136,8 +151,7 @@ impl BodySettings {
     /// `header` with the smallest bodies of these settings: it has the length of the final header, and is valid if the settings are.
     pub(super) fn smallest_header(header: &Header, bodies: &[Self]) -> Header {
         let bodies: Vec<_> = bodies.iter().map(Self::smallest).collect();
-        let bounds = bodies.iter().fold(Bounds::EMPTY, |bounds, body| bounds.joined(body.bounds()));
-        Header { bounds, bodies, ..header.clone() }
+        Header { bounds: printed_bounds(&bodies), bodies, ..header.clone() }
     }
 }
 

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 
 use super::bottom::lowest_of_convolution;
 use super::chunker::{ChunkFile, Chunker};
+use super::clipped::range_of_clipped;
 use super::error::BuildFileError;
 use super::format;
 use super::lattice::LatticeBuilder;
@@ -16,7 +17,7 @@ use super::reader::BuildFile;
 use super::relief::ReliefBuilder;
 use super::settings::{BodySettings, WriteError, WriterSettings};
 use super::surface::SurfaceBuilder;
-use crate::buildfile::model::{Blend, BodyHeader, Header, Lattice, Strut, Triangle};
+use crate::buildfile::model::{Blend, BodyHeader, Clip, Header, Keeps, Strut, Triangle, printed_bounds};
 use crate::buildfile::relief::Patch;
 use crate::output::Output;
 
@@ -45,6 +46,7 @@ enum OpenBody {
     Lattice(LatticeBuilder, Chunker<Strut>),
     Surface(SurfaceBuilder, Chunker<Triangle>),
     Relief(Box<ReliefBuilder>, Chunker<Patch>),
+    Clip(Keeps, SurfaceBuilder, Chunker<Triangle>),
 }
 
 impl OpenBody {
@@ -54,6 +56,7 @@ impl OpenBody {
                 Self::Lattice(LatticeBuilder::new(blend, largest_radius, quantum_um), Chunker::new(threads)?)
             }
             BodySettings::Surface => Self::Surface(SurfaceBuilder::new(), Chunker::new(threads)?),
+            BodySettings::Clip { keeps } => Self::Clip(keeps, SurfaceBuilder::new(), Chunker::new(threads)?),
             BodySettings::Relief(settings) => {
                 let relief = ReliefBuilder::new(&settings, quantum_um).map_err(io::Error::other)?;
                 Self::Relief(Box::new(relief), Chunker::new(threads)?)
@@ -64,7 +67,7 @@ impl OpenBody {
     fn finish(&mut self, chunks: &mut ChunkFile) -> io::Result<()> {
         match self {
             Self::Lattice(_, struts) => struts.finish_body(chunks),
-            Self::Surface(_, triangles) => triangles.finish_body(chunks),
+            Self::Surface(_, triangles) | Self::Clip(_, _, triangles) => triangles.finish_body(chunks),
             Self::Relief(relief, patches) => {
                 relief.finish();
                 patches.finish_body(chunks)
@@ -72,18 +75,23 @@ impl OpenBody {
         }
     }
 
+    /// Its header. The bounds of what a clip leaves are not known yet.
     fn header(&self) -> BodyHeader {
         match self {
             Self::Lattice(lattice, _) => BodyHeader::Lattice(lattice.header()),
             Self::Surface(surface, _) => BodyHeader::Surface(surface.header()),
             Self::Relief(relief, _) => BodyHeader::Relief(relief.header()),
+            Self::Clip(keeps, surface, _) => {
+                let surface = surface.header();
+                BodyHeader::Clip(Clip { keeps: *keeps, bounds: surface.bounds, surface })
+            }
         }
     }
 
     fn profile(&self) -> &ProfileBuilder {
         match self {
             Self::Lattice(lattice, _) => lattice.profile(),
-            Self::Surface(surface, _) => surface.profile(),
+            Self::Surface(surface, _) | Self::Clip(_, surface, _) => surface.profile(),
             Self::Relief(relief, _) => relief.profile(),
         }
     }
@@ -91,7 +99,7 @@ impl OpenBody {
     fn bottom_um(&self, quantum_um: f64) -> f64 {
         match self {
             Self::Lattice(lattice, _) => lattice.bottom_um(quantum_um),
-            Self::Surface(surface, _) => surface.bottom_um(quantum_um),
+            Self::Surface(surface, _) | Self::Clip(_, surface, _) => surface.bottom_um(quantum_um),
             Self::Relief(relief, _) => relief.lowest() * quantum_um,
         }
     }
@@ -160,7 +168,7 @@ impl Writer {
     /// # Errors
     /// [`WriteError`] if the body is no surface, the triangle is out of order or not as [`Triangle`] demands, or writing fails.
     pub fn push_triangle(&mut self, triangle: Triangle) -> Result<(), WriteError> {
-        let OpenBody::Surface(surface, triangles) = &mut self.body else {
+        let (OpenBody::Surface(surface, triangles) | OpenBody::Clip(_, surface, triangles)) = &mut self.body else {
             return Err(self.refused("a triangle in another kind of body".into()));
         };
         if let Err(problem) = surface.add(triangle) {
@@ -204,13 +212,19 @@ impl Writer {
     fn end_body(&mut self) -> Result<(), WriteError> {
         let written = self.body.finish(&mut self.chunks);
         written.map_err(|source| self.io_error(source))?;
-        let body = self.body.header();
+        let (mut body, number) = (self.body.header(), self.header.bodies.len());
         if body.total() == 0 {
-            return Err(self.refused(format!("body {} is empty", self.header.bodies.len())));
+            return Err(self.refused(format!("body {number} is empty")));
         }
         self.body.profile().append_to(&mut self.profiles);
-        self.bottoms_um.push(self.body.bottom_um(self.header.quantum_um));
-        self.header.bounds = self.header.bounds.joined(body.bounds());
+        let mut bottom_um = self.body.bottom_um(self.header.quantum_um);
+        if let (BodyHeader::Clip(clip), Some(BodyHeader::Lattice(lattice))) = (&mut body, self.header.bodies.last()) {
+            let limits = clip.limits(lattice, self.header.quantum_um);
+            clip.bounds = limits.ok_or_else(|| WriteError::NothingLeft { path: self.path.clone(), body: number })?;
+            bottom_um = clip.bounds.bottom_um(self.header.quantum_um);
+            self.bottoms_um[number - 1] = f64::INFINITY;
+        }
+        self.bottoms_um.push(bottom_um);
         self.header.bodies.push(body);
         Ok(())
     }
@@ -224,6 +238,7 @@ impl Writer {
             return Err(self.refused(format!("{} of its bodies are missing", self.to_come.len())));
         }
         self.end_body()?;
+        self.header.bounds = printed_bounds(&self.header.bodies);
         self.header.bottom_um = lowest(&self.bottoms_um);
         if let Err(problem) = format::check_header(&self.header) {
             return Err(self.refused(problem));
@@ -235,8 +250,11 @@ impl Writer {
         if !header.bodies.iter().all(BodyHeader::is_exact) {
             let refused = |problem: String| WriteError::Refused { path: path.clone(), problem };
             let whole = BuildFile::of(&path, output.file().try_clone().map_err(io_error)?.into());
-            let found = whole.and_then(|file| find_bottoms(&file, &mut bottoms_um));
-            found.map_err(|error| refused(error.to_string()))?;
+            let found = whole.and_then(|file| find_bottoms(&file, &mut header.bodies, &mut bottoms_um));
+            if let Some(body) = found.map_err(|error| refused(error.to_string()))? {
+                return Err(WriteError::NothingLeft { path, body });
+            }
+            header.bounds = printed_bounds(&header.bodies);
             header.bottom_um = lowest(&bottoms_um);
             let front = format::front(&header).map_err(refused)?;
             output.file().write_all_at(&front, 0).map_err(io_error)?;
@@ -254,16 +272,31 @@ impl Writer {
     }
 }
 
-/// Finds the lowest solid points of the bodies that are convolutions.
-fn find_bottoms(file: &BuildFile, bottoms_um: &mut [f64]) -> Result<(), BuildFileError> {
-    for (body, (header, bottom_um)) in file.header().bodies.iter().zip(bottoms_um).enumerate() {
-        if let BodyHeader::Lattice(lattice @ Lattice { blend: Blend::Convolution { support_um }, .. }) = header
-            && let Some(found_um) = lowest_of_convolution(file, body, lattice, *support_um)?
+/// Finds the lowest solid points of the bodies that are convolutions or clipped, and the bounds of what clips leave. Returns the first clip
+/// that leaves nothing.
+fn find_bottoms(
+    file: &BuildFile,
+    bodies: &mut [BodyHeader],
+    bottoms_um: &mut [f64],
+) -> Result<Option<usize>, BuildFileError> {
+    let quantum_um = file.header().quantum_um;
+    for body in 0..bodies.len() {
+        let Some((BodyHeader::Lattice(lattice), after)) = bodies[body..].split_first_mut() else { continue };
+        if let Some(BodyHeader::Clip(clip)) = after.first_mut() {
+            let Some([lowest_um, highest_um]) = range_of_clipped(file, body, lattice, clip)? else {
+                return Ok(Some(body + 1));
+            };
+            // The limits are whole quanta, and the range lies within them.
+            clip.bounds.min[2] = (lowest_um / quantum_um).floor() as i32;
+            clip.bounds.max[2] = (highest_um / quantum_um).ceil() as i32;
+            bottoms_um[body + 1] = lowest_um;
+        } else if let Blend::Convolution { support_um } = lattice.blend
+            && let Some(found_um) = lowest_of_convolution(file, body, lattice, support_um)?
         {
-            *bottom_um = found_um;
+            bottoms_um[body] = found_um;
         }
     }
-    Ok(())
+    Ok(None)
 }
 
 fn lowest(heights_um: &[f64]) -> f64 {

@@ -81,6 +81,11 @@ enum BodyEntry {
     },
     Surface,
     Relief,
+    /// A surface that clips the lattice before it.
+    Clip {
+        /// What is left: `inside` or `outside`.
+        keeps: &'static str,
+    },
 }
 
 #[derive(Debug, Serialize)]
@@ -98,6 +103,7 @@ impl Manifest {
             }
             BodyHeader::Surface(_) => BodyEntry::Surface,
             BodyHeader::Relief(_) => BodyEntry::Relief,
+            BodyHeader::Clip(clip) => BodyEntry::Clip { keeps: cli::keeps_text(clip.keeps) },
         };
         Self {
             width_px: plan.raster.width_px,

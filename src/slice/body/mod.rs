@@ -4,6 +4,7 @@
 //! are used. `source`, `feed` and `buckets` are what the sweeps of all kinds have in common.
 
 mod buckets;
+mod clipped;
 mod feed;
 mod lattice;
 pub(super) mod source;
@@ -14,7 +15,7 @@ use std::sync::Arc;
 use super::band::{Band, FieldBand};
 use super::workers::Workers;
 use super::{SliceError, SlicePlan};
-use crate::buildfile::{Blend, BodyHeader, BuildFile, Lattice, Patch, Strut, Triangle};
+use crate::buildfile::{Blend, BodyHeader, BuildFile, Clip, Keeps, Lattice, Patch, Strut, Triangle};
 use crate::solid::{Effort, InstructionSet};
 use crate::stream::MemoryBudget;
 use source::{ChunkSource, Stored};
@@ -27,6 +28,15 @@ pub enum BodySource {
     Surface(Box<dyn ChunkSource<Triangle>>),
     /// Patches.
     Relief(Box<dyn ChunkSource<Patch>>),
+    /// Struts and balls, and triangles that clip them.
+    Clipped {
+        /// The struts and balls.
+        lattice: Box<dyn ChunkSource<Strut>>,
+        /// What is left of them.
+        keeps: Keeps,
+        /// The triangles.
+        clip: Box<dyn ChunkSource<Triangle>>,
+    },
 }
 
 impl BodySource {
@@ -42,21 +52,33 @@ impl BodySource {
     }
 
     fn drawn_as(file: &Arc<BuildFile>, drawn: impl Fn(&Lattice) -> Lattice) -> Vec<Self> {
+        let bodies = &file.header().bodies;
         let source = |(body, header): (usize, &BodyHeader)| {
             let file = Arc::clone(file);
-            match header {
-                BodyHeader::Lattice(lattice) => Self::Lattice(Box::new(Stored { file, body, header: drawn(lattice) })),
+            Some(match header {
+                BodyHeader::Lattice(lattice) => {
+                    let header = drawn(lattice);
+                    let lattice = Box::new(Stored { file: Arc::clone(&file), body, header });
+                    match bodies.get(body + 1) {
+                        Some(BodyHeader::Clip(Clip { keeps, surface, .. })) => {
+                            let clip = Box::new(Stored { file, body: body + 1, header: surface.clone() });
+                            Self::Clipped { lattice, keeps: *keeps, clip }
+                        }
+                        _ => Self::Lattice(lattice),
+                    }
+                }
                 BodyHeader::Surface(surface) => Self::Surface(Box::new(Stored { file, body, header: surface.clone() })),
                 BodyHeader::Relief(relief) => Self::Relief(Box::new(Stored { file, body, header: relief.clone() })),
-            }
+                BodyHeader::Clip(_) => return None,
+            })
         };
-        file.header().bodies.iter().enumerate().map(source).collect()
+        bodies.iter().enumerate().filter_map(source).collect()
     }
 
     /// The open build file that the body is read from, if any.
     pub(super) fn file(&self) -> Option<&Arc<BuildFile>> {
         match self {
-            Self::Lattice(source) => source.file(),
+            Self::Lattice(source) | Self::Clipped { lattice: source, .. } => source.file(),
             Self::Surface(source) => source.file(),
             Self::Relief(source) => source.file(),
         }
@@ -69,6 +91,9 @@ impl BodySource {
             Self::Lattice(source) => lattice::pixels_memory_bytes(&**source, plan, threads),
             Self::Surface(source) => surface::pixels_memory_bytes(&**source, plan, threads),
             Self::Relief(source) => surface::pixels_memory_bytes(&**source, plan, threads),
+            Self::Clipped { lattice, clip, .. } => lattice::pixels_memory_bytes(&**lattice, plan, threads)
+                .saturating_add(surface::pixels_memory_bytes(&**clip, plan, threads))
+                .saturating_add(clipped::pixels_memory_bytes(plan, threads)),
         }
     }
 
@@ -78,6 +103,9 @@ impl BodySource {
             Self::Lattice(source) => lattice::field_memory_bytes(&**source, plan, threads),
             Self::Surface(source) => surface::field_memory_bytes(&**source, plan, threads),
             Self::Relief(source) => surface::field_memory_bytes(&**source, plan, threads),
+            Self::Clipped { lattice, clip, .. } => lattice::field_memory_bytes(&**lattice, plan, threads)
+                .saturating_add(surface::field_memory_bytes(&**clip, plan, threads))
+                .saturating_add(clipped::field_memory_bytes(plan, threads)),
         }
     }
 
@@ -96,6 +124,11 @@ impl BodySource {
             Self::Lattice(source) => lattice::pixels(instructions, source, plan, threads, budget),
             Self::Surface(source) => surface::pixels(source, plan, threads, budget),
             Self::Relief(source) => surface::pixels(source, plan, threads, budget),
+            Self::Clipped { lattice, keeps, clip } => {
+                let lattice = lattice::pixels(instructions, lattice, plan, threads, budget)?;
+                let clip = surface::pixels(clip, plan, threads, budget)?;
+                clipped::pixels(lattice, keeps, clip, plan, threads, budget)
+            }
         }
     }
 
@@ -114,6 +147,11 @@ impl BodySource {
             Self::Lattice(source) => lattice::field(instructions, source, plan, threads, budget),
             Self::Surface(source) => surface::field(source, plan, threads, budget),
             Self::Relief(source) => surface::field(source, plan, threads, budget),
+            Self::Clipped { lattice, keeps, clip } => {
+                let lattice = lattice::field(instructions, lattice, plan, threads, budget)?;
+                let clip = surface::field(clip, plan, threads, budget)?;
+                clipped::field(lattice, keeps, clip, plan, threads, budget)
+            }
         }
     }
 }

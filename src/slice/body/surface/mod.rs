@@ -18,7 +18,7 @@ use sweep::Sweep;
 
 /// Rows of a band. A facet is cut once for each band that it may reach, so bands are not too low; and a small picture has work for several
 /// threads, so they are not too high.
-const ROWS_PER_BAND: usize = 64;
+pub(super) const ROWS_PER_BAND: usize = 64;
 
 /// Elements and what they enclose, as a body. Each thread draws with a sheet.
 struct Surface<E: Element, S> {
