@@ -177,18 +177,6 @@ fn beams_without_length_are_left_out_and_counted() {
 }
 
 #[test]
-fn a_lattice_that_would_be_clipped_is_told_to_be_printed_whole() {
-    let mut bench = Bench::new();
-    let clipped = model("", r#"clippingmode="outside" clippingmesh="4""#, BEAM, "", ITEM);
-    let found = said(bench.model(&clipped));
-    assert!(found.contains("clipped (outside) by the mesh of object 4") && found.contains("--lattice-only"), "{found}");
-    bench.options.lattice_only = true;
-    let (told, struts) = notes(&bench, &clipped);
-    assert_eq!(struts.len(), 1);
-    assert!(told.contains("the whole lattice is printed") && !told.contains("left out"), "{told}");
-}
-
-#[test]
 fn long_texts_and_comments_are_passed_over() {
     let bench = Bench::new();
     let plain = posts("", &[0, 4], ITEM);

@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 
 use super::error::PackError;
 use super::import::{
-    self, CollectedLattice, CollectedRelief, CollectedSurface, Collector, Rules, Source, check_options,
+    self, CollectedClip, CollectedLattice, CollectedRelief, CollectedSurface, Collector, Rules, Source, check_options,
 };
-use super::model::{Blend, Caps, Header, Strut};
+use super::model::{Blend, Caps, Header, Keeps, Strut};
 use super::options::{BlendChoice, PackOptions};
 use super::primitive::{EXPECTED_PATCH_BYTES, EXPECTED_STRUT_BYTES, EXPECTED_TRIANGLE_BYTES};
 use super::progress::PackProgress;
@@ -56,51 +56,97 @@ pub fn pack(
     let collected = collector.finish(inputs)?;
     let sort_error = |source| PackError::Sort { directory: directory.into(), source };
     let mut notes = collected.notes;
-    let (lattice, surface, relief) = (collected.lattice, collected.surface, collected.relief);
-    let counts = [
-        lattice.as_ref().map_or(0, |lattice| lattice.count),
-        surface.as_ref().map_or(0, |surface| surface.count),
-        relief.as_ref().map_or(0, |relief| relief.count),
-    ];
-    let expected_bytes = [EXPECTED_STRUT_BYTES, EXPECTED_TRIANGLE_BYTES, EXPECTED_PATCH_BYTES];
-    let output_bytes = counts.iter().zip(expected_bytes).map(|(count, bytes)| count * bytes).sum();
-    sort::check_free_space(directory, output_bytes).map_err(sort_error)?;
-    let of_lattice = lattice
-        .as_ref()
-        .map(|lattice| BodySettings::Lattice { blend: lattice.blend, largest_radius: lattice.largest_radius });
-    let of_surface = surface.as_ref().map(|_| BodySettings::Surface);
-    let of_relief = relief.as_ref().map(|relief| BodySettings::Relief(relief.settings.clone()));
+    let mut bodies: Vec<Body> = collected.lattice.map(Body::Lattice).into_iter().collect();
+    for CollectedClip { keeps, place, lattice, surface } in collected.clips {
+        bodies.extend([Body::Lattice(lattice), Body::Clip { keeps, place, surface }]);
+    }
+    bodies.extend(collected.surface.map(Body::Surface));
+    bodies.extend(collected.relief.map(Body::Relief));
+    sort::check_free_space(directory, bodies.iter().map(Body::expected_bytes).sum()).map_err(sort_error)?;
     let settings = WriterSettings {
         quantum_um: options.quantum_um,
         placement: options.placement,
         source_digest: collected.source_digest,
         source_name: source_name(inputs),
-        bodies: [of_lattice, of_surface, of_relief].into_iter().flatten().collect(),
+        bodies: bodies.iter().map(Body::settings).collect(),
     };
     let mut writing = Writing {
         writer: Writer::with_threads(output, settings, options.threads)?,
         done: 0,
-        total: counts.iter().sum(),
+        total: bodies.iter().map(Body::count).sum(),
         progress,
         sort_error: &sort_error,
     };
-    let mut has_body = lattice.is_some();
-    if let Some(lattice) = lattice {
-        writing.lattice(lattice, &mut notes)?;
-    }
-    if let Some(surface) = surface {
-        if std::mem::replace(&mut has_body, true) {
-            writing.writer.next_body()?;
+    let places: Vec<_> = bodies.iter().map(|body| body.place().to_owned()).collect();
+    for (number, body) in bodies.into_iter().enumerate() {
+        if number > 0 {
+            writing.writer.next_body().map_err(|error| explained(error, &places))?;
         }
-        writing.surface(surface)?;
+        writing.body(body, &mut notes)?;
     }
-    if let Some(relief) = relief {
-        if has_body {
-            writing.writer.next_body()?;
+    let header = writing.writer.finish().map_err(|error| explained(error, &places))?;
+    Ok(PackReport { header, notes })
+}
+
+/// The error of a writer, which names bodies by number; `places` are those of their sources.
+fn explained(error: WriteError, places: &[String]) -> PackError {
+    match error {
+        WriteError::NothingLeft { body, .. } => {
+            let problem =
+                "its clipping mesh leaves nothing of its lattice; is it the right mesh, and the right clippingmode?";
+            PackError::input(&places[body], problem)
         }
-        writing.relief(relief)?;
+        error => error.into(),
     }
-    Ok(PackReport { header: writing.writer.finish()?, notes })
+}
+
+/// A body that is to be written.
+enum Body {
+    Lattice(CollectedLattice),
+    Surface(CollectedSurface),
+    Relief(CollectedRelief),
+    /// What clips the lattice before it, which stands at `place` of its source.
+    Clip {
+        keeps: Keeps,
+        place: String,
+        surface: CollectedSurface,
+    },
+}
+
+impl Body {
+    fn settings(&self) -> BodySettings {
+        match self {
+            Self::Lattice(lattice) => {
+                BodySettings::Lattice { blend: lattice.blend, largest_radius: lattice.largest_radius }
+            }
+            Self::Surface(_) => BodySettings::Surface,
+            Self::Relief(relief) => BodySettings::Relief(relief.settings.clone()),
+            Self::Clip { keeps, .. } => BodySettings::Clip { keeps: *keeps },
+        }
+    }
+
+    /// Number of primitives.
+    fn count(&self) -> u64 {
+        match self {
+            Self::Lattice(lattice) => lattice.count,
+            Self::Surface(surface) | Self::Clip { surface, .. } => surface.count,
+            Self::Relief(relief) => relief.count,
+        }
+    }
+
+    fn expected_bytes(&self) -> u64 {
+        self.count()
+            * match self {
+                Self::Lattice(_) => EXPECTED_STRUT_BYTES,
+                Self::Surface(_) | Self::Clip { .. } => EXPECTED_TRIANGLE_BYTES,
+                Self::Relief(_) => EXPECTED_PATCH_BYTES,
+            }
+    }
+
+    /// What errors of a clip name; nothing for others.
+    fn place(&self) -> &str {
+        if let Self::Clip { place, .. } = self { place } else { "" }
+    }
 }
 
 /// The default blend of the sources.
@@ -144,6 +190,14 @@ struct Writing<'a> {
 }
 
 impl Writing<'_> {
+    fn body(&mut self, body: Body, notes: &mut Vec<String>) -> Result<(), PackError> {
+        match body {
+            Body::Lattice(lattice) => self.lattice(lattice, notes),
+            Body::Surface(surface) | Body::Clip { surface, .. } => self.surface(surface),
+            Body::Relief(relief) => self.relief(relief),
+        }
+    }
+
     /// Writes the struts in order, each once.
     fn lattice(&mut self, lattice: CollectedLattice, notes: &mut Vec<String>) -> Result<(), PackError> {
         let mut report = |done, total| (self.progress)(PackProgress::Joining { done, total });

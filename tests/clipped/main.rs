@@ -14,6 +14,7 @@ mod shapes;
 #[path = "../slice_part/mod.rs"]
 mod slice_part;
 mod stored;
+mod three_mf;
 
 use std::path::Path;
 use std::sync::Arc;

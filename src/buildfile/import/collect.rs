@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DVec3};
 use sha2::{Digest, Sha256};
 
+use super::clips::{Clips, CollectedClip};
 use super::lane::{Beam, Lane, Tally};
 use super::meshes::Meshes;
 use super::relief::CollectedRelief;
@@ -31,6 +32,7 @@ pub(in crate::buildfile) struct Collector<'a> {
     rules: &'a Rules,
     lanes: Vec<Lane<'a>>,
     pub(super) meshes: Meshes<'a>,
+    pub(super) clips: Clips<'a>,
     hasher: Sha256,
     /// Convolution radii that sources state: place and millimetres.
     stated_supports: Vec<(String, f64)>,
@@ -54,6 +56,7 @@ pub(in crate::buildfile) struct CollectedLattice {
 /// Everything that a build file is written from. There is at least one body.
 pub(in crate::buildfile) struct Collected {
     pub(in crate::buildfile) lattice: Option<CollectedLattice>,
+    pub(in crate::buildfile) clips: Vec<CollectedClip>,
     pub(in crate::buildfile) surface: Option<CollectedSurface>,
     pub(in crate::buildfile) relief: Option<CollectedRelief>,
     pub(in crate::buildfile) source_digest: [u8; 32],
@@ -70,6 +73,7 @@ impl<'a> Collector<'a> {
             rules,
             lanes: sorters.into_iter().map(|sorter| Lane::new(rules, sorter, directory)).collect(),
             meshes: Meshes::new(rules, options, memory_bytes, directory),
+            clips: Clips::new(rules, options, memory_bytes, directory),
             hasher: Sha256::new(),
             stated_supports: Vec::new(),
             notes: Vec::new(),
@@ -119,10 +123,12 @@ impl<'a> Collector<'a> {
             .saturating_sub(self.lanes[0].sorter.spilled_bytes());
         let of_triangles =
             sort::spill_bytes::<Triangle>(triangles, self.memory_bytes, 1).saturating_sub(self.meshes.spilled_bytes());
-        let temporary_bytes = of_struts.saturating_add(of_triangles);
+        let temporary_bytes = of_struts.saturating_add(of_triangles).saturating_add(self.clips.temporary_bytes());
         if temporary_bytes == 0 {
             return Ok(());
         }
+        let of_clips = self.clips.expected();
+        let [struts, triangles] = [0, 1].map(|kind| self.expected[kind].saturating_add(of_clips[kind]));
         let output_bytes = struts
             .saturating_mul(EXPECTED_STRUT_BYTES)
             .saturating_add(triangles.saturating_mul(EXPECTED_TRIANGLE_BYTES));
@@ -143,24 +149,40 @@ impl<'a> Collector<'a> {
         self.rules.stretch_after(map)
     }
 
-    /// As [`Lane::stretched_beam`], for a source that one thread reads.
-    pub(super) fn beam(&mut self, beam: &Beam, stretch: Stretch, place: &dyn Fn() -> String) -> Result<(), PackError> {
-        self.next_lane().stretched_beam(beam, stretch, place)
+    /// As [`Lane::stretched_beam`], for a source that one thread reads. With `clip`, it belongs to the lattice of that lane of [`Collector::clips`].
+    ///
+    /// # Errors
+    /// As [`Lane::beam`].
+    pub(super) fn beam(
+        &mut self,
+        beam: &Beam,
+        stretch: Stretch,
+        clip: Option<u16>,
+        place: &dyn Fn() -> String,
+    ) -> Result<(), PackError> {
+        self.lane_of(clip).stretched_beam(beam, stretch, place)
     }
 
-    /// As [`Lane::ball`], for a source that one thread reads.
+    /// As [`Lane::ball`], for a source that one thread reads. With `clip` as in [`Collector::beam`].
+    ///
+    /// # Errors
+    /// As [`Lane::ball`].
     pub(super) fn ball(
         &mut self,
         centre: DVec3,
         radius_mm: f64,
         stretch: Stretch,
+        clip: Option<u16>,
         place: &dyn Fn() -> String,
     ) -> Result<(), PackError> {
-        self.next_lane().ball(centre, radius_mm, stretch, place)
+        self.lane_of(clip).ball(centre, radius_mm, stretch, place)
     }
 
-    /// The lanes in turn, because each has only its share of the memory.
-    fn next_lane(&mut self) -> &mut Lane<'a> {
+    /// The lane of a clipped lattice, or else the lanes in turn, because each has only its share of the memory.
+    fn lane_of(&mut self, clip: Option<u16>) -> &mut Lane<'a> {
+        if let Some(lane) = clip {
+            return self.clips.lattice(lane);
+        }
         self.turn = (self.turn + 1) % self.lanes.len();
         &mut self.lanes[self.turn]
     }
@@ -170,7 +192,8 @@ impl<'a> Collector<'a> {
     /// # Errors
     /// If there is nothing to print, or a displaced triangle reaches too far.
     pub(in crate::buildfile) fn finish(mut self, inputs: &[PathBuf]) -> Result<Collected, PackError> {
-        let tally = self.lanes.iter().fold(Tally::default(), |sum, lane| sum.joined(lane.tally()));
+        let unclipped = self.lanes.iter().fold(Tally::default(), |sum, lane| sum.joined(lane.tally()));
+        let tally = unclipped.joined(&self.clips.tally());
         if tally.count == 0 && self.meshes.count() == 0 {
             return Err(self.nothing(inputs, tally.short_count));
         }
@@ -182,12 +205,14 @@ impl<'a> Collector<'a> {
         if let Some(blend) = blend {
             self.note_tally(&tally, blend);
         }
-        let Self { lanes, meshes, mut notes, hasher, .. } = self;
-        let Tally { largest_radius, count, .. } = tally;
-        let sorters = lanes.into_iter().map(|lane| lane.sorter).collect();
-        let lattice = blend.map(|blend| CollectedLattice { sorters, blend, largest_radius, count });
+        let Self { lanes, meshes, clips, mut notes, hasher, .. } = self;
+        let largest_radius = tally.largest_radius;
+        let clips = blend.map(|blend| clips.finish(blend, largest_radius, &mut notes)).unwrap_or_default();
+        let (sorters, count) = (lanes.into_iter().map(|lane| lane.sorter).collect(), unclipped.count);
+        let lattice = blend.filter(|_| count > 0);
+        let lattice = lattice.map(|blend| CollectedLattice { sorters, blend, largest_radius, count });
         let (surface, relief) = meshes.finish(&mut notes)?;
-        Ok(Collected { lattice, surface, relief, source_digest: hasher.finalize().into(), notes })
+        Ok(Collected { lattice, clips, surface, relief, source_digest: hasher.finalize().into(), notes })
     }
 
     /// The convolution of the given or the default support, with notes on that support.
@@ -289,7 +314,7 @@ mod tests {
         for number in 0..60_000 {
             let (a, b) = (DVec3::new(f64::from(number), 0.0, 0.0), DVec3::new(0.0, 0.0, 9.0));
             let beam = Beam { a, b, radius_a: 1.0, radius_b: 1.0, caps: Caps::default() };
-            collector.beam(&beam, rules.stretch(), &|| "the test".into()).expect("is fine");
+            collector.beam(&beam, rules.stretch(), None, &|| "the test".into()).expect("is fine");
         }
         assert_eq!(collector.lanes[0].sorter.spilled_bytes(), 0);
     }

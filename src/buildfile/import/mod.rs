@@ -1,5 +1,6 @@
 //! Readers of sources. Each streams its file and hands beams, balls and triangles to the [`Collector`]; `pack` calls them.
 
+mod clips;
 mod collect;
 mod edge_text;
 mod height_map;
@@ -27,6 +28,7 @@ use sha2::Digest;
 use super::error::PackError;
 use super::options::{BlendChoice, PackOptions};
 use super::progress::PackProgress;
+pub(super) use clips::CollectedClip;
 pub(super) use collect::{CollectedLattice, Collector};
 pub(super) use relief::CollectedRelief;
 pub(super) use rules::{Rules, check_options};
@@ -58,7 +60,8 @@ pub(super) fn open_map(collector: &mut Collector<'_>) -> Result<(), PackError> {
     }
 }
 
-/// How many kinds of primitives may come from these sources: struts, flat triangles, and triangles with relief.
+/// How many kinds of primitives may come from these sources: struts, flat triangles, triangles with relief, and what is clipped with what
+/// clips it.
 pub(super) fn kinds(sources: &[Source], options: &PackOptions) -> u64 {
     let any = |has: fn(Source) -> bool| sources.iter().any(|source| has(*source));
     let is_relief = options.relief.applies();
@@ -66,6 +69,7 @@ pub(super) fn kinds(sources: &[Source], options: &PackOptions) -> u64 {
         any(|source| source.blend().is_some()),
         any(Source::has_triangles) && !is_relief,
         any(Source::has_triangles) && is_relief || any(Source::has_relief),
+        any(Source::has_clips) && !options.lattice_only,
     ];
     kinds.into_iter().map(u64::from).sum::<u64>().max(1)
 }
@@ -117,6 +121,11 @@ impl Source {
     /// Whether it may state that triangles are displaced.
     fn has_relief(self) -> bool {
         matches!(self, Self::Obj | Self::ThreeMf)
+    }
+
+    /// Whether it may hold lattices that are clipped.
+    fn has_clips(self) -> bool {
+        matches!(self, Self::ThreeMf)
     }
 
     /// Reads one source. `progress` counts the bytes of this source.

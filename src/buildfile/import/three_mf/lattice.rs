@@ -5,6 +5,7 @@ use std::io::Read;
 use glam::{DAffine3, DVec3};
 
 use super::attributes::{finite, measure, optional, required};
+use super::clipping::Clipped;
 use super::displacement::Displaced;
 use super::resources::Object;
 use super::space::Space;
@@ -33,6 +34,8 @@ pub(super) struct LatticeReader<'a, 'b, 'c> {
     pub(super) vertex_limit: usize,
     /// Number of each height map of the displacements.
     pub(super) maps: Vec<u16>,
+    /// What is clipped.
+    pub(super) clipped: Clipped,
     /// Beams shorter than the minimum length of their lattice.
     pub(super) short_count: u64,
     /// Beams from a vertex to itself.
@@ -105,12 +108,13 @@ impl<'a> LatticeReader<'a, '_, '_> {
         self.close(open)
     }
 
-    /// Begins an object. `None` if it has nothing to print or is not in the build.
+    /// Begins an object. `None` if it clips nothing, and has nothing to print or is not in the build.
     fn open(&self, id: u32) -> Option<Open<'a>> {
         let number = self.structure.resources.number((self.part, id))?;
         let object = &self.structure.resources.objects[number as usize];
         let is_wanted = object.has_lattice || object.triangle_count > 0 && !self.lattice_only;
-        (is_wanted && self.structure.place_count(number) > 0).then(|| Open {
+        let is_printed = is_wanted && self.structure.place_count(number) > 0;
+        (is_printed || !self.clipped.clipped_by(number).is_empty()).then(|| Open {
             number,
             object,
             unit_mm: self.structure.units_mm[self.part as usize],
@@ -246,7 +250,9 @@ impl<'a> LatticeReader<'a, '_, '_> {
         if block.is_empty() {
             return Ok(());
         }
-        for placed in self.structure.places(open.number) {
+        self.place_clips(open, &block)?;
+        for (number, placed) in self.structure.places(open.number).enumerate() {
+            let lane = self.clipped.lanes(open.number).map(|lanes| lanes[number]);
             // A mirrored triangle shows its other side.
             let is_mirrored = placed.matrix3.determinant() < 0.0;
             let Some(stretch) = self.collector.stretch_after(placed.matrix3) else {
@@ -257,7 +263,7 @@ impl<'a> LatticeReader<'a, '_, '_> {
                     Piece::Beam(beam, number) => {
                         let [a, b] = [beam.a, beam.b].map(|point| placed.transform_point3(point));
                         let named = || place(self.structure, &self.place, open, Some(number));
-                        self.collector.beam(&Beam { a, b, ..beam }, stretch, &named)?;
+                        self.collector.beam(&Beam { a, b, ..beam }, stretch, lane, &named)?;
                     }
                     Piece::Triangle(corners, displaced, number) => {
                         let corners = corners.map(|corner| placed.transform_point3(corner));
@@ -274,12 +280,43 @@ impl<'a> LatticeReader<'a, '_, '_> {
                     Piece::Ball(centre, radius) => {
                         let centre = placed.transform_point3(centre);
                         let named = || format!("{}: a ball", place(self.structure, &self.place, open, None));
-                        self.collector.ball(centre, radius, stretch, &named)?;
+                        self.collector.ball(centre, radius, stretch, lane, &named)?;
                     }
                 }
             }
         }
         Ok(())
+    }
+
+    /// Hands the triangles of a block to the clips, once for each place of each lattice that they clip.
+    fn place_clips(&mut self, open: &Open<'_>, block: &[Piece]) -> Result<(), PackError> {
+        for &lattice in self.clipped.clipped_by(open.number) {
+            let lanes = self.clipped.lanes(lattice).unwrap_or_default();
+            for (placed, lane) in self.structure.places(lattice).zip(lanes) {
+                let surface = self.collector.clips.surface(*lane);
+                for piece in block {
+                    let Piece::Triangle(corners, _, number) = piece else { continue };
+                    let mut corners = corners.map(|corner| placed.transform_point3(corner));
+                    if placed.matrix3.determinant() < 0.0 {
+                        corners.swap(1, 2);
+                    }
+                    let named = || format!("{}: triangle {number}", place(self.structure, &self.place, open, None));
+                    surface.triangle(corners, &named)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Ends the mesh of each clip that an object belongs to.
+    fn end_clips(&mut self, open: &Open<'_>) -> Result<(), PackError> {
+        let lattices = self.clipped.clipped_by(open.number).iter();
+        let mut lanes: Vec<u16> =
+            lattices.filter_map(|lattice| self.clipped.lanes(*lattice)).flatten().copied().collect();
+        lanes.sort_unstable();
+        lanes.dedup();
+        let named = place(self.structure, &self.place, open, None);
+        lanes.into_iter().try_for_each(|lane| self.collector.clips.surface(lane).end_solid(&named))
     }
 
     /// Ends an object. In ball mode `all`, ends of beams without a listed ball get the default ball.
@@ -296,7 +333,8 @@ impl<'a> LatticeReader<'a, '_, '_> {
             }
         }
         self.place_block(&mut open)?;
-        if open.triangle_count == 0 {
+        self.end_clips(&open)?;
+        if open.triangle_count == 0 || self.structure.place_count(open.number) == 0 {
             return Ok(());
         }
         self.collector.meshes.end_solid(&place(self.structure, &self.place, &open, None))

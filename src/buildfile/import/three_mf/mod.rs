@@ -7,6 +7,7 @@
 
 mod assembly;
 mod attributes;
+mod clipping;
 mod displacement;
 mod extensions;
 mod lattice;
@@ -23,6 +24,7 @@ use std::path::Path;
 
 use glam::DVec3;
 
+use self::clipping::Clipped;
 use self::displacement::Map;
 use self::lattice::LatticeReader;
 use self::package::Package;
@@ -49,11 +51,14 @@ pub(super) fn import(
     let structure = Structure::read(&mut package, options.memory_bytes)?;
     let root = package.place(package.root());
     structure.notes.iter().for_each(|note| collector.note(format!("{root}: {note}")));
-    check_left_out(&structure, options, &package, collector)?;
-    collector.expect(structure.strut_count(), progress)?;
+    note_left_out(&structure, options, &package, collector);
+    let mut clipped = Clipped::default();
     if !options.lattice_only {
+        clipped = Clipped::find(&structure, &mut package, &mut collector.clips)?;
+        collector.clips.expect(clipped.counts);
         collector.expect_triangles(structure.triangle_count(), progress)?;
     }
+    collector.expect(structure.strut_count().saturating_sub(clipped.counts[0]), progress)?;
     let maps = if options.lattice_only { Vec::new() } else { read_maps(&structure, &mut package, collector)? };
     // One more byte per vertex marks where balls of mode `all` belong.
     let vertex_limit = usize::try_from(options.memory_bytes).unwrap_or(usize::MAX) / (size_of::<DVec3>() + 1);
@@ -65,6 +70,7 @@ pub(super) fn import(
         lattice_only: options.lattice_only,
         vertex_limit,
         maps,
+        clipped,
         short_count: 0,
         pointless_count: 0,
     };
@@ -113,34 +119,26 @@ fn read_maps(
     Ok(numbers)
 }
 
-/// Refuses everything in the build that cannot be printed, or adds notes on it.
-fn check_left_out(
-    structure: &Structure,
-    options: &PackOptions,
-    package: &Package<'_>,
-    collector: &mut Collector<'_>,
-) -> Result<(), PackError> {
+/// Adds notes on everything in the build that `--lattice-only` leaves out.
+fn note_left_out(structure: &Structure, options: &PackOptions, package: &Package<'_>, collector: &mut Collector<'_>) {
+    if !options.lattice_only {
+        return;
+    }
     let root = package.place(package.root());
     for (object, number) in structure.resources.objects.iter().zip(0..) {
         if structure.place_count(number) == 0 {
             continue;
         }
         let place = format!("{root}: {}", structure.resources.name(object.id));
-        if object.triangle_count > 0 && options.lattice_only {
+        if object.triangle_count > 0 {
             collector.note(format!("{place}: it holds a solid mesh, which was left out"));
         }
-        if object.has_displacement && options.lattice_only {
+        if object.has_displacement {
             collector.note(format!("{place}: it holds a displacement mesh, which was left out"));
         }
         if let Some(clipping) = &object.clipping {
-            if !options.lattice_only {
-                let problem =
-                    format!("{clipping}, but clipping is not supported yet; --lattice-only prints the whole lattice");
-                return Err(PackError::input(place, problem));
-            }
-            collector
-                .note(format!("{place}: {clipping}, but clipping is not supported yet: the whole lattice is printed"));
+            let clipping = clipping.text();
+            collector.note(format!("{place}: {clipping}, which was left out: the whole lattice is printed"));
         }
     }
-    Ok(())
 }

@@ -5,6 +5,8 @@ use std::ops::Range;
 
 use glam::DAffine3;
 
+use super::clipping::Clipping;
+
 /// Stands for the build where a link names the object it belongs to.
 pub(super) const BUILD: u32 = u32::MAX;
 
@@ -34,7 +36,7 @@ pub(super) struct Object {
     /// The displacement group of its triangles, unless they name another.
     pub(super) group: Option<u32>,
     /// How its lattice is clipped; `None` if it is not.
-    pub(super) clipping: Option<String>,
+    pub(super) clipping: Option<Clipping>,
     pub(super) vertex_count: u64,
     /// Number of beams and balls at each of its places, at most.
     pub(super) strut_count: u64,

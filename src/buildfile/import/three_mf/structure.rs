@@ -9,6 +9,7 @@ use glam::DAffine3;
 
 use super::assembly::Assembly;
 use super::attributes::{optional, required, transform};
+use super::clipping::Clipping;
 use super::displacement::Displacements;
 use super::extensions::Extensions;
 use super::package::{Names, Package};
@@ -167,7 +168,7 @@ impl Reader {
             (Space::Core | Space::Displacement, "triangle") => self.current(element, *current)?.triangle_count += 1,
             (Space::Displacement, "displacementmesh") => self.current(element, *current)?.has_displacement = true,
             (Space::Displacement, _) => self.displacements.element(self.number(), element)?,
-            (Space::Lattice, "beamlattice") => lattice(element, self.current(element, *current)?),
+            (Space::Lattice, "beamlattice") => lattice(element, self.current(element, *current)?)?,
             _ => {}
         }
         Ok(())
@@ -253,17 +254,13 @@ impl Reader {
 }
 
 /// Reads the clipping of a lattice, and counts the balls of ball mode `all`.
-fn lattice(element: &Element, object: &mut Object) {
-    // Published samples write `clipping` for `clippingmode`.
-    let mode = element.get("clippingmode").or(element.get("clipping")).filter(|mode| *mode != "none");
+fn lattice(element: &Element, object: &mut Object) -> Result<(), String> {
     object.has_lattice = true;
-    object.clipping = mode.map(|mode| {
-        let mesh = quote(element.get("clippingmesh").unwrap_or("?"));
-        format!("its lattice is to be clipped ({}) by the mesh of object {mesh}", quote(mode))
-    });
+    object.clipping = Clipping::read(element)?;
     if ball_attribute(element, "ballmode") == Some("all") {
         object.strut_count += object.vertex_count;
     }
+    Ok(())
 }
 
 /// The displacement group that an element names for all triangles in it.
