@@ -2,7 +2,7 @@
 
 mod pack_bench;
 
-use pack_bench::{BEAM, Bench, HEAD, ITEM, MODEL, RELATIONSHIPS, model, notes, objects, posts, said};
+use pack_bench::{Bench, HEAD, ITEM, MODEL, RELATIONSHIPS, model, notes, objects, posts, said};
 
 #[test]
 fn attributes_and_elements_belong_to_their_namespaces() {

@@ -1,6 +1,9 @@
 //! Whole prints through the real processes: simulated device, daemon, command.
 
+#[path = "meshes/box_mesh.rs"]
+mod box_mesh;
 mod meshes;
+mod pack_bench;
 mod support;
 
 use std::io::{Read, Write};
@@ -49,6 +52,44 @@ fn a_hollow_solid_with_a_lattice_in_it_prints_as_sliced_through_kills() {
     let layers = bench.printed(id);
     assert_eq!(bench.exposed_layers(), (0..layers).collect::<Vec<_>>());
     bench.assert_pictures_match("part.layerd", layers);
+}
+
+#[test]
+fn a_solid_foot_under_a_clipped_lattice_prints_as_sliced() {
+    let bench = Bench::start(Setup::default());
+    let packed = pack_bench::Bench::new();
+    packed.model(&clipped_lattice_on_a_foot()).expect("it is fine");
+    std::fs::copy(packed.path("out.layerd"), bench.path("part.layerd")).expect("can be copied");
+    let told = bench.ok(&["info", "part.layerd"]);
+    for part in ["struts        2", "leaves what lies inside", "body          3 of 3", "z 0.000..3.000"] {
+        assert!(told.contains(part), "{told}");
+    }
+    let id = bench.start_job("part.layerd");
+    let layers = bench.printed(id);
+    assert_eq!(bench.exposed_layers(), (0..layers).collect::<Vec<_>>());
+    bench.assert_pictures_match("part.layerd", layers);
+}
+
+/// A 3MF model of a foot of 4 × 4 × 1 mm and of two beams that stand on it, of which a box 3 mm high leaves the inside.
+fn clipped_lattice_on_a_foot() -> String {
+    let mesh = |high: [u32; 3], beside: &str| {
+        let place = |number| box_mesh::corner(number, [0; 3], high);
+        let vertices = (0..8).map(place).map(|[x, y, z]| format!(r#"<vertex x="{x}" y="{y}" z="{z}"/>"#));
+        let triangle = |[a, b, c]: [usize; 3]| format!(r#"<triangle v1="{a}" v2="{b}" v3="{c}"/>"#);
+        let (vertices, triangles) = (vertices.collect::<String>(), box_mesh::box_triangles().map(triangle));
+        let triangles = triangles.collect::<String>();
+        format!("<mesh><vertices>{vertices}</vertices><triangles>{triangles}</triangles>{beside}</mesh>")
+    };
+    // Across, from the corners of the foot to far above it.
+    let lattice = r#"<b:beamlattice radius="0.4" minlength="0.001" clippingmode="inside" clippingmesh="1"><b:beams>
+        <b:beam v1="0" v2="8"/><b:beam v1="3" v2="8"/></b:beams></b:beamlattice>"#;
+    let foot = mesh([4, 4, 1], lattice).replace("</vertices>", r#"<vertex x="2" y="2" z="9"/></vertices>"#);
+    format!(
+        r#"{}><resources><object id="1">{}</object><object id="2">{foot}</object></resources>
+        <build><item objectid="2"/></build></model>"#,
+        pack_bench::HEAD,
+        mesh([4, 4, 3], "")
+    )
 }
 
 #[test]

@@ -48,7 +48,7 @@ pub struct PackArgs {
     /// The build file to write.
     #[arg(short, long, value_name = "OUT.layerd")]
     output: PathBuf,
-    /// Leave out everything that is not a lattice, and pack lattices with clipping without it; report each case.
+    /// Leave out everything that is not a lattice, also the meshes that clip lattices, which are then packed whole; report each case.
     #[arg(long)]
     lattice_only: bool,
     /// How struts are joined: as a smooth convolution surface, or as the exact union of beams [default: union for 3MF, as the format

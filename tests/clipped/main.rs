@@ -10,6 +10,7 @@ mod pack_bench;
 mod properties;
 mod regions;
 #[path = "../surface/shapes.rs"]
+#[allow(dead_code, reason = "only some of it is used here")]
 mod shapes;
 #[path = "../slice_part/mod.rs"]
 mod slice_part;

@@ -6,11 +6,12 @@ use std::sync::Arc;
 use glam::{DAffine3, DMat3, DVec3};
 use layerd::buildfile::{Blend, BlendChoice, BodyHeader, BuildFile, Keeps, PackError, PackReport, Strut};
 use layerd::layer::{Bitmap, Depth, Mirror};
+use proptest::prelude::*;
 
 use crate::pack_bench::{Bench, HEAD, notes, said};
 use crate::shapes::{Mesh, ball, cuboid};
 use crate::slice_part::strut;
-use crate::{Clipped, Packed, sliced};
+use crate::{Clipped, Packed, properties, sliced};
 
 /// Nodes of the test's lattice, millimetres: a post and an arm.
 const NODES: [[i32; 3]; 3] = [[0, 0, 0], [0, 0, 4], [3, 1, 4]];
@@ -125,6 +126,36 @@ fn a_clip_moves_along_with_its_lattice_and_each_place_has_its_own() {
                 assert!(found == expected, "{keeps:?}, {depth:?}, {pairs}");
             }
         }
+    }
+}
+
+/// Turns and mirrors that map axes to axes.
+fn any_turn() -> impl Strategy<Value = DMat3> {
+    let axes = Just([DVec3::X, DVec3::Y, DVec3::Z]).prop_shuffle();
+    (axes, prop::array::uniform3(any::<bool>())).prop_map(|(axes, signs)| {
+        let [x, y, z] = [0, 1, 2].map(|axis| if signs[axis] { axes[axis] } else { -axes[axis] });
+        DMat3::from_cols(x, y, z)
+    })
+}
+
+proptest! {
+    #![proptest_config(properties::cases(20))]
+
+    /// Whether places share bodies or not.
+    #[test]
+    fn wherever_lattices_are_placed_each_is_clipped_by_its_own_mesh(
+        places in prop::collection::vec((any_turn(), prop::array::uniform3(-20..20_i32)), 1..6), inside in any::<bool>(), grey in any::<bool>(),
+    ) {
+        let keeps = if inside { Keeps::Inside } else { Keeps::Outside };
+        let depth = if grey { Depth::Grey } else { Depth::Bit };
+        let places: Vec<_> =
+            places.iter().map(|(turn, quarters)| place(*turn, quarters.map(|at| f64::from(at) / 4.0))).collect();
+        let build: String = places.iter().map(item).collect();
+        let text = model(attributes(keeps), &mesh_text(&around_corner(), ""), &build);
+        let (packed, _) = packed(&Bench::new(), &text).unwrap_or_else(|error| panic!("{error}"));
+        let all: Vec<_> = places.iter().map(|place| placed(keeps, &around_corner(), place)).collect();
+        let [found, expected] = expected(&packed, &all, depth);
+        prop_assert!(found == expected);
     }
 }
 
