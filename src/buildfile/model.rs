@@ -188,7 +188,7 @@ pub enum Placement {
 pub struct Header {
     /// Length of one quantum, micrometres, 0.001 to 1000.
     pub quantum_um: f64,
-    /// Bounds of all bodies. A convolution may bulge beyond them, by less than its support minus its smallest radius.
+    /// Bounds of all bodies; of a clipped lattice, of what is left. A convolution may bulge beyond them, by less than its support minus its smallest radius.
     pub bounds: Bounds,
     /// Height of the lowest solid point, which is on the plate, micrometres. Exact for a union; for a convolution at most about 1 µm
     /// too high.

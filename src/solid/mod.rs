@@ -33,7 +33,7 @@ pub(crate) use convolution::Convolution;
 pub(crate) use excess::UnionExcess;
 pub use instruction_set::InstructionSet;
 pub(crate) use lowest::lowest_z;
-pub(crate) use mesh::{Crossings, Facet, FieldRows, Resolution, SectionPlane, Segment};
+pub(crate) use mesh::{Crossings, Facet, FieldRows, Resolution, SectionPlane, Segment, set_bits};
 pub(crate) use probe::{Cut as ProbeCut, PlaneProbe};
 pub(crate) use relief::{Dicing, Extent, Lift, PatchCorner, PatchShape, Window};
 pub use relief::{HeightMap, Tile};

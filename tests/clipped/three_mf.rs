@@ -8,7 +8,7 @@ use layerd::buildfile::{Blend, BlendChoice, BodyHeader, BuildFile, Keeps, PackEr
 use layerd::layer::{Bitmap, Depth, Mirror};
 use proptest::prelude::*;
 
-use crate::pack_bench::{Bench, HEAD, notes, said};
+use crate::pack_bench::{Bench, HEAD, notes, packed_lattice, said};
 use crate::shapes::{Mesh, ball, cuboid};
 use crate::slice_part::strut;
 use crate::{Clipped, Packed, properties, sliced};
@@ -160,6 +160,30 @@ proptest! {
 }
 
 #[test]
+fn lattices_that_the_same_mesh_clips_share_bodies() {
+    for blend in [None, Some(BlendChoice::Convolution { support_mm: Some(0.5) })] {
+        let mut bench = Bench::new();
+        bench.options.blend = blend;
+        let lattice = format!(r#"<b:beamlattice radius="0.3" minlength="0" {}>{BEAMS}"#, attributes(Keeps::Inside));
+        let object = |number: u32| {
+            format!(
+                r#"<object id="{number}"><mesh><vertices><vertex x="{number}" y="0" z="1"/><vertex x="0" y="0" z="4"/>
+                <vertex x="0" y="{number}" z="1"/></vertices>{lattice}</b:beamlattice></mesh></object>"#
+            )
+        };
+        let objects: String = (11..19).map(object).collect();
+        let build: String = (11..19).map(|number| format!(r#"<item objectid="{number}"/>"#)).collect();
+        let text = model(attributes(Keeps::Inside), &mesh_text(&around_corner(), ""), &build);
+        let (packed, report) = packed(&bench, &text.replace("</resources>", &format!("{objects}</resources>")))
+            .unwrap_or_else(|error| panic!("{error}"));
+        assert_eq!(packed.header().bodies.len(), 2);
+        assert_eq!(packed_lattice(&report).strut_count, 16);
+        // Seen from the corner, all are within the ball.
+        assert!(packed.header().bounds.max[2] > 4200 && packed.header().bottom_um < 3600.0, "{:?}", packed.header());
+    }
+}
+
+#[test]
 fn in_components_of_other_parts_it_is_the_same() {
     let text = model(attributes(Keeps::Inside), &mesh_text(&around_corner(), ""), "")
         .replace("</resources>", r#"<object id="9"><components><component objectid="7" transform="0 1 0 -1 0 0 0 0 1 0 0 2"/></components></object></resources>"#)
@@ -209,10 +233,10 @@ fn only_the_lattice_is_clipped_and_the_clip_is_printed_only_if_it_is_in_the_buil
 #[test]
 fn lattices_that_are_clipped_and_others_are_printed_together() {
     let text = model(attributes(Keeps::Inside), &mesh_text(&around_corner(), ""), r#"<item objectid="7"/><item objectid="8"/>"#)
-        .replace("</resources>", &format!(
+        .replace("</resources>", 
             r#"<object id="8"><mesh><vertices><vertex x="0" y="0" z="0"/><vertex x="0" y="0" z="9"/></vertices>
             <b:beamlattice radius="0.2" minlength="0"><b:beams><b:beam v1="0" v2="1"/></b:beams></b:beamlattice></mesh></object></resources>"#
-        ));
+        );
     let (packed, _) = packed(&Bench::new(), &text).unwrap_or_else(|error| panic!("{error}"));
     let bodies = &packed.header().bodies;
     assert!(matches!(&bodies[..], [BodyHeader::Lattice(_), BodyHeader::Lattice(_), BodyHeader::Clip(_)]));
@@ -295,5 +319,8 @@ fn too_many_lattices_within_one_another_are_counted() {
     assert_eq!(apart.header().bodies.len(), 2);
     bench.options.blend = Some(BlendChoice::Convolution { support_mm: None });
     let found = said(bench.model(&build(10.0)));
-    assert!(found.contains("8 lattices are clipped") && found.contains("--blend union"), "{found}");
+    assert!(
+        found.contains("8 lattices are clipped by meshes of their own") && found.contains("--blend union"),
+        "{found}"
+    );
 }

@@ -1,5 +1,5 @@
-//! Where importers hand over lattices that a mesh clips, and these meshes. Each pair becomes two bodies. Pairs whose boxes do not touch
-//! share them: neither mesh then reaches the other lattice. `collect` has one; `tests/clipped/` tests it.
+//! Where importers hand over lattices that a mesh clips, and these meshes. Each pair becomes two bodies. Pairs share them if it changes nothing:
+//! if neither mesh reaches the other lattice, or both are the same. `collect` has one; `tests/clipped/` tests it.
 
 use std::path::{Path, PathBuf};
 
@@ -22,12 +22,12 @@ const MAX_PLACES: usize = 4096;
 
 /// A box in millimetres, before the options rotate and scale it.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Space {
+pub(super) struct BoxMm {
     pub(super) min: DVec3,
     pub(super) max: DVec3,
 }
 
-impl Space {
+impl BoxMm {
     /// The box of nothing.
     pub(super) const EMPTY: Self = Self { min: DVec3::INFINITY, max: DVec3::NEG_INFINITY };
 
@@ -54,7 +54,7 @@ impl Space {
 /// Takes the clipped lattices of all sources.
 pub(super) struct Clips<'a> {
     rules: &'a Rules,
-    /// Whether pairs may share bodies. Struts of a convolution add up, so they are kept apart.
+    /// Whether pairs whose boxes do not touch share bodies. A convolution bulges out of its box by a support that is not known yet.
     shares: bool,
     /// Largest factor of the options divided by the smallest.
     unevenness: f64,
@@ -65,6 +65,8 @@ pub(super) struct Clips<'a> {
     directory: PathBuf,
     lanes: Vec<ClipLane<'a>>,
     place_count: usize,
+    /// Number of the current source.
+    source: usize,
     /// Struts and triangles announced so far, at most.
     expected: [u64; 2],
 }
@@ -76,8 +78,15 @@ struct ClipLane<'a> {
     place: String,
     lattice: Lane<'a>,
     surface: SurfaceLane<'a>,
-    /// The boxes of each lattice and of what clips it.
-    boxes: Vec<[Space; 2]>,
+    taken: Vec<Taken>,
+}
+
+/// A lattice that a pair of bodies takes, and what clips it.
+struct Taken {
+    /// The boxes of both.
+    boxes: [BoxMm; 2],
+    /// Source and number of the mesh, and its place.
+    mesh: (usize, u32, DAffine3),
 }
 
 /// A clipped lattice of all its struts, and what clips it.
@@ -102,21 +111,22 @@ impl<'a> Clips<'a> {
             directory: directory.into(),
             lanes: Vec::new(),
             place_count: 0,
+            source: 0,
             expected: [0; 2],
         }
     }
 
-    /// Begins a lattice of which a mesh leaves a part, both at `place`, and returns the number of its lane. `boxes` are those of the nodes
-    /// and of the mesh, in the coordinates of the object, millimetres, and `radius_mm` is the largest radius. `named` names it in errors.
+    /// Begins a lattice of which the mesh of this number leaves a part, both at `place`, and returns the number of its lane. The boxes are
+    /// those of nodes and mesh before they are placed, and `radius_mm` is the largest radius. `named` names it in errors.
     ///
     /// # Errors
     /// If there are too many.
     pub(super) fn begin(
         &mut self,
         keeps: Keeps,
-        [nodes, mesh]: [Space; 2],
+        [nodes, mesh]: [BoxMm; 2],
         radius_mm: f64,
-        place: &DAffine3,
+        (mesh_number, place): (u32, DAffine3),
         named: &str,
     ) -> Result<u16, PackError> {
         self.place_count += 1;
@@ -128,12 +138,13 @@ impl<'a> Clips<'a> {
         let matrix = place.matrix3;
         let squares = [matrix.x_axis, matrix.y_axis, matrix.z_axis].map(DVec3::length_squared);
         let margin_mm = radius_mm * squares.into_iter().sum::<f64>().sqrt() * self.unevenness + self.rounding_mm;
-        let boxes = [nodes.placed(place, margin_mm), mesh.placed(place, self.rounding_mm)];
+        let boxes = [nodes.placed(&place, margin_mm), mesh.placed(&place, self.rounding_mm)];
+        let mesh = (self.source, mesh_number, place);
         let is_free = |lane: &ClipLane<'_>| {
-            let touches = |[nodes, mesh]: &[Space; 2]| boxes[0].touches(mesh) || boxes[1].touches(nodes);
-            lane.keeps == keeps && !lane.boxes.iter().any(touches)
+            let is_apart = |other: &Taken| !boxes[0].touches(&other.boxes[1]) && !boxes[1].touches(&other.boxes[0]);
+            lane.keeps == keeps && lane.taken.iter().all(|other| other.mesh == mesh || self.shares && is_apart(other))
         };
-        let number = self.lanes.iter().position(|lane| self.shares && is_free(lane)).unwrap_or(self.lanes.len());
+        let number = self.lanes.iter().position(is_free).unwrap_or(self.lanes.len());
         if number == self.lanes.len() {
             let sorter = Sorter::new(&self.directory, self.lane_bytes);
             self.lanes.push(ClipLane {
@@ -141,19 +152,20 @@ impl<'a> Clips<'a> {
                 place: named.to_owned(),
                 lattice: Lane::new(self.rules, sorter, &self.directory),
                 surface: SurfaceLane::new(self.rules, self.lane_bytes, &self.directory),
-                boxes: Vec::new(),
+                taken: Vec::new(),
             });
         }
-        self.lanes[number].boxes.push(boxes);
+        self.lanes[number].taken.push(Taken { boxes, mesh });
         // There are fewer than `MAX_PLACES` lanes.
         Ok(number as u16)
     }
 
-    /// Checks the number of lanes, after all lattices of a source have begun.
+    /// Checks the number of lanes. Call it after all lattices of a source have begun.
     ///
     /// # Errors
     /// If there are too many.
-    pub(super) fn check(&self) -> Result<(), PackError> {
+    pub(super) fn end_source(&mut self) -> Result<(), PackError> {
+        self.source += 1;
         let count = self.lanes.len();
         let Some(one_more) = self.lanes.get(MAX_PAIRS) else { return Ok(()) };
         let problem = if self.shares {
@@ -163,7 +175,7 @@ impl<'a> Clips<'a> {
             )
         } else {
             format!(
-                "{count} lattices are clipped; as convolutions, at most {MAX_PAIRS} can be. Pack them with --blend union, or some of \
+                "{count} lattices are clipped by meshes of their own; as convolutions, at most {MAX_PAIRS} can be. Pack them with --blend union, or some of \
                  them as another part"
             )
         };

@@ -18,7 +18,7 @@ const LEAST_PLANES: f64 = 16.0;
 
 /// After so many dark planes that are not empty the step is doubled: a lattice that is clipped over a great height must not take hours. The
 /// step in which a solid point is found is probed again, in smaller ones.
-const PATIENT_PLANES: u32 = 256;
+const PATIENT_PLANES: u32 = 128;
 
 /// By how much the step becomes smaller when it is probed again.
 const FINER: f64 = 16.0;

@@ -11,5 +11,5 @@ mod rows;
 mod section;
 
 pub(crate) use distance::FieldRows;
-pub(crate) use rows::{Crossings, Resolution};
+pub(crate) use rows::{Crossings, Resolution, set_bits};
 pub(crate) use section::{Facet, SectionPlane, Segment};

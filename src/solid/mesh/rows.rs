@@ -205,6 +205,19 @@ fn change(key: u32) -> i32 {
     1 - 2 * (key & 1) as i32
 }
 
+/// Sets a span of the bits of a row, which is not empty. The first pixel of a byte is its highest bit.
+pub(crate) fn set_bits(line: &mut [u8], span: Range<u32>) {
+    let (first, last) = ((span.start / 8) as usize, ((span.end - 1) / 8) as usize);
+    let (head, tail) = (0xff_u8 >> (span.start % 8), 0xff_u8 << (7 - (span.end - 1) % 8));
+    if first == last {
+        line[first] |= head & tail;
+        return;
+    }
+    line[first] |= head;
+    line[first + 1..last].fill(0xff);
+    line[last] |= tail;
+}
+
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;

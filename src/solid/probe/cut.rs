@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::{TILE_COLUMNS, TILE_ROWS};
-use crate::solid::{Crossings, Facet, Resolution, SectionPlane, Segment};
+use crate::solid::{Crossings, Facet, Resolution, SectionPlane, Segment, set_bits};
 
 /// Bytes of a row of a tile.
 const ROW_BYTES: usize = TILE_COLUMNS / 8;
@@ -98,12 +98,5 @@ impl Cut {
     /// The points of a row of the tile that are left, a bit each.
     pub(super) fn row(&self, row: usize) -> &[u8] {
         &self.left[row * ROW_BYTES..][..ROW_BYTES]
-    }
-}
-
-/// Sets a span of bits. The first point of a byte is its highest bit.
-fn set_bits(row: &mut [u8], span: Range<u32>) {
-    for column in span {
-        row[column as usize / 8] |= 0x80 >> (column % 8);
     }
 }

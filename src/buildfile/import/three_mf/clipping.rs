@@ -1,9 +1,9 @@
 //! Which lattices of a package are clipped by which meshes. Their boxes are read before the second pass, so that it knows which bodies take
 //! them. `tests/clipped/three_mf.rs` has examples.
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 
-use glam::DVec3;
+use glam::{DAffine3, DVec3};
 
 use super::attributes::measure;
 use super::package::Package;
@@ -12,7 +12,7 @@ use super::space::Space;
 use super::structure::{Structure, ball_attribute};
 use super::xml::{Element, quote};
 use crate::buildfile::error::PackError;
-use crate::buildfile::import::clips::{Clips, Space as Box3};
+use crate::buildfile::import::clips::{BoxMm, Clips};
 use crate::buildfile::model::Keeps;
 
 /// How a lattice is to be clipped.
@@ -118,13 +118,14 @@ impl Clipped {
             pairs.iter().flat_map(|(number, _, mesh)| [*number, *mesh]).map(|object| (object, Extent::EMPTY)).collect();
         read_boxes(structure, package, &mut boxes)?;
         for (number, keeps, mesh) in pairs {
-            let (Extent { space, radius }, mesh) = (boxes[&number], boxes[&mesh].space);
+            let Extent { vertices, radius } = boxes[&number];
+            let boxes = [vertices, boxes[&mesh].vertices];
             let named = named(&resources.objects[number as usize]);
-            let begin = |place| clips.begin(keeps, [space, mesh], radius, &place, &named);
+            let begin = |place| clips.begin(keeps, boxes, radius, (mesh, place), &named);
             let lanes = structure.places(number).map(begin).collect::<Result<_, _>>()?;
             clipped.lanes.insert(number, lanes);
         }
-        clips.check()?;
+        clips.end_source()?;
         Ok(clipped)
     }
 
@@ -133,28 +134,46 @@ impl Clipped {
         self.lanes.get(&object).map(Vec::as_slice)
     }
 
-    /// The objects that a mesh clips.
-    pub(super) fn clipped_by(&self, mesh: u32) -> &[u32] {
-        self.meshes.get(&mesh).map_or(&[], Vec::as_slice)
+    /// Whether an object clips any lattice.
+    pub(super) fn has_mesh(&self, object: u32) -> bool {
+        self.meshes.contains_key(&object)
+    }
+
+    /// The places at which a mesh clips, and the lane of each.
+    pub(super) fn places_of<'a>(
+        &'a self,
+        mesh: u32,
+        structure: &'a Structure,
+    ) -> impl Iterator<Item = (DAffine3, u16)> + use<'a> {
+        let lattices = self.meshes.get(&mesh).into_iter().flatten();
+        lattices.flat_map(move |lattice| {
+            structure.places(*lattice).zip(self.lanes(*lattice).unwrap_or_default().iter().copied())
+        })
+    }
+
+    /// The lanes of all these places, each once.
+    pub(super) fn lanes_of(&self, mesh: u32) -> BTreeSet<u16> {
+        let lattices = self.meshes.get(&mesh).into_iter().flatten();
+        lattices.filter_map(|lattice| self.lanes(*lattice)).flatten().copied().collect()
     }
 }
 
 /// What an object takes: a box around its vertices, and its largest radius, millimetres.
 #[derive(Clone, Copy)]
 struct Extent {
-    space: Box3,
+    vertices: BoxMm,
     radius: f64,
 }
 
 impl Extent {
-    const EMPTY: Self = Self { space: Box3::EMPTY, radius: 0.0 };
+    const EMPTY: Self = Self { vertices: BoxMm::EMPTY, radius: 0.0 };
 
     /// Extends it by an element of the object.
     fn add(&mut self, element: &Element, unit_mm: f64) -> Result<(), String> {
         let radii: &[Option<&str>] = match (element.space, element.name()) {
-            (Space::Core, "vertex") => {
+            (Space::Core | Space::Displacement, "vertex") => {
                 let axis = |name| Ok::<_, String>(measure(element, name)?.unwrap_or(0.0) * unit_mm);
-                self.space.extend(DVec3::new(axis("x")?, axis("y")?, axis("z")?));
+                self.vertices.extend(DVec3::new(axis("x")?, axis("y")?, axis("z")?));
                 return Ok(());
             }
             (Space::Lattice, "beamlattice") => &[element.get("radius"), ball_attribute(element, "ballradius")],

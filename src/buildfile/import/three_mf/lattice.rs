@@ -114,7 +114,7 @@ impl<'a> LatticeReader<'a, '_, '_> {
         let object = &self.structure.resources.objects[number as usize];
         let is_wanted = object.has_lattice || object.triangle_count > 0 && !self.lattice_only;
         let is_printed = is_wanted && self.structure.place_count(number) > 0;
-        (is_printed || !self.clipped.clipped_by(number).is_empty()).then(|| Open {
+        (is_printed || self.clipped.has_mesh(number)).then(|| Open {
             number,
             object,
             unit_mm: self.structure.units_mm[self.part as usize],
@@ -288,35 +288,21 @@ impl<'a> LatticeReader<'a, '_, '_> {
         Ok(())
     }
 
-    /// Hands the triangles of a block to the clips, once for each place of each lattice that they clip.
+    /// Hands the triangles of a block to what they clip, once for each place.
     fn place_clips(&mut self, open: &Open<'_>, block: &[Piece]) -> Result<(), PackError> {
-        for &lattice in self.clipped.clipped_by(open.number) {
-            let lanes = self.clipped.lanes(lattice).unwrap_or_default();
-            for (placed, lane) in self.structure.places(lattice).zip(lanes) {
-                let surface = self.collector.clips.surface(*lane);
-                for piece in block {
-                    let Piece::Triangle(corners, _, number) = piece else { continue };
-                    let mut corners = corners.map(|corner| placed.transform_point3(corner));
-                    if placed.matrix3.determinant() < 0.0 {
-                        corners.swap(1, 2);
-                    }
-                    let named = || format!("{}: triangle {number}", place(self.structure, &self.place, open, None));
-                    surface.triangle(corners, &named)?;
+        for (placed, lane) in self.clipped.places_of(open.number, self.structure) {
+            let surface = self.collector.clips.surface(lane);
+            for piece in block {
+                let Piece::Triangle(corners, _, number) = piece else { continue };
+                let mut corners = corners.map(|corner| placed.transform_point3(corner));
+                if placed.matrix3.determinant() < 0.0 {
+                    corners.swap(1, 2);
                 }
+                let named = || format!("{}: triangle {number}", place(self.structure, &self.place, open, None));
+                surface.triangle(corners, &named)?;
             }
         }
         Ok(())
-    }
-
-    /// Ends the mesh of each clip that an object belongs to.
-    fn end_clips(&mut self, open: &Open<'_>) -> Result<(), PackError> {
-        let lattices = self.clipped.clipped_by(open.number).iter();
-        let mut lanes: Vec<u16> =
-            lattices.filter_map(|lattice| self.clipped.lanes(*lattice)).flatten().copied().collect();
-        lanes.sort_unstable();
-        lanes.dedup();
-        let named = place(self.structure, &self.place, open, None);
-        lanes.into_iter().try_for_each(|lane| self.collector.clips.surface(lane).end_solid(&named))
     }
 
     /// Ends an object. In ball mode `all`, ends of beams without a listed ball get the default ball.
@@ -333,11 +319,13 @@ impl<'a> LatticeReader<'a, '_, '_> {
             }
         }
         self.place_block(&mut open)?;
-        self.end_clips(&open)?;
+        let named = place(self.structure, &self.place, &open, None);
+        let mut ended = self.clipped.lanes_of(open.number).into_iter();
+        ended.try_for_each(|lane| self.collector.clips.surface(lane).end_solid(&named))?;
         if open.triangle_count == 0 || self.structure.place_count(open.number) == 0 {
             return Ok(());
         }
-        self.collector.meshes.end_solid(&place(self.structure, &self.place, &open, None))
+        self.collector.meshes.end_solid(&named)
     }
 
     fn wrong(&self, open: &Open<'_>, beam: Option<u64>, problem: String) -> PackError {

@@ -10,7 +10,7 @@ use crate::layer::Depth;
 use crate::slice::SlicePlan;
 use crate::slice::band::{Band, FieldBand};
 use crate::slice::body::{Brush, FieldBrush};
-use crate::solid::{Crossings, FieldRows, Resolution, SectionPlane, Segment, Window};
+use crate::solid::{Crossings, FieldRows, Resolution, SectionPlane, Segment, Window, set_bits};
 
 /// What one thread draws with. It takes a fixed amount of memory.
 pub(super) trait Sheet: Send {
@@ -223,17 +223,4 @@ fn raise(samples: &mut [u16], pixels: Range<usize>, line: &mut [u8]) {
         // All 256 samples are white.
         *pixel = (*pixel).max(std::mem::take(count).min(255) as u8);
     }
-}
-
-/// Sets a span of bits. The first pixel of a byte is its highest bit.
-fn set_bits(line: &mut [u8], span: Range<u32>) {
-    let (first, last) = ((span.start / 8) as usize, ((span.end - 1) / 8) as usize);
-    let (head, tail) = (0xff_u8 >> (span.start % 8), 0xff_u8 << (7 - (span.end - 1) % 8));
-    if first == last {
-        line[first] |= head & tail;
-        return;
-    }
-    line[first] |= head;
-    line[first + 1..last].fill(0xff);
-    line[last] |= tail;
 }
