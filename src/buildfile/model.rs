@@ -204,7 +204,7 @@ pub struct Header {
 }
 
 impl Header {
-    /// Most bodies in a part: the headers of so many take a third of the 4096 bytes that a header may have.
+    /// Most bodies in a part: the headers of so many lattices and clips take 1 KiB of the 16 that a header may have.
     pub const MAX_BODIES: usize = 16;
 
     /// The lattices among the bodies, in order. A place here is not that of the body: to pair bodies with something else, go through

@@ -1,6 +1,64 @@
-//! Clips in build files that do not make sense.
+//! Clips in build files that do not make sense, and what damage does to them.
 
-use layerd::buildfile::{Blend, BodySettings, Keeps, Placement, WriteError, Writer, WriterSettings};
+use std::sync::Arc;
+
+use layerd::buildfile::{Blend, BodySettings, BuildFile, Keeps, Placement, WriteError, Writer, WriterSettings};
+use layerd::layer::{Bitmap, Depth, Mirror};
+use layerd::slice::{BodySource, Slicer};
+use layerd::stream::MemoryBudget;
+
+use crate::shapes::ball;
+use crate::slice_part::strut;
+use crate::{Clipped, Packed};
+
+/// Opens, verifies and draws a file; says what went wrong.
+fn drawn(path: &std::path::Path, whole: &Packed) -> Result<(), String> {
+    let file = Arc::new(BuildFile::open(path).map_err(|error| error.to_string())?);
+    file.verify().map_err(|error| error.to_string())?;
+    let plan = whole.plan(Depth::Grey, Mirror::default(), 50.0);
+    let bodies = BodySource::of(&file);
+    let budget = MemoryBudget::new(Slicer::memory_bytes(&bodies, &plan, 1));
+    let mut slicer = Slicer::new(bodies, plan.clone(), 1, 0, &budget).map_err(|error| error.to_string())?;
+    let mut bitmap = Bitmap::new(plan.raster.width_px, plan.raster.height_px, plan.depth);
+    while slicer.next_layer(&mut bitmap).map_err(|error| error.to_string())?.is_some() {}
+    Ok(())
+}
+
+#[test]
+fn damage_never_crashes_and_lies_are_refused() {
+    let struts = [strut([0, 0, 0], [900, 0, 400], 100, 60)];
+    let whole = Clipped::new(&struts, Blend::Union, Keeps::Inside, &ball([400.0, 0.0, 200.0], 300.0, 2)).packed();
+    let whole = whole.expect("something is left");
+    let bytes = std::fs::read(whole.file.path()).expect("it is there");
+    let path = whole.file.path().with_file_name("damaged.layerd");
+    let length = u32::from_le_bytes([bytes[12], bytes[13], bytes[14], bytes[15]]) as usize;
+    let changed = |at: usize, change: u8| {
+        let mut changed = bytes.clone();
+        changed[20 + at] ^= change;
+        let crc = crc32fast::hash(&changed[20..20 + length]);
+        changed[16..20].copy_from_slice(&crc.to_le_bytes());
+        std::fs::write(&path, &changed).expect("can be written");
+        drawn(&path, &whole)
+    };
+    changed(0, 0).expect("it is whole");
+    for at in 0..length {
+        // Some of it cannot be checked, such as the digest of the source.
+        let _ = changed(at, 0x41);
+    }
+    // The clip is the last body: its number, what it keeps, two boxes of six numbers, and a count.
+    let clip = length - 64;
+    for at in [clip, clip + 4] {
+        changed(at, 2).expect_err("there is no such kind, and no such side");
+    }
+    for number in 0..12 {
+        changed(clip + 8 + 4 * number + 3, 0x40).expect_err("a box far too large, or of nothing");
+    }
+    changed(clip + 56, 1).expect_err("a wrong count");
+    for at in (0..bytes.len()).step_by(7) {
+        std::fs::write(&path, &bytes[..at]).expect("can be written");
+        drawn(&path, &whole).expect_err("a file that is cut short is found");
+    }
+}
 
 #[test]
 fn a_clip_follows_a_lattice() {
