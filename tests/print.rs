@@ -40,13 +40,17 @@ fn grey_layers_print_as_sliced() {
 }
 
 #[test]
-fn a_hollow_solid_with_a_lattice_in_it_prints_as_sliced_through_kills() {
+fn a_hollow_solid_a_lattice_and_a_displaced_solid_print_as_sliced_through_kills() {
     let mut bench = Bench::start(Setup { time_scale: 4, ..Setup::default() });
     std::fs::write(bench.path("ball.stl"), meshes::hollow_ball([4.0, 4.0, 2.0], 2.0, 1.6)).expect("can be written");
     std::fs::write(bench.path("cross.txt"), "2 0.2 0 0\n2.3 4 2 5.7 4 2\n4 2.3 2 4 5.7 2\n").expect("can be written");
-    bench.ok(&["pack", "ball.stl", "cross.txt", "--blend", "union", "-o", "part.layerd"]);
+    std::fs::write(bench.path("box.obj"), meshes::rough_box([7.0, 3.0, 0.5], [8.5, 5.0, 3.0])).expect("can be written");
+    std::fs::write(bench.path("rough.mtl"), "newmtl rough\ndisp -bm 0.4 wavy.png\n").expect("can be written");
+    std::fs::write(bench.path("wavy.png"), meshes::wavy_map()).expect("can be written");
+    bench.ok(&["pack", "ball.stl", "cross.txt", "box.obj", "--blend", "union", "-o", "part.layerd"]);
     let told = bench.ok(&["info", "part.layerd"]);
     assert!(told.contains("struts        2") && told.contains("triangles     4608"), "{told}");
+    assert!(told.contains("surface, displaced") && told.contains("triangles     12"), "{told}");
     let id = bench.start_job("part.layerd");
     bench.kill_and_resume(id, |kill| Duration::from_millis(20 + kill * 7919 % 170));
     let layers = bench.printed(id);

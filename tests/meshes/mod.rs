@@ -1,5 +1,7 @@
 //! A mesh as a text file, for whole prints.
 
+#![allow(dead_code, reason = "each test program uses a part of it")]
+
 use std::fmt::Write as _;
 
 /// An STL text of a ball with a cavity, millimetres.
@@ -8,6 +10,34 @@ pub(crate) fn hollow_ball(centre: [f64; 3], outer_mm: f64, inner_mm: f64) -> Str
     sphere(&mut text, centre, outer_mm, false);
     sphere(&mut text, centre, inner_mm, true);
     text + "endsolid\n"
+}
+
+/// An OBJ text of a box, millimetres, whose sides have the whole of the map of the material `rough` in `rough.mtl`.
+pub(crate) fn rough_box(low: [f64; 3], high: [f64; 3]) -> String {
+    let mut text = "mtllib rough.mtl\nusemtl rough\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n".to_owned();
+    for number in 0..8 {
+        let [x, y, z] = [0, 1, 2].map(|axis| if number >> axis & 1 == 1 { high[axis] } else { low[axis] });
+        writeln!(text, "v {x} {y} {z}").expect("a string");
+    }
+    for [a, b, c, d] in [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]] {
+        writeln!(text, "f {}/1 {}/2 {}/3 {}/4", a + 1, b + 1, c + 1, d + 1).expect("a string");
+    }
+    text
+}
+
+/// A PNG of a wavy height map.
+pub(crate) fn wavy_map() -> Vec<u8> {
+    const SIDE: u32 = 64;
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, SIDE, SIDE);
+    encoder.set_color(png::ColorType::Grayscale);
+    encoder.set_depth(png::BitDepth::Eight);
+    let wave = |at: u32| (f64::from(at) / f64::from(SIDE) * 3.0 * std::f64::consts::TAU).sin();
+    let texels =
+        (0..SIDE).flat_map(|row| (0..SIDE).map(move |column| (127.0 + 120.0 * wave(row) * wave(column)) as u8));
+    let texels: Vec<u8> = texels.collect();
+    encoder.write_header().expect("a head").write_image_data(&texels).expect("texels");
+    bytes
 }
 
 /// A sphere of rings and columns; `is_cavity` turns it inside out.

@@ -45,7 +45,7 @@ pub(super) fn read(png: impl BufRead + Seek, memory_bytes: u64, channel: Channel
     let limits = png::Limits { bytes: usize::try_from(memory_bytes).unwrap_or(usize::MAX) };
     let mut decoder = png::Decoder::new_with_limits(png, limits);
     decoder.set_transformations(png::Transformations::EXPAND);
-    let broken = |error: png::DecodingError| format!("{error}; give a whole PNG");
+    let broken = |error: png::DecodingError| format!("{}; give a whole PNG", error.to_string().trim_end_matches('.'));
     let mut reader = decoder.read_info().map_err(broken)?;
     let size = [reader.info().width, reader.info().height];
     if size.iter().any(|count| *count > MAX_MAP_SIDE) {

@@ -200,6 +200,14 @@ impl<'a> Meshes<'a> {
         notes: &mut Vec<String>,
     ) -> Result<(Option<CollectedSurface>, Option<CollectedRelief>), PackError> {
         notes.append(&mut self.notes);
+        let has_height =
+            self.options.height_mm.is_some_and(|height_mm| height_mm != 0.0) || self.options.offset_mm.is_some();
+        if has_height && self.files.is_empty() {
+            notes.push(
+                "--height and --offset change nothing: no material names a height map, and there is no --displacement"
+                    .into(),
+            );
+        }
         Ok((self.surface.finish(notes), self.relief.finish(notes)?))
     }
 }
