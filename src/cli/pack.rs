@@ -62,7 +62,8 @@ pub struct PackArgs {
     /// them, and --height.
     #[arg(long, value_name = "MAP.png", requires = "height")]
     displacement: Option<PathBuf>,
-    /// Displacement where a height map is white, outwards from where it is black [default: what the source states].
+    /// How much farther out the surface is where a height map is white than where it is black; negative: farther in [default: what the
+    /// source states].
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     height: Option<f64>,
     /// Displacement where a height map is black [default: what the source states, or 0].

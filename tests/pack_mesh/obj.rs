@@ -42,8 +42,18 @@ fn a_box_is_the_one_of_stl_however_it_is_written() {
     let colours: String = vertices.lines().take(3).map(|line| format!("{line} 0.5 0.5 1\n")).collect();
     let rest: String = vertices.lines().skip(3).map(|line| format!("{line} 1\n")).collect();
     let slashed = faces(|corner| format!("{}/9999/-9223372036854775808", corner + 1));
+    let interleaved: String = box_triangles()
+        .map(|corners| {
+            let vertex = |number: usize| {
+                let [x, y, z] = corner(number, BOX.0, BOX.1).map(f64::from);
+                format!("v {x} {y} {z}\n")
+            };
+            corners.map(vertex).concat() + "f -3 -2 -1\n"
+        })
+        .collect();
     for (name, text) in [
         ("plain.obj", boxed()),
+        ("interleaved.obj", interleaved),
         ("capitals.OBJ", boxed().replace('\n', "\r\n")),
         ("quads.obj", format!("{vertices}{quads}")),
         ("continued.obj", format!("{vertices}{quads}").replace("f 0", "f \\\n0").replace(" 4", " \\\r\n 4")),

@@ -178,3 +178,25 @@ fn coarse_pixels_see_the_mean_of_a_fine_map() {
     });
     assert!(farthest < 0.05, "{farthest} mm");
 }
+
+#[test]
+fn there_is_a_step_where_nothing_lies_beyond_the_map() {
+    let black = map([4, 4], |_| 0.0);
+    // The map covers the middle half of each side.
+    let mut object = cuboid(SIZE);
+    object.triangles.iter_mut().flatten().for_each(|corner| corner.texture = corner.texture.map(|at| 2.0 * at - 0.5));
+    let recipe = Recipe { map: Some(&black), tile: Tile::Nothing, height_mm: 0.0, offset_mm: 0.3, ..PLAIN };
+    let part = Part::new(&object, &recipe);
+    let plan = part.plan(Depth::Bit);
+    let farthest = part.farthest_mm(&plan, |at| {
+        let is_on_map = (0..2).all(|axis| (0.28..0.72).contains(&(at[axis] / SIZE[axis])));
+        let is_off_map = (0..2).any(|axis| !(0.22..0.78).contains(&(at[axis] / SIZE[axis])));
+        let is_above = (0..2).all(|axis| (0.1..SIZE[axis] - 0.1).contains(&at[axis])) && at.z > SIZE[2];
+        match (is_above, is_on_map, is_off_map) {
+            (true, true, _) => SIZE[2] + 0.3 - at.z,
+            (true, _, true) => SIZE[2] - at.z,
+            _ => f64::NAN,
+        }
+    });
+    assert!(farthest < 0.001, "{farthest} mm");
+}

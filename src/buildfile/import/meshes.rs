@@ -202,9 +202,9 @@ impl<'a> Meshes<'a> {
         notes.append(&mut self.notes);
         let has_height =
             self.options.height_mm.is_some_and(|height_mm| height_mm != 0.0) || self.options.offset_mm.is_some();
-        if has_height && self.files.is_empty() {
+        if has_height && !self.relief.is_displaced() {
             notes.push(
-                "--height and --offset change nothing: no material names a height map, and there is no --displacement"
+                "--height and --offset change nothing: nothing names a height map, and there is no --displacement"
                     .into(),
             );
         }

@@ -18,7 +18,7 @@ const RADIUS: f64 = 0.8;
 /// Points in a cell of the grid in which neighbours are sought, about, if they lie on a plane.
 const POINTS_IN_CELL: f64 = 4.0;
 
-/// Most points that are looked at to find a neighbour. Of more, some are left out evenly: a cloud with all points in one place would take for ever.
+/// Most points that are looked at to find a neighbour. Of more, some are left out evenly: a cloud with all points in one place would take forever.
 const MAX_LOOKED_AT: usize = 512;
 
 /// Triangles of a disc, which is a hexagon.

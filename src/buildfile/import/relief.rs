@@ -115,6 +115,11 @@ impl<'a> ReliefLane<'a> {
         }
     }
 
+    /// Whether any displacement was added.
+    pub(super) fn is_displaced(&self) -> bool {
+        !self.displacements.is_empty()
+    }
+
     /// Number of patches.
     pub(super) fn count(&self) -> u64 {
         self.patches.len() as u64
@@ -160,7 +165,7 @@ impl<'a> ReliefLane<'a> {
         if self.displacements.len() == Relief::MAX_DISPLACEMENTS {
             let most = Relief::MAX_DISPLACEMENTS;
             let problem = format!(
-                "there are already {most} displacements of different maps, heights or transforms, the most of a part"
+                "there are already {most} displacements of different maps, heights or transforms, the most that a part may have"
             );
             return Err(PackError::input(place(), problem));
         }
@@ -177,7 +182,7 @@ impl<'a> ReliefLane<'a> {
         if needed_bytes > self.memory_bytes {
             let [needed, allowed] = [needed_bytes, self.memory_bytes].map(size_text);
             let problem = format!(
-                "so far, displaced, curved or shell triangles and maps take {needed}, and --memory allows {allowed}; give more"
+                "so far, triangles with relief and maps take {needed}, and --memory allows {allowed}; give more"
             );
             return Err(PackError::input(place(), problem));
         }
@@ -362,7 +367,7 @@ fn factor(factor: f64, place: &dyn Fn() -> String) -> Result<i32, PackError> {
     Err(PackError::input(place(), format!("a displacement factor of {factor:?}; allowed are -1000 to 1000")))
 }
 
-/// How a map displaces once the part has been transformed: `map` leads from millimetres of the source to those of the plate. Returns the
+/// How a map displaces once the part has been transformed: `transform` leads from millimetres of the source to those of the plate. Returns the
 /// displacement, and what directions are to be multiplied by.
 pub(super) fn placed(map: u16, height_mm: f64, offset_mm: f64, transform: DMat3) -> (Displacement, DMat3) {
     let scale = transform.determinant().abs().cbrt();

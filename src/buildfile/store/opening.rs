@@ -212,7 +212,7 @@ impl<'a> IndexCheck<'a> {
             }
             BodyHeader::Lattice(_) => Ok(()),
             body if (others, balls) != (body.total(), 0) => Err(format!(
-                "it counts {others} triangles or patches and {balls} balls, but the header says {} and none",
+                "it has {others} triangles or patches and {balls} balls; the header says {} and no balls",
                 body.total()
             )),
             _ => Ok(()),

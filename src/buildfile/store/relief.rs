@@ -17,7 +17,7 @@ const BOUNDS_FACET_UM: f64 = 20.0;
 /// How far those facets may be from the surface, if they are longer, micrometres: less than anybody can measure.
 const BOUNDS_TOLERANCE_UM: f64 = 0.5;
 
-/// Most patches that are held because they may reach beyond the others: 4.5 MiB. A level side with a rough surface has many.
+/// Most patches that are held because they may reach beyond the others: 5.3 MiB. A level side with a rough surface has many.
 const MAX_CANDIDATES: usize = 1 << 15;
 
 /// A relief that is being written, or compared.

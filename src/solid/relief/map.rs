@@ -150,13 +150,10 @@ impl HeightMap {
         cells.reduce(Cell::joined).unwrap_or(Cell::EMPTY)
     }
 
-    /// Bound of how far values between two points are from a linear interpolation, where the map is `range` around both. Infinite where
-    /// nothing is known.
+    /// Bound of how far values between two points are from a linear interpolation, where the map is `range` around both and there is a value
+    /// everywhere.
     pub(super) fn off(&self, range: &MapRange, from: [f64; 2], to: [f64; 2]) -> f64 {
         let [least, most] = range.values;
-        if range.may_be_nothing {
-            return f64::INFINITY;
-        }
         if self.is_nearest {
             return most - least;
         }

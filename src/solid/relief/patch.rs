@@ -10,6 +10,9 @@ use super::map::HeightMap;
 /// Corners of the edges of a patch.
 pub(super) const EDGES: [[usize; 2]; 3] = [[0, 1], [1, 2], [0, 2]];
 
+/// Room for rounding around boxes, quanta: coordinates have 2³⁰ and 23 bits behind the point.
+const ROUNDING: f64 = 1e-5;
+
 /// A corner of a patch. Lengths are in quanta.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct PatchCorner {
@@ -180,7 +183,8 @@ impl<'a> PatchShape<'a> {
             off += lift.off(&span);
             (low, high) = (low + least, high + most);
         }
-        Part { bounds: [low - self.inset, high + self.inset], off }
+        let spare = self.inset + ROUNDING;
+        Part { bounds: [low - spare, high + spare], off }
     }
 
     /// Bound of how far the line between two points is from straight, as [`Part::off`]. On an edge of the patch, it depends on that edge alone.
@@ -235,7 +239,12 @@ impl Lift {
         let factors = [a.factor.min(b.factor).min(c.factor), a.factor.max(b.factor).max(c.factor)];
         let [da, db, dc] = [a.direction, b.direction, c.direction];
         Span {
-            map_off: self.map.off(&range, low, high) * self.height.abs(),
+            // Beyond the map there may be a step of any height but none.
+            map_off: match range.may_be_nothing {
+                true if heights == [0.0; 2] => 0.0,
+                true => f64::INFINITY,
+                false => self.map.off(&range, low, high) * self.height.abs(),
+            },
             heights,
             factors,
             lengths: products(heights, factors),
@@ -265,7 +274,11 @@ impl Lift {
         let factor_off = (factors[1] - factors[0]) * (heights[1] - heights[0]) / 4.0;
         let longest = lengths[0].abs().max(lengths[1].abs());
         let directions_off = longest * squared_chord / 8.0 + (lengths[1] - lengths[0]) * squared_chord.sqrt() / 4.0;
-        (map_off * factors[0].abs().max(factors[1].abs()) + factor_off + directions_off) * self.reach.length()
+        let largest_factor = factors[0].abs().max(factors[1].abs());
+        if largest_factor == 0.0 || self.reach == DVec3::ZERO {
+            return 0.0;
+        }
+        (map_off * largest_factor + factor_off + directions_off) * self.reach.length()
     }
 }
 

@@ -94,8 +94,12 @@ impl Level {
             let all = rows.flat_map(|row| columns.clone().map(move |column| [column, row]));
             all.fold(Cell::EMPTY, |sum, place| sum.joined(value(place)))
         };
-        let cells = (0..height).flat_map(|row| (0..width).map(move |column| (row, column)));
-        Self { width, cells: cells.map(|(row, column)| cell(row, column)).collect() }
+        // Of this size from the beginning, because it is charged.
+        let mut cells = Vec::with_capacity(width * height);
+        for row in 0..height {
+            cells.extend((0..width).map(|column| cell(row, column)));
+        }
+        Self { width, cells }
     }
 }
 

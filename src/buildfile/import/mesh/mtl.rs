@@ -1,6 +1,6 @@
 //! Height maps of materials (MTL): `disp`, or `bump` if there is none. `obj` reads faces that use them.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
@@ -10,9 +10,6 @@ use crate::buildfile::import::collect::Collector;
 use crate::buildfile::import::height_map::Channel;
 use crate::buildfile::relief::Tile;
 use crate::text::plain_line;
-
-/// Most material libraries of a file: programs write one.
-const MAX_LIBRARIES: usize = 16;
 
 /// The map of a material.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,13 +34,14 @@ struct Statement {
 pub(super) fn displacements(
     obj: &Path,
     libraries: &[String],
+    used: &BTreeSet<String>,
     collector: &mut Collector<'_>,
-) -> Result<HashMap<String, u8>, PackError> {
-    let mut displacements = HashMap::new();
+) -> Result<BTreeMap<String, u8>, PackError> {
+    let mut displacements = BTreeMap::new();
     if !collector.meshes.takes_maps() {
         return Ok(displacements);
     }
-    for name in libraries.iter().take(MAX_LIBRARIES) {
+    for name in libraries {
         let path = beside(obj, name);
         let statements = match Statements::open(&path) {
             Ok(statements) => statements,
@@ -55,9 +53,13 @@ pub(super) fn displacements(
             }
             Err(source) => return Err(PackError::Read { path, source }),
         };
-        for (material, statement) in materials(statements, &path)? {
-            let number = displacement(&path, &material, &statement, collector)?;
-            displacements.insert(material, number);
+        for (material, statement) in materials(statements, &path, used)? {
+            match displacement(&path, &material, &statement, collector) {
+                Ok(number) => drop(displacements.insert(material, number)),
+                Err(error) if statement.is_displacement => return Err(error),
+                // Programs write such maps for shading.
+                Err(error) => collector.note(format!("{error}; its `bump` is left out")),
+            }
         }
     }
     Ok(displacements)
@@ -91,9 +93,13 @@ fn displacement(
     collector.meshes.displacement(map, [low_mm, high_mm], &path.display().to_string())
 }
 
-/// The materials that have a map.
-fn materials(mut statements: Statements, path: &Path) -> Result<HashMap<String, Statement>, PackError> {
-    let mut materials: HashMap<String, Statement> = HashMap::new();
+/// The materials in use that have a map.
+fn materials(
+    mut statements: Statements,
+    path: &Path,
+    used: &BTreeSet<String>,
+) -> Result<BTreeMap<String, Statement>, PackError> {
+    let mut materials: BTreeMap<String, Statement> = BTreeMap::new();
     let mut material = String::new();
     loop {
         let parsed = match statements.next() {
@@ -108,7 +114,7 @@ fn materials(mut statements: Statements, path: &Path) -> Result<HashMap<String, 
             Ok(Line::Material(name)) => material = name,
             Ok(Line::Map(map)) => {
                 let is_better = |there: &Statement| map.is_displacement && !there.is_displacement;
-                if materials.get(&material).is_none_or(is_better) {
+                if used.contains(&material) && materials.get(&material).is_none_or(is_better) {
                     materials.insert(material.clone(), map);
                 }
             }

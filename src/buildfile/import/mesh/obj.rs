@@ -2,7 +2,7 @@
 //! pass. Texture coordinates, normals and materials (`mtl`) count where the surface is displaced or curved. `tests/pack_mesh/obj.rs` and
 //! `tests/relief/` have examples.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use glam::DVec3;
@@ -18,6 +18,12 @@ use crate::text::{plain_line, size_text};
 
 /// How often progress is reported, statements.
 const REPORT_EVERY: u64 = 1 << 14;
+
+/// Most material libraries of a file: programs write one.
+const MAX_LIBRARIES: usize = 16;
+
+/// Most materials of a file: a part has at most 16 maps.
+const MAX_MATERIALS: usize = 4096;
 
 /// Reads one file. `memory_bytes` is what its vertices may take.
 ///
@@ -39,9 +45,17 @@ pub(in crate::buildfile::import) fn import(
         return Err(PackError::input(name, "it has no faces; export the part again as a mesh of triangles"));
     }
     collector.expect_triangles(vertices.triangle_count, progress)?;
-    let displacements = mtl::displacements(path, &vertices.libraries, collector)?;
+    let displacements = mtl::displacements(path, &vertices.libraries, &vertices.materials, collector)?;
     collector.meshes.begin_solid(!displacements.is_empty());
-    let mut faces = Faces { name: &name, vertices: &vertices, displacements, displacement: None, seen: 0, collector };
+    let mut faces = Faces {
+        name: &name,
+        vertices: &vertices,
+        displacements,
+        displacement: None,
+        seen: 0,
+        before: [0; 3],
+        collector,
+    };
     let mut report = |share: f64, total: u64| {
         progress(PackProgress::Reading { done: ((1.0 + share) / 2.0 * total as f64) as u64, total });
     };
@@ -96,8 +110,9 @@ struct Vertices {
     textures: Vec<[f64; 2]>,
     normals: Vec<DVec3>,
     triangle_count: u64,
-    /// Names of the material libraries.
+    /// Names of the material libraries, and of the materials that faces have.
     libraries: Vec<String>,
+    materials: BTreeSet<String>,
     /// What all of this may take.
     memory_bytes: u64,
 }
@@ -109,7 +124,10 @@ impl Vertices {
             b"vt" => self.textures.push(numbers(rest)),
             b"vn" => self.normals.push(DVec3::from(numbers(rest))),
             b"f" => self.triangle_count += (rest.split(u8::is_ascii_whitespace).count() as u64).saturating_sub(2),
-            b"mtllib" if !rest.is_empty() => self.libraries.extend(text(rest).map(str::to_owned)),
+            b"mtllib" if !rest.is_empty() && self.libraries.len() < MAX_LIBRARIES => {
+                self.libraries.extend(text(rest).map(str::to_owned));
+            }
+            b"usemtl" if self.materials.len() < MAX_MATERIALS => self.materials.extend(text(rest).map(str::to_owned)),
             _ => return Ok(()),
         }
         let needed_bytes = self.points.capacity() * size_of::<DVec3>()
@@ -149,11 +167,13 @@ struct Faces<'a, 'b> {
     name: &'a str,
     vertices: &'a Vertices,
     /// Of materials.
-    displacements: HashMap<String, u8>,
+    displacements: BTreeMap<String, u8>,
     /// Of the current material.
     displacement: Option<u8>,
     /// Triangles so far.
     seen: u64,
+    /// Vertices, texture coordinates and normals so far: negative numbers count back from there.
+    before: [usize; 3],
     collector: &'a mut Collector<'b>,
 }
 
@@ -168,13 +188,16 @@ struct Reference {
 impl Faces<'_, '_> {
     fn statement(&mut self, key: &[u8], rest: &[u8], line: u64) -> Result<(), Problem> {
         match key {
-            b"f" => self.face(rest, line),
+            b"v" => self.before[0] += 1,
+            b"vt" => self.before[1] += 1,
+            b"vn" => self.before[2] += 1,
+            b"f" => return self.face(rest, line),
             b"usemtl" => {
                 self.displacement = text(rest).ok().and_then(|material| self.displacements.get(material).copied());
-                Ok(())
             }
-            _ => Ok(()),
+            _ => {}
         }
+        Ok(())
     }
 
     fn face(&mut self, rest: &[u8], line: u64) -> Result<(), Problem> {
@@ -190,15 +213,17 @@ impl Faces<'_, '_> {
     fn reference(&self, word: &str) -> Result<Reference, String> {
         let mut parts = word.split('/');
         let Vertices { points, textures, normals, .. } = self.vertices;
-        let mut next = |what: [&str; 2], count: usize| place(parts.next().unwrap_or_default(), word, what, count);
-        let point = next(["vertex", "vertices"], points.len())?;
+        let mut next = |what: [&str; 2], before: usize, count: usize| {
+            place(parts.next().unwrap_or_default(), word, what, [before, count])
+        };
+        let point = next(["vertex", "vertices"], self.before[0], points.len())?;
         let point =
             point.ok_or_else(|| format!("`{}` is no number of a vertex; export the part again", plain_line(word)))?;
         if !self.collector.meshes.is_relief() {
             return Ok(Reference { point, texture: None, normal: None });
         }
-        let texture = next(["texture coordinate", "texture coordinates"], textures.len())?;
-        let normal = next(["normal", "normals"], normals.len())?;
+        let texture = next(["texture coordinate", "texture coordinates"], self.before[1], textures.len())?;
+        let normal = next(["normal", "normals"], self.before[2], normals.len())?;
         Ok(Reference { point, texture, normal })
     }
 
@@ -224,8 +249,9 @@ impl Faces<'_, '_> {
     }
 }
 
-/// What a number in a face means, counted from 0: the one of so many, or that many before the last. `None` if there is no number.
-fn place(part: &str, word: &str, [one, many]: [&str; 2], count: usize) -> Result<Option<usize>, String> {
+/// What a number in a face means, counted from 0: one of all, or that many back from what came before the face. `None` if there is no
+/// number.
+fn place(part: &str, word: &str, [one, many]: [&str; 2], [before, count]: [usize; 2]) -> Result<Option<usize>, String> {
     if part.is_empty() {
         return Ok(None);
     }
@@ -234,7 +260,7 @@ fn place(part: &str, word: &str, [one, many]: [&str; 2], count: usize) -> Result
     let from_first =
         usize::try_from(number).ok().and_then(|number| number.checked_sub(1)).filter(|place| *place < count);
     let from_last =
-        usize::try_from(number.unsigned_abs()).ok().filter(|_| number < 0).and_then(|back| count.checked_sub(back));
+        usize::try_from(number.unsigned_abs()).ok().filter(|_| number < 0).and_then(|back| before.checked_sub(back));
     from_first
         .or(from_last)
         .map(Some)

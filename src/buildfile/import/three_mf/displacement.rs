@@ -21,6 +21,8 @@ type ResourceId = (u32, u32);
 pub(super) struct Displacements {
     pub(super) maps: Vec<Map>,
     groups: HashMap<ResourceId, Group>,
+    /// The group that uses these vectors, if only one does.
+    users: HashMap<ResourceId, Option<ResourceId>>,
     vectors: HashMap<ResourceId, Vec<DVec3>>,
     map_numbers: HashMap<ResourceId, usize>,
     /// The group or the vectors to which the elements that follow belong.
@@ -166,6 +168,9 @@ impl Displacements {
         };
         let id = (part, required(element, "id")?);
         self.open = Some(id);
+        if let Some(vectors) = group.vectors {
+            self.users.entry((part, vectors)).and_modify(|user| *user = None).or_insert(Some(id));
+        }
         self.add(|all| all.groups.insert(id, group).is_some(), id)
     }
 
@@ -174,12 +179,9 @@ impl Displacements {
         if let Some(group) = self.groups.get(&(part, id)) {
             return Ok(((part, id), group));
         }
-        let mut users =
-            self.groups.iter().filter(|((in_part, _), group)| *in_part == part && group.vectors == Some(id));
-        match (users.next(), users.next()) {
-            (Some((id, group)), None) => Ok((*id, group)),
-            _ => Err(format!("did = {id}: there is no `disp2dgroup` of that id")),
-        }
+        let user = self.users.get(&(part, id)).copied().flatten();
+        let found = user.and_then(|user| Some((user, self.groups.get(&user)?)));
+        found.ok_or_else(|| format!("did = {id}: there is no `disp2dgroup` of that id"))
     }
 
     /// The group of a number that [`Displaced::group`] holds.

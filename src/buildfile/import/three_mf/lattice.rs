@@ -99,7 +99,8 @@ impl<'a> LatticeReader<'a, '_, '_> {
                 let id = required(element, "id").map_err(|problem| PackError::input(&self.place, problem))?;
                 open = self.open(id);
                 if let Some(open) = &open {
-                    self.collector.meshes.begin_solid(open.object.has_displacement);
+                    let has_relief = open.object.has_displacement && self.collector.meshes.takes_maps();
+                    self.collector.meshes.begin_solid(has_relief);
                 }
             } else if let Some(open) = &mut open {
                 self.element(open, element)?;
@@ -175,7 +176,8 @@ impl<'a> LatticeReader<'a, '_, '_> {
 
     /// How a triangle is displaced; `None` if it is not.
     fn displaced(&self, open: &Open<'_>, element: &Element) -> Result<Option<Displaced>, String> {
-        let Some(first) = optional(element, "d1")? else { return Ok(None) };
+        let first = optional(element, "d1")?.filter(|_| self.collector.meshes.takes_maps());
+        let Some(first) = first else { return Ok(None) };
         let corners = [first, optional(element, "d2")?.unwrap_or(first), optional(element, "d3")?.unwrap_or(first)];
         let group = displacement_group(element)?.or(open.group);
         let group = group.ok_or("d1, but neither it nor its mesh or object has a did")?;
@@ -194,10 +196,11 @@ impl<'a> LatticeReader<'a, '_, '_> {
         let wrong = |problem: &str| PackError::input(&self.place, problem);
         let group = self.structure.displacements.group_at(displaced.group).ok_or_else(|| wrong("a group is gone"))?;
         let map = *self.maps.get(displaced.map).ok_or_else(|| wrong("a map is gone"))?;
-        let [height_mm, offset_mm] = [group.height, group.offset].map(|length| length * open.unit_mm);
+        let [low_mm, high_mm] = [group.offset, group.offset + group.height].map(|length| length * open.unit_mm);
+        let [low_mm, high_mm] = self.collector.meshes.height_range([low_mm, high_mm]);
         let named = || place(self.structure, &self.place, open, None);
         let meshes = &mut self.collector.meshes;
-        let (number, turn) = meshes.placed_displacement(map, [height_mm, offset_mm], placed.matrix3, &named)?;
+        let (number, turn) = meshes.placed_displacement(map, [high_mm - low_mm, low_mm], placed.matrix3, &named)?;
         Ok(Face {
             directions: Some(vectors.map(|vector| turn * vector)),
             textures: Some(textures),

@@ -59,7 +59,11 @@ pub(super) fn import(
         collector.expect_triangles(structure.triangle_count(), progress)?;
     }
     collector.expect(structure.strut_count().saturating_sub(clipped.counts[0]), progress)?;
-    let maps = if options.lattice_only { Vec::new() } else { read_maps(&structure, &mut package, collector)? };
+    let maps = if options.lattice_only || !collector.meshes.takes_maps() {
+        Vec::new()
+    } else {
+        read_maps(&structure, options.memory_bytes, &mut package, collector)?
+    };
     // One more byte per vertex marks where balls of mode `all` belong.
     let vertex_limit = usize::try_from(options.memory_bytes).unwrap_or(usize::MAX) / (size_of::<DVec3>() + 1);
     let mut reader = LatticeReader {
@@ -106,6 +110,7 @@ pub(super) fn import(
 /// Reads the height maps of the displacements, and returns their numbers.
 fn read_maps(
     structure: &Structure,
+    memory_bytes: u64,
     package: &mut Package<'_>,
     collector: &mut Collector<'_>,
 ) -> Result<Vec<u16>, PackError> {
@@ -113,7 +118,7 @@ fn read_maps(
     let mut numbers = Vec::new();
     for Map { part, channel, tiles, is_nearest } in &structure.displacements.maps {
         let place = package.place(part);
-        let bytes = package.bytes(part)?;
+        let bytes = package.bytes(part, memory_bytes)?;
         numbers.push(collector.meshes.map(Cursor::new(bytes), *channel, *tiles, *is_nearest, &place)?);
     }
     Ok(numbers)

@@ -15,6 +15,7 @@ use super::part_name;
 use super::space::Space;
 use super::xml::{Xml, quote};
 use crate::buildfile::error::PackError;
+use crate::text::size_text;
 
 /// Largest ratio of the unpacked length of all parts to the length of the file: ten times that of the most regular lattices. Deflate
 /// itself reaches 1032.
@@ -157,15 +158,22 @@ impl<'a> Package<'a> {
     /// All bytes of a part that is no XML.
     ///
     /// # Errors
-    /// If the archive does not have the part, or it unpacks to too many bytes.
-    pub(super) fn bytes(&mut self, name: &str) -> Result<Vec<u8>, PackError> {
+    /// If the archive does not have the part, or it unpacks to more than `most_bytes`.
+    pub(super) fn bytes(&mut self, name: &str, most_bytes: u64) -> Result<Vec<u8>, PackError> {
         let wrong = |problem: String| PackError::input(self.path.display().to_string(), problem);
         let entry = self.names.entry(name).map_err(wrong)?;
         let opened = self.archive.by_index(entry);
         let input = opened.map_err(|error| wrong(format!("the package's part `{name}` cannot be read: {error}")))?;
         let mut bytes = Vec::new();
-        let read = Bounded { input, left_bytes: &mut self.left_bytes }.read_to_end(&mut bytes);
+        let mut bounded = Bounded { input, left_bytes: &mut self.left_bytes }.take(most_bytes.saturating_add(1));
+        let read = bounded.read_to_end(&mut bytes);
         read.map_err(|error| wrong(format!("the package's part `{name}` cannot be read: {error}")))?;
+        if bytes.len() as u64 > most_bytes {
+            let allowed = size_text(most_bytes);
+            return Err(wrong(format!(
+                "the package's part `{name}` takes more than the {allowed} that --memory allows; give more"
+            )));
+        }
         Ok(bytes)
     }
 

@@ -74,7 +74,7 @@ impl<E: Element> Sweep<E> {
             if high >= z && high > low {
                 if active.count() == *max_active {
                     return Err(SliceError::Damaged(format!(
-                        "one layer cuts more triangles than the {max_active} that the profile of the build file states"
+                        "one layer cuts more triangles or patches than the {max_active} that the profile of the build file states"
                     )));
                 }
                 active.add(kept, rows.reached(y));
