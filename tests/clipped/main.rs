@@ -10,7 +10,6 @@ mod pack_bench;
 mod properties;
 mod regions;
 #[path = "../surface/shapes.rs"]
-#[allow(dead_code, reason = "only some of it is used here")]
 mod shapes;
 #[path = "../slice_part/mod.rs"]
 mod slice_part;
@@ -26,9 +25,9 @@ use layerd::buildfile::{
     Writer, WriterSettings,
 };
 use layerd::layer::{Bitmap, Depth, Mirror, Raster};
-use layerd::slice::{BodySource, MemoryStruts, MemoryTriangles, SlicePlan, Slicer};
-use layerd::stream::MemoryBudget;
+use layerd::slice::{BodySource, MemoryStruts, MemoryTriangles, SlicePlan};
 use shapes::Mesh;
+use slice_part::sliced;
 
 const PIXEL_UM: [f64; 2] = [20.0, 24.0];
 
@@ -129,22 +128,6 @@ impl Packed {
     fn layers(&self, plan: &SlicePlan, threads: usize, first: u32) -> Vec<Bitmap> {
         sliced(|| BodySource::of(&self.file), plan, threads, first)
     }
-}
-
-/// The layers of bodies from `first` on.
-fn sliced(bodies: impl Fn() -> Vec<BodySource>, plan: &SlicePlan, threads: usize, first: u32) -> Vec<Bitmap> {
-    let memory = Slicer::memory_bytes(&bodies(), plan, threads);
-    let budget = MemoryBudget::new(memory);
-    let mut slicer = Slicer::new(bodies(), plan.clone(), threads, first, &budget).expect("a slicer");
-    assert_eq!(budget.used_bytes(), memory, "what was stated is charged");
-    let mut layers = Vec::new();
-    let mut bitmap = Bitmap::new(plan.raster.width_px, plan.raster.height_px, plan.depth);
-    // What the bitmap held must not show through.
-    bitmap.data_mut().fill(0xa5);
-    while slicer.next_layer(&mut bitmap).expect("a layer").is_some() {
-        layers.push(bitmap.clone());
-    }
-    layers
 }
 
 fn is_lit(bitmap: &Bitmap) -> bool {

@@ -1,28 +1,11 @@
 //! Clips in build files that do not make sense, and what damage does to them.
 
-use std::sync::Arc;
+use layerd::buildfile::{Blend, BodySettings, Keeps, Placement, WriteError, Writer, WriterSettings};
+use layerd::layer::{Depth, Mirror};
 
-use layerd::buildfile::{Blend, BodySettings, BuildFile, Keeps, Placement, WriteError, Writer, WriterSettings};
-use layerd::layer::{Bitmap, Depth, Mirror};
-use layerd::slice::{BodySource, Slicer};
-use layerd::stream::MemoryBudget;
-
+use crate::Clipped;
 use crate::shapes::ball;
-use crate::slice_part::strut;
-use crate::{Clipped, Packed};
-
-/// Opens, verifies and draws a file; says what went wrong.
-fn drawn(path: &std::path::Path, whole: &Packed) -> Result<(), String> {
-    let file = Arc::new(BuildFile::open(path).map_err(|error| error.to_string())?);
-    file.verify().map_err(|error| error.to_string())?;
-    let plan = whole.plan(Depth::Grey, Mirror::default(), 50.0);
-    let bodies = BodySource::of(&file);
-    let budget = MemoryBudget::new(Slicer::memory_bytes(&bodies, &plan, 1));
-    let mut slicer = Slicer::new(bodies, plan.clone(), 1, 0, &budget).map_err(|error| error.to_string())?;
-    let mut bitmap = Bitmap::new(plan.raster.width_px, plan.raster.height_px, plan.depth);
-    while slicer.next_layer(&mut bitmap).map_err(|error| error.to_string())?.is_some() {}
-    Ok(())
-}
+use crate::slice_part::{drawn, strut};
 
 #[test]
 fn damage_never_crashes_and_lies_are_refused() {
@@ -31,6 +14,7 @@ fn damage_never_crashes_and_lies_are_refused() {
     let whole = whole.expect("something is left");
     let bytes = std::fs::read(whole.file.path()).expect("it is there");
     let path = whole.file.path().with_file_name("damaged.layerd");
+    let plan = whole.plan(Depth::Grey, Mirror::default(), 50.0);
     let length = u32::from_le_bytes([bytes[12], bytes[13], bytes[14], bytes[15]]) as usize;
     let changed = |at: usize, change: u8| {
         let mut changed = bytes.clone();
@@ -38,7 +22,7 @@ fn damage_never_crashes_and_lies_are_refused() {
         let crc = crc32fast::hash(&changed[20..20 + length]);
         changed[16..20].copy_from_slice(&crc.to_le_bytes());
         std::fs::write(&path, &changed).expect("can be written");
-        drawn(&path, &whole)
+        drawn(&path, &plan)
     };
     changed(0, 0).expect("it is whole");
     for at in 0..length {
@@ -56,7 +40,7 @@ fn damage_never_crashes_and_lies_are_refused() {
     changed(clip + 56, 1).expect_err("a wrong count");
     for at in (0..bytes.len()).step_by(7) {
         std::fs::write(&path, &bytes[..at]).expect("can be written");
-        drawn(&path, &whole).expect_err("a file that is cut short is found");
+        drawn(&path, &plan).expect_err("a file that is cut short is found");
     }
 }
 

@@ -2,14 +2,14 @@
 
 use layerd::buildfile::{BuildFile, PackReport, Triangle};
 use layerd::layer::{Bitmap, Depth, Mirror, Raster};
-use layerd::slice::{BodySource, SlicePlan, Slicer};
-use layerd::stream::MemoryBudget;
+use layerd::slice::{BodySource, SlicePlan};
 use proptest::prelude::*;
 
 use std::collections::HashMap;
 use std::sync::Arc;
 
 use crate::pack_bench::Bench;
+use crate::slice_part::sliced;
 use crate::stl::binary;
 use crate::{BOX, cuboid, packed, properties, said, volume_mm3};
 
@@ -75,12 +75,7 @@ fn layers(bench: &Bench) -> (SlicePlan, Vec<Bitmap>) {
         mirror: Mirror::default(),
     };
     let plan = SlicePlan::new(file.header(), raster, Depth::Bit, PIXEL_UM).expect("it fits");
-    let budget = MemoryBudget::new(Slicer::memory_bytes(&BodySource::of(&file), &plan, 1));
-    let mut slicer = Slicer::new(BodySource::of(&file), plan.clone(), 1, 0, &budget).expect("a slicer");
-    let (mut layers, mut bitmap) = (Vec::new(), Bitmap::new(SIDE, SIDE, Depth::Bit));
-    while slicer.next_layer(&mut bitmap).expect("a layer").is_some() {
-        layers.push(bitmap.clone());
-    }
+    let layers = sliced(|| BodySource::of(&file), &plan, 1, 0);
     (plan, layers)
 }
 

@@ -12,6 +12,8 @@ mod ply;
 mod properties;
 #[path = "../skip/mod.rs"]
 mod skip;
+#[path = "../slice_part/mod.rs"]
+mod slice_part;
 mod stl;
 mod three_mf;
 

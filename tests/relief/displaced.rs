@@ -89,11 +89,7 @@ fn a_tessellation_that_is_displaced_itself_comes_nearer_as_it_is_refined() {
     for fine in [2, 4, 6] {
         let theirs = Part::new(&top(fine), &PLAIN);
         let mut off = 0_u64;
-        let their_layers = {
-            let mut their_plan = plan.clone();
-            their_plan.layer_count = plan.layer_count.min(their_plan.layer_count);
-            theirs.layers(&their_plan, 2, 0)
-        };
+        let their_layers = theirs.layers(&plan, 2, 0);
         for (number, (a, b)) in layers.iter().zip(&their_layers).enumerate() {
             for (x, y) in pixels(&plan) {
                 let at = point_mm(&plan, x, y, number);
@@ -138,8 +134,7 @@ fn wild_displacement_leaves_no_streaks() {
         (Tile::Clamp, [1.0, 2.0, 3.0]),
         (Tile::Nothing, [0.0; 3]),
     ] {
-        let object = cuboid(SIZE).divided(1).mapped(|corner| corner.at);
-        let mut scaled = object;
+        let mut scaled = cuboid(SIZE).divided(1);
         scaled
             .triangles
             .iter_mut()

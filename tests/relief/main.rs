@@ -23,11 +23,10 @@ use std::sync::Arc;
 use glam::DVec3;
 use layerd::buildfile::{BuildFile, DisplacementOptions, PackError, PackReport, Tile, pack};
 use layerd::layer::{Bitmap, Depth, Mirror, Raster};
-use layerd::slice::{BodySource, SlicePlan, Slicer};
-use layerd::stream::MemoryBudget;
+use layerd::slice::{BodySource, SlicePlan};
 use objects::Object;
 use pack_bench::Bench;
-use slice_part::lit;
+use slice_part::{lit, sliced};
 
 /// A printer: pixels of 50 × 40 µm, layers of 30 µm.
 const PIXEL_UM: [f64; 2] = [50.0, 40.0];
@@ -125,17 +124,7 @@ impl Part {
     }
 
     fn layers(&self, plan: &SlicePlan, threads: usize, first: u32) -> Vec<Bitmap> {
-        let bodies = || BodySource::of(&self.file);
-        let memory = Slicer::memory_bytes(&bodies(), plan, threads);
-        let budget = MemoryBudget::new(memory);
-        let mut slicer = Slicer::new(bodies(), plan.clone(), threads, first, &budget).expect("a slicer");
-        assert_eq!(budget.used_bytes(), memory, "what was stated is charged");
-        let mut layers = Vec::new();
-        let mut bitmap = Bitmap::new(plan.raster.width_px, plan.raster.height_px, plan.depth);
-        while slicer.next_layer(&mut bitmap).expect("a layer").is_some() {
-            layers.push(bitmap.clone());
-        }
-        layers
+        sliced(|| BodySource::of(&self.file), plan, threads, first)
     }
 
     /// Compares each pixel of each layer with `inside`, which returns by how many millimetres a point lies inside, about. Returns the

@@ -1,11 +1,9 @@
 //! Build files with relief: their size, and what damage does to them.
 
-use layerd::buildfile::BuildFile;
-use layerd::layer::{Bitmap, Depth};
-use layerd::slice::{BodySource, Slicer};
-use layerd::stream::MemoryBudget;
+use layerd::layer::Depth;
 
 use crate::objects::cuboid;
+use crate::slice_part::drawn;
 use crate::{PLAIN, Part, Recipe, map};
 
 fn noisy() -> Vec<u8> {
@@ -20,24 +18,6 @@ fn a_mesh_of_12_triangles_takes_little_more_than_its_map() {
     assert!(bytes as f64 <= 1.2 * png.len() as f64, "{bytes} bytes for a map of {}", png.len());
 }
 
-/// Opens, verifies and draws a file; says what went wrong.
-fn drawn(path: &std::path::Path, part: &Part) -> Result<(), String> {
-    let file = BuildFile::open(path).map_err(|error| error.to_string())?;
-    let file = std::sync::Arc::new(file);
-    let verified = file.verify().map_err(|error| error.to_string());
-    let plan = part.plan(Depth::Bit);
-    let bodies = BodySource::of(&file);
-    let memory = Slicer::memory_bytes(&bodies, &plan, 1);
-    if memory > 1 << 30 {
-        return Err("it states that it needs very much memory".into());
-    }
-    let budget = MemoryBudget::new(memory);
-    let mut slicer = Slicer::new(bodies, plan.clone(), 1, 0, &budget).map_err(|error| error.to_string())?;
-    let mut bitmap = Bitmap::new(plan.raster.width_px, plan.raster.height_px, plan.depth);
-    while slicer.next_layer(&mut bitmap).map_err(|error| error.to_string())?.is_some() {}
-    verified
-}
-
 #[test]
 fn damage_is_found_and_never_crashes() {
     let png = noisy();
@@ -45,9 +25,10 @@ fn damage_is_found_and_never_crashes() {
     let bytes = std::fs::read(part.file.path()).expect("it is there");
     let directory = tempfile::tempdir().expect("temporary directory");
     let path = directory.path().join("damaged.layerd");
+    let plan = part.plan(Depth::Bit);
     let check = |bytes: &[u8]| {
         std::fs::write(&path, bytes).expect("can be written");
-        drawn(&path, &part)
+        drawn(&path, &plan)
     };
     check(&bytes).expect("it is whole");
     let step = bytes.len() / 300;

@@ -1,7 +1,10 @@
 //! A part in memory on a small raster, sliced layer after layer.
 #![allow(dead_code, unreachable_pub, reason = "each test file uses its part")]
 
-use layerd::buildfile::{Blend, BodyHeader, Bounds, Cap, Caps, Header, Lattice, Placement, Strut};
+use std::path::Path;
+use std::sync::Arc;
+
+use layerd::buildfile::{Blend, BodyHeader, Bounds, BuildFile, Cap, Caps, Header, Lattice, Placement, Strut};
 use layerd::layer::{Bitmap, Depth, Mirror, Raster};
 use layerd::slice::{BodySource, MemoryStruts, SlicePlan, Slicer};
 use layerd::solid::{Beam, InstructionSet};
@@ -132,6 +135,40 @@ impl Part {
         let [x0, y0] = self.plan.origin_um;
         [x0 + f64::from(x) * dx, y0 + f64::from(y) * dy, self.plan.layer_z_um(layer as u32)]
     }
+}
+
+/// The layers of bodies from `first` on, in just the memory that they state.
+pub fn sliced(bodies: impl Fn() -> Vec<BodySource>, plan: &SlicePlan, threads: usize, first: u32) -> Vec<Bitmap> {
+    let memory = Slicer::memory_bytes(&bodies(), plan, threads);
+    let budget = MemoryBudget::new(memory);
+    let mut slicer = Slicer::new(bodies(), plan.clone(), threads, first, &budget).expect("a slicer");
+    assert_eq!(budget.used_bytes(), memory, "what was stated is charged");
+    let mut layers = Vec::new();
+    let mut bitmap = Bitmap::new(plan.raster.width_px, plan.raster.height_px, plan.depth);
+    // What the bitmap held must not show through.
+    bitmap.data_mut().fill(0xa5);
+    while slicer.next_layer(&mut bitmap).expect("a layer").is_some() {
+        layers.push(bitmap.clone());
+    }
+    layers
+}
+
+/// Opens, verifies and draws a build file that may be damaged; says what went wrong first.
+///
+/// # Errors
+/// A text.
+pub fn drawn(path: &Path, plan: &SlicePlan) -> Result<(), String> {
+    /// A file may state that it needs more, and is refused then.
+    const MOST_BYTES: u64 = 1 << 30;
+    let file = Arc::new(BuildFile::open(path).map_err(|error| error.to_string())?);
+    let verified = file.verify().map_err(|error| error.to_string());
+    let bodies = BodySource::of(&file);
+    let budget = MemoryBudget::new(Slicer::memory_bytes(&bodies, plan, 1).min(MOST_BYTES));
+    // Even of a file that lies.
+    let mut slicer = Slicer::new(bodies, plan.clone(), 1, 0, &budget).map_err(|error| error.to_string())?;
+    let mut bitmap = Bitmap::new(plan.raster.width_px, plan.raster.height_px, plan.depth);
+    while slicer.next_layer(&mut bitmap).map_err(|error| error.to_string())?.is_some() {}
+    verified
 }
 
 pub fn lit(bitmap: &Bitmap, x: u32, y: u32) -> bool {

@@ -12,10 +12,9 @@ mod slice_part;
 
 use layerd::buildfile::{BodyHeader, Header, Placement, Surface, Triangle};
 use layerd::layer::{Bitmap, Depth, Mirror, Raster};
-use layerd::slice::{BodySource, MemoryTriangles, SlicePlan, Slicer};
-use layerd::stream::MemoryBudget;
+use layerd::slice::{BodySource, MemoryTriangles, SlicePlan};
 use shapes::Mesh;
-use slice_part::lit;
+use slice_part::{lit, sliced};
 
 const WIDTH: u32 = 120;
 const HEIGHT: u32 = 90;
@@ -61,16 +60,7 @@ impl Part {
 
     /// All layers from `first` on.
     fn layers(&self, threads: usize, first: u32) -> Vec<Bitmap> {
-        let memory = Slicer::memory_bytes(&self.bodies(), &self.plan, threads);
-        let budget = MemoryBudget::new(memory);
-        let mut slicer = Slicer::new(self.bodies(), self.plan.clone(), threads, first, &budget).expect("a slicer");
-        assert_eq!(budget.used_bytes(), memory, "what was stated is charged");
-        let mut layers = Vec::new();
-        let mut bitmap = Bitmap::new(WIDTH, HEIGHT, self.plan.depth);
-        while slicer.next_layer(&mut bitmap).expect("a layer").is_some() {
-            layers.push(bitmap.clone());
-        }
-        layers
+        sliced(|| self.bodies(), &self.plan, threads, first)
     }
 
     /// The centre of a pixel in the middle of a layer, micrometres.

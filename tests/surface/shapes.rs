@@ -1,5 +1,7 @@
 //! Meshes with formulas. Lengths are micrometres.
 
+#![allow(dead_code, reason = "each test program uses a part of it")]
+
 use glam::{DMat3, DVec3};
 use layerd::buildfile::{QUANTUM_FRACTIONS, Triangle};
 
