@@ -34,8 +34,7 @@ pub(super) fn pixels(
     budget: &MemoryBudget,
 ) -> Result<Box<dyn PixelBody>, SliceError> {
     let charge = budget.charge(WHAT, pixels_memory_bytes(plan, threads))?;
-    let band = || vec![0_u8; pixels_band(plan)];
-    let bands = (0..threads).map(|_| [band(), band()]).collect();
+    let bands = bands(threads, pixels_band(plan));
     Ok(Box::new(Clipped { lattice, keeps, clip, bands, _charge: charge }))
 }
 
@@ -52,9 +51,13 @@ pub(super) fn field(
     budget: &MemoryBudget,
 ) -> Result<Box<dyn FieldBody>, SliceError> {
     let charge = budget.charge(WHAT, field_memory_bytes(plan, threads))?;
-    let band = || vec![0_f32; field_band(plan)];
-    let bands = (0..threads).map(|_| [band(), band()]).collect();
+    let bands = bands(threads, field_band(plan));
     Ok(Box::new(Clipped { lattice, keeps, clip, bands, _charge: charge }))
+}
+
+/// Two bands of so many elements for each thread.
+fn bands<T: Clone + Default>(threads: usize, length: usize) -> Vec<[Vec<T>; 2]> {
+    (0..threads).map(|_| [(); 2].map(|()| vec![T::default(); length])).collect()
 }
 
 const WHAT: &str = "the bands of clipped lattices";
@@ -104,13 +107,22 @@ struct ClippedBrush<'a, B: ?Sized, T> {
     bands: &'a mut [Vec<T>; 2],
 }
 
+/// The brushes of all threads, from those of lattice and surface.
+fn brushes<'a, B: ?Sized, T>(
+    lattice: Vec<Box<B>>,
+    keeps: Keeps,
+    clip: Vec<Box<B>>,
+    bands: &'a mut [[Vec<T>; 2]],
+) -> impl Iterator<Item = ClippedBrush<'a, B, T>> {
+    let both = lattice.into_iter().zip(clip).zip(bands);
+    both.map(move |((lattice, clip), bands)| ClippedBrush { lattice, keeps, clip, bands })
+}
+
 impl PixelBody for Clipped<dyn PixelBody, u8> {
     fn brushes(&mut self, cut: &Cut) -> Vec<Box<dyn Brush + '_>> {
-        let both = self.lattice.brushes(cut).into_iter().zip(self.clip.brushes(cut));
-        let brush = |((lattice, clip), bands)| {
-            Box::new(ClippedBrush { lattice, keeps: self.keeps, clip, bands }) as Box<dyn Brush>
-        };
-        both.zip(&mut self.bands).map(brush).collect()
+        let Self { lattice, keeps, clip, bands, .. } = self;
+        let brushes = brushes(lattice.brushes(cut), *keeps, clip.brushes(cut), bands);
+        brushes.map(|brush| Box::new(brush) as Box<dyn Brush>).collect()
     }
 }
 
@@ -142,11 +154,9 @@ impl Brush for ClippedBrush<'_, dyn Brush + '_, u8> {
 
 impl FieldBody for Clipped<dyn FieldBody, f32> {
     fn brushes(&mut self, cut: &Cut) -> Vec<Box<dyn FieldBrush + '_>> {
-        let both = self.lattice.brushes(cut).into_iter().zip(self.clip.brushes(cut));
-        let brush = |((lattice, clip), bands)| {
-            Box::new(ClippedBrush { lattice, keeps: self.keeps, clip, bands }) as Box<dyn FieldBrush>
-        };
-        both.zip(&mut self.bands).map(brush).collect()
+        let Self { lattice, keeps, clip, bands, .. } = self;
+        let brushes = brushes(lattice.brushes(cut), *keeps, clip.brushes(cut), bands);
+        brushes.map(|brush| Box::new(brush) as Box<dyn FieldBrush>).collect()
     }
 }
 
