@@ -1,4 +1,4 @@
-//! The lowest solid point of unions, surfaces and reliefs, exact. `writer` and `reader` pass all struts and triangles through it.
+//! The lowest solid point of unions and surfaces, exact, and of reliefs as `relief` finds it. `writer` and `reader` pass all struts and triangles through it.
 
 use crate::buildfile::model::{QUANTUM_FRACTIONS, Strut, Triangle};
 use crate::solid::lowest_z;
