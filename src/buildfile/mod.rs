@@ -50,5 +50,5 @@ pub use relief::{
 pub(crate) use store::MAP_DECODING_BYTES;
 pub(crate) use store::{BEGINNING_BYTES, MAX_CHUNK_PRIMITIVES, check_beginning};
 pub use store::{
-    BodySettings, BuildFile, BuildFileError, ChunkEntry, ReliefSettings, WriteError, Writer, WriterSettings,
+    BodySettings, BuildFile, BuildFileError, ChunkEntry, ReliefMap, ReliefSettings, WriteError, Writer, WriterSettings,
 };

@@ -130,7 +130,7 @@ impl Body {
         match self {
             Self::Lattice(lattice) => lattice.count,
             Self::Surface(surface) | Self::Clip { surface, .. } => surface.count,
-            Self::Relief(relief) => relief.count,
+            Self::Relief(relief) => relief.patches.len() as u64,
         }
     }
 
@@ -236,11 +236,9 @@ impl Writing<'_> {
         Ok(())
     }
 
-    /// Writes the patches in order.
+    /// Writes the patches, which are in order.
     fn relief(&mut self, relief: CollectedRelief) -> Result<(), PackError> {
-        let mut report = |done, total| (self.progress)(PackProgress::Joining { done, total });
-        for patch in sort::finish(vec![relief.sorter], &mut report).map_err(self.sort_error)? {
-            let patch = patch.map_err(self.sort_error)?;
+        for patch in relief.patches {
             self.step();
             self.writer.push_patch(patch)?;
         }

@@ -104,7 +104,7 @@ impl<'a> Collector<'a> {
         self.check_space(progress)
     }
 
-    /// As [`Collector::expect`], of triangles.
+    /// As [`Collector::expect`], of triangles. Those with relief are held in memory.
     ///
     /// # Errors
     /// As [`Collector::expect`].
@@ -113,6 +113,9 @@ impl<'a> Collector<'a> {
         triangles: u64,
         progress: &mut dyn FnMut(PackProgress),
     ) -> Result<(), PackError> {
+        if self.meshes.is_relief() {
+            return Ok(());
+        }
         self.expected[1] = self.expected[1].saturating_add(triangles);
         self.check_space(progress)
     }

@@ -28,9 +28,9 @@ pub(super) struct Meshes<'a> {
 }
 
 impl<'a> Meshes<'a> {
-    /// Flat triangles, and those with relief, may take `memory_bytes` each. They are sorted in `directory` if they do not fit.
+    /// Flat triangles, and those with relief, may take `memory_bytes` each. Flat ones are sorted in `directory` if they do not fit.
     pub(super) fn new(rules: &'a Rules, options: &PackOptions, memory_bytes: u64, directory: &Path) -> Self {
-        let relief = ReliefLane::new(rules, &options.relief, memory_bytes, directory);
+        let relief = ReliefLane::new(rules, &options.relief, memory_bytes);
         Self {
             rules,
             options: options.relief.clone(),
@@ -194,7 +194,7 @@ impl<'a> Meshes<'a> {
     /// All triangles. Adds notes for the operator.
     ///
     /// # Errors
-    /// If a displaced triangle reaches too far, or the temporary file cannot be written.
+    /// If a displaced triangle reaches too far.
     pub(super) fn finish(
         mut self,
         notes: &mut Vec<String>,

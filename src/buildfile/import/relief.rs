@@ -2,7 +2,6 @@
 //! source has been read: only then are normals, seams and the length of a texel known. `collect` has one.
 
 use std::io::{BufRead, Seek};
-use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use glam::{DMat3, DVec3};
@@ -18,8 +17,7 @@ use crate::buildfile::relief::{
     Corner, Displacement, FACTOR_FRACTIONS, MapHeader, Patch, Relief, ReliefShape, TEXTURE_FRACTIONS, Tile,
     whole_bounds,
 };
-use crate::buildfile::sort::Sorter;
-use crate::buildfile::store::{ReliefSettings, encode_map};
+use crate::buildfile::store::{ReliefMap, ReliefSettings, encode_map};
 use crate::solid::HeightMap;
 use crate::text::{count_text, size_text};
 
@@ -63,7 +61,6 @@ pub(super) struct ReliefLane<'a> {
     is_curved: bool,
     shell_mm: Option<f64>,
     memory_bytes: u64,
-    directory: PathBuf,
     patches: Vec<Patch>,
     /// Where the patches of each finished solid end.
     ends: Vec<usize>,
@@ -84,8 +81,8 @@ struct Map {
 
 /// The patches of all sources.
 pub(in crate::buildfile) struct CollectedRelief {
-    pub(in crate::buildfile) sorter: Sorter<Patch>,
-    pub(in crate::buildfile) count: u64,
+    /// In order.
+    pub(in crate::buildfile) patches: Vec<Patch>,
     pub(in crate::buildfile) settings: ReliefSettings,
 }
 
@@ -97,14 +94,13 @@ const BYTES_PER_PATCH: u64 = size_of::<Patch>() as u64
 const BARE: Corner = Corner { at: [0; 3], direction: [0; 3], texture: [0; 2], factor: 0 };
 
 impl<'a> ReliefLane<'a> {
-    /// A lane that takes up to `memory_bytes`; patches are sorted in `directory` if they do not fit.
-    pub(super) fn new(rules: &'a Rules, options: &ReliefOptions, memory_bytes: u64, directory: &Path) -> Self {
+    /// A lane that takes up to `memory_bytes`.
+    pub(super) fn new(rules: &'a Rules, options: &ReliefOptions, memory_bytes: u64) -> Self {
         Self {
             rules,
             is_curved: options.is_curved,
             shell_mm: options.shell_mm,
             memory_bytes,
-            directory: directory.into(),
             patches: Vec::new(),
             ends: Vec::new(),
             solid: SolidCheck::default(),
@@ -230,7 +226,7 @@ impl<'a> ReliefLane<'a> {
     /// All patches; `None` if there are none. Adds notes for the operator.
     ///
     /// # Errors
-    /// If a patch reaches too far, a map cannot be encoded, or the temporary file cannot be written.
+    /// If a patch reaches too far, or a map cannot be encoded.
     pub(super) fn finish(mut self, notes: &mut Vec<String>) -> Result<Option<CollectedRelief>, PackError> {
         if self.patches.is_empty() {
             return Ok(None);
@@ -246,10 +242,8 @@ impl<'a> ReliefLane<'a> {
         let shell_um = self.shell_mm.map_or(0.0, |shell_mm| shell_mm * 1000.0);
         let displacements = std::mem::take(&mut self.displacements);
         let settings = ReliefSettings { is_curved, shell_um, displacements, maps };
-        let relief = settings.header();
-        let sorter = self.sorted(&relief)?;
-        let count = self.patches.len() as u64;
-        Ok(Some(CollectedRelief { sorter, count, settings }))
+        self.sort(&settings.header())?;
+        Ok(Some(CollectedRelief { patches: self.patches, settings }))
     }
 
     /// Whether normals curve any patch.
@@ -278,7 +272,7 @@ impl<'a> ReliefLane<'a> {
     }
 
     /// The maps as they are stored.
-    fn encoded_maps(&mut self) -> Result<Vec<(MapHeader, Vec<u8>)>, PackError> {
+    fn encoded_maps(&self) -> Result<Vec<ReliefMap>, PackError> {
         let mut encoded = Vec::new();
         for (number, Map { size, tiles, is_nearest, texels }) in self.maps.iter().enumerate() {
             let texel_um = self.texel_um(number, *size);
@@ -293,7 +287,7 @@ impl<'a> ReliefLane<'a> {
                 bytes: u32::try_from(bytes.len()).map_err(|_| PackError::input("a height map", "it is too large"))?,
                 crc: crc32fast::hash(&bytes),
             };
-            encoded.push((header, bytes));
+            encoded.push(ReliefMap { header, png: bytes.into() });
         }
         Ok(encoded)
     }
@@ -317,8 +311,8 @@ impl<'a> ReliefLane<'a> {
         if length_um.is_finite() && length_um > 0.0 { length_um } else { COARSEST_TEXEL_UM }
     }
 
-    /// The patches with their bounds, in order.
-    fn sorted(&mut self, relief: &Relief) -> Result<Sorter<Patch>, PackError> {
+    /// Gives all patches their bounds, and puts them in order.
+    fn sort(&mut self, relief: &Relief) -> Result<(), PackError> {
         let maps = self.maps.iter_mut().map(|Map { size, tiles, is_nearest, texels }| {
             let size = size.map(|count| count as usize);
             Arc::new(HeightMap::new(size, *tiles, *is_nearest, std::mem::take(texels)))
@@ -326,26 +320,22 @@ impl<'a> ReliefLane<'a> {
         let maps: Vec<_> = maps.collect();
         let shape =
             relief.shape(&maps, self.rules.quantum_um()).map_err(|problem| PackError::input("the relief", problem))?;
-        let mut sorter = Sorter::new(&self.directory, self.memory_bytes / 4);
-        for patch in &self.patches {
-            let patch = Patch { z: self.z_range(patch, relief, &shape)?, ..*patch };
-            let pushed = sorter.push(patch);
-            pushed.map_err(|source| PackError::Sort { directory: self.directory.clone(), source })?;
+        for patch in &mut self.patches {
+            patch.z = z_range(patch, relief, &shape, self.rules)?;
         }
-        Ok(sorter)
+        self.patches.sort_unstable();
+        Ok(())
     }
+}
 
-    fn z_range(&self, patch: &Patch, relief: &Relief, shape: &ReliefShape) -> Result<[i32; 2], PackError> {
-        let bounds = shape.bounds(patch, relief.coarsest(patch));
-        whole_bounds(bounds, 1.0).map(|bounds| [bounds.min[2], bounds.max[2]]).ok_or_else(|| {
-            let [x, y, z] = self.rules.source_mm(patch.corners[0].at);
-            let place = format!("the triangle at {x:.3}, {y:.3}, {z:.3} mm");
-            PackError::input(
-                place,
-                "displaced, it is too far from the origin; check the height, or use a larger --quantum",
-            )
-        })
-    }
+fn z_range(patch: &Patch, relief: &Relief, shape: &ReliefShape, rules: &Rules) -> Result<[i32; 2], PackError> {
+    let bounds = shape.bounds(patch, relief.coarsest(patch));
+    whole_bounds(bounds, 1.0).map(|bounds| [bounds.min[2], bounds.max[2]]).ok_or_else(|| {
+        let [x, y, z] = rules.source_mm(patch.corners[0].at);
+        let place = format!("the triangle at {x:.3}, {y:.3}, {z:.3} mm");
+        let problem = "displaced, it is too far from the origin; check the height, or use a larger --quantum";
+        PackError::input(place, problem)
+    })
 }
 
 /// Texture coordinates as a build file holds them.

@@ -1,6 +1,6 @@
 //! What a body is made of, as sorting and chunks see it: values of a fixed size, ordered by their lowest z.
 //!
-//! `sort` and `store` are generic over [`Primitive`]. A new kind of body brings a key to sort by and columns to store; the external
+//! `store` is generic over [`Primitive`], `sort` over [`Sortable`]. A new kind of body brings a key to sort by and columns to store; the external
 //! sort, compression, the index and reading stay as they are. Struts ([`strut`]), triangles ([`triangle`]) and patches ([`patch`]) are such primitives. The unit
 //! tests in `sort` and `store/chunker.rs` show how they are used.
 
@@ -19,9 +19,6 @@ pub(super) use triangle::EXPECTED_TRIANGLE_BYTES;
 
 /// One element of a body, in quanta.
 pub(super) trait Primitive: Copy + Debug + Send + 'static {
-    /// The element as the sort keeps it. Keys are ordered as the primitives are in a file: by lowest z first.
-    type Key: Key;
-
     /// What the header says of a body of these primitives.
     type Body;
 
@@ -31,12 +28,6 @@ pub(super) trait Primitive: Copy + Debug + Send + 'static {
 
     /// Bytes of [`Scratch`] for each primitive of a chunk while [`Primitive::decode`] reads it.
     const SCRATCH_BYTES: usize;
-
-    /// The key, from which [`Primitive::of_key`] makes the same primitive again.
-    fn key(&self) -> Self::Key;
-
-    /// The primitive of a key.
-    fn of_key(key: &Self::Key) -> Self;
 
     /// Lowest and highest z of the points that define it.
     fn z_range(&self) -> [i32; 2];
@@ -60,6 +51,18 @@ pub(super) trait Primitive: Copy + Debug + Send + 'static {
         scratch: &mut Scratch,
         out: &mut Vec<Self>,
     ) -> Result<(), String>;
+}
+
+/// A primitive of which there may be more than fit memory.
+pub(super) trait Sortable: Primitive {
+    /// The primitive as the sort keeps it. Keys are ordered as the primitives are in a file: by lowest z first.
+    type Key: Key;
+
+    /// The key, from which [`Sortable::of_key`] makes the same primitive again.
+    fn key(&self) -> Self::Key;
+
+    /// The primitive of a key.
+    fn of_key(key: &Self::Key) -> Self;
 }
 
 /// A primitive as a record of the external sort, in memory and in temporary files.

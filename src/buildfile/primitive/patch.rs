@@ -7,9 +7,9 @@
 //! ```
 //! All but displacement, seams and height are in zigzag.
 
+use super::Primitive;
 use super::columns::{self, Scratch, Unpacked};
 use super::corners::{self, CORNER_COLUMNS, Corners};
-use super::{Key, Primitive};
 use crate::buildfile::model::Bounds;
 use crate::buildfile::relief::{Corner, FACTOR_FRACTIONS, Patch, Relief};
 
@@ -25,66 +25,11 @@ pub(in crate::buildfile) const EXPECTED_PATCH_BYTES: u64 = 80;
 /// A factor of 1.
 const ONE: i32 = FACTOR_FRACTIONS as i32;
 
-impl Key for Patch {
-    const BYTES: usize = 136;
-
-    const END: Self = Self {
-        z: [i32::MAX; 2],
-        corners: [Corner { at: [i64::MAX; 3], direction: [i16::MAX; 3], texture: [i32::MAX; 2], factor: i32::MAX }; 3],
-        displacement: u8::MAX,
-        seams: u8::MAX,
-    };
-
-    fn append_to(self, bytes: &mut Vec<u8>) {
-        self.z.iter().for_each(|z| bytes.extend_from_slice(&z.to_le_bytes()));
-        for Corner { at, direction, texture, factor } in self.corners {
-            at.iter().for_each(|at| bytes.extend_from_slice(&at.to_le_bytes()));
-            direction.iter().for_each(|part| bytes.extend_from_slice(&part.to_le_bytes()));
-            texture.iter().for_each(|at| bytes.extend_from_slice(&at.to_le_bytes()));
-            bytes.extend_from_slice(&factor.to_le_bytes());
-        }
-        bytes.extend_from_slice(&[self.displacement, self.seams]);
-    }
-
-    fn from_bytes(bytes: &[u8]) -> Self {
-        let mut rest = bytes;
-        let z = [take(&mut rest, i32::from_le_bytes), take(&mut rest, i32::from_le_bytes)];
-        let corners = [(); 3].map(|()| Corner {
-            at: [(); 3].map(|()| take(&mut rest, i64::from_le_bytes)),
-            direction: [(); 3].map(|()| take(&mut rest, i16::from_le_bytes)),
-            texture: [(); 2].map(|()| take(&mut rest, i32::from_le_bytes)),
-            factor: take(&mut rest, i32::from_le_bytes),
-        });
-        let [displacement, seams] = [take(&mut rest, u8::from_le_bytes), take(&mut rest, u8::from_le_bytes)];
-        assert!(rest.is_empty(), "a record of {} bytes", bytes.len());
-        Self { z, corners, displacement, seams }
-    }
-}
-
-/// The number at the front of `bytes`, which are shortened by it.
-///
-/// # Panics
-/// If there are too few.
-fn take<T, const N: usize>(bytes: &mut &[u8], number: fn([u8; N]) -> T) -> T {
-    let (first, rest) = bytes.split_first_chunk().expect("a record is never cut short");
-    *bytes = rest;
-    number(*first)
-}
-
 impl Primitive for Patch {
-    type Key = Self;
     type Body = Relief;
 
     const SCRATCH_BYTES: usize = 2 * size_of::<u32>();
     const CHUNK_PRIMITIVES: usize = 2048;
-
-    fn key(&self) -> Self {
-        *self
-    }
-
-    fn of_key(key: &Self) -> Self {
-        *key
-    }
 
     fn z_range(&self) -> [i32; 2] {
         self.z

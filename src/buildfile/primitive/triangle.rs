@@ -7,7 +7,7 @@
 
 use super::columns::{Scratch, Unpacked};
 use super::corners::{self, CORNER_COLUMNS, Corners, whole};
-use super::{Key, Primitive};
+use super::{Key, Primitive, Sortable};
 use crate::buildfile::model::{Surface, Triangle, corner_key};
 
 /// Size of a triangle in a build file, bytes: the most that large files take in practice.
@@ -33,14 +33,8 @@ impl Key for TriangleKey {
     }
 }
 
-impl Primitive for Triangle {
+impl Sortable for Triangle {
     type Key = TriangleKey;
-    type Body = Surface;
-
-    /// So many take 144 KiB: a chunk is decoded within a level-2 cache, and a print holds one for each thread.
-    const CHUNK_PRIMITIVES: usize = 2048;
-
-    const SCRATCH_BYTES: usize = 2 * size_of::<u32>();
 
     fn key(&self) -> TriangleKey {
         let words = self.corners.map(corner_key);
@@ -52,6 +46,15 @@ impl Primitive for Triangle {
         // `corner_key` turns a corner around, and back.
         Self { corners: [0, 3, 6].map(|word| corner_key([value(word), value(word + 1), value(word + 2)])) }
     }
+}
+
+impl Primitive for Triangle {
+    type Body = Surface;
+
+    /// So many take 144 KiB: a chunk is decoded within a level-2 cache, and a print holds one for each thread.
+    const CHUNK_PRIMITIVES: usize = 2048;
+
+    const SCRATCH_BYTES: usize = 2 * size_of::<u32>();
 
     fn z_range(&self) -> [i32; 2] {
         let [a, b, c] = self.corners.map(|corner| corner[2]);
@@ -141,7 +144,7 @@ mod tests {
         // More than are written today: files that have them are read.
         for count in [1, 2048, 8192] {
             let (surface, mut sorted) = triangles(count, 9);
-            sorted.sort_by_key(Primitive::key);
+            sorted.sort_by_key(Sortable::key);
             let mut whole = Unpacked::default();
             Triangle::encode(&sorted, &mut whole);
             let mut found = Vec::new();
@@ -181,7 +184,7 @@ mod tests {
     #[test]
     fn damaged_columns_are_refused_or_lie_within_the_bounds() {
         let (surface, mut sorted) = triangles(300, 5);
-        sorted.sort_by_key(Primitive::key);
+        sorted.sort_by_key(Sortable::key);
         let mut whole = Unpacked::default();
         Triangle::encode(&sorted, &mut whole);
         let mut scratch = Scratch::default();

@@ -6,7 +6,7 @@ use std::ops::Range;
 use std::os::unix::fs::FileExt;
 use std::sync::Arc;
 
-use crate::buildfile::primitive::{Key, Primitive};
+use crate::buildfile::primitive::{Key, Sortable};
 
 /// One sorted run while it is read: keys in memory, then the rest of it in a file.
 struct Run<K> {
@@ -18,7 +18,7 @@ struct Run<K> {
 }
 
 /// Merges runs with a tree of losers (Knuth, The Art of Computer Programming 3, §5.4.1): one comparison for each level and key.
-pub(in crate::buildfile) struct Merge<P: Primitive> {
+pub(in crate::buildfile) struct Merge<P: Sortable> {
     file: Option<Arc<File>>,
     runs: Vec<Run<P::Key>>,
     /// The smallest remaining key of each run; [`Key::END`] after its last.
@@ -30,7 +30,7 @@ pub(in crate::buildfile) struct Merge<P: Primitive> {
     buffer_keys: usize,
 }
 
-impl<P: Primitive> Merge<P> {
+impl<P: Sortable> Merge<P> {
     /// Merges sorted runs in memory.
     pub(super) fn of_memory(runs: Vec<Vec<P::Key>>) -> Self {
         let runs = runs.into_iter().map(|keys| Run { keys, next: 0, left: 0..0 }).collect();
@@ -141,7 +141,7 @@ impl<P: Primitive> Merge<P> {
     }
 }
 
-impl<P: Primitive> Iterator for Merge<P> {
+impl<P: Sortable> Iterator for Merge<P> {
     type Item = io::Result<P>;
 
     fn next(&mut self) -> Option<Self::Item> {

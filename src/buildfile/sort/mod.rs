@@ -14,7 +14,7 @@ use std::sync::Arc;
 pub(super) use self::merge::Merge;
 use self::spill::Spill;
 pub(super) use self::spill::check_free_space;
-use super::primitive::{Key, Primitive};
+use super::primitive::{Key, Sortable};
 
 /// Smallest buffer for each run of a merge: with less, seeking takes longer than reading. It limits how many runs are merged at once.
 const MIN_RUN_BUFFER_BYTES: usize = 16 << 10;
@@ -26,7 +26,7 @@ const MAX_RUN_BUFFER_BYTES: usize = 1 << 20;
 const FIRST_KEYS: usize = 4096;
 
 /// Sorts primitives into file order within a limit of memory.
-pub(super) struct Sorter<P: Primitive> {
+pub(super) struct Sorter<P: Sortable> {
     spill: Arc<Spill>,
     /// Memory of the whole team.
     memory_bytes: usize,
@@ -34,7 +34,7 @@ pub(super) struct Sorter<P: Primitive> {
     capacity: usize,
 }
 
-impl<P: Primitive> Sorter<P> {
+impl<P: Sortable> Sorter<P> {
     /// A sorter whose buffers take at most `memory_bytes` (at least room for four runs). Runs are written to `directory`.
     pub(super) fn new(directory: &Path, memory_bytes: u64) -> Self {
         Self::alone(Arc::new(Spill::new(directory)), memory_bytes, 1)
@@ -105,7 +105,7 @@ impl<P: Primitive> Sorter<P> {
 ///
 /// # Errors
 /// If runs cannot be written or read.
-pub(super) fn finish<P: Primitive>(
+pub(super) fn finish<P: Sortable>(
     mut team: Vec<Sorter<P>>,
     progress: &mut dyn FnMut(u64, u64),
 ) -> io::Result<Merge<P>> {
@@ -144,7 +144,7 @@ pub(super) fn finish<P: Primitive>(
 }
 
 /// [`Sorter::settle`] of all, each on its own thread.
-fn settle_all<P: Primitive>(team: &mut [Sorter<P>]) -> io::Result<()> {
+fn settle_all<P: Sortable>(team: &mut [Sorter<P>]) -> io::Result<()> {
     std::thread::scope(|scope| {
         let settling: Vec<_> = team.iter_mut().map(|sorter| scope.spawn(|| sorter.settle())).collect();
         settling
@@ -155,7 +155,7 @@ fn settle_all<P: Primitive>(team: &mut [Sorter<P>]) -> io::Result<()> {
 
 /// Temporary space that sorting `count` primitives takes at most, bytes: 0 if they fit the memory of one sorter of the team. A merge
 /// pass over all runs needs room for two copies.
-pub(super) fn spill_bytes<P: Primitive>(count: u64, memory_bytes: u64, team: usize) -> u64 {
+pub(super) fn spill_bytes<P: Sortable>(count: u64, memory_bytes: u64, team: usize) -> u64 {
     let capacity = capacity::<P::Key>(memory_size(memory_bytes), team) as u64;
     let runs = usize::try_from(count.div_ceil(capacity)).unwrap_or(usize::MAX);
     // Each sorter of the team may leave one run that is not full.
@@ -202,7 +202,7 @@ mod tests {
     fn a_second_kind_of_primitive_is_sorted_in_memory_and_out_of_core() {
         let (_, unsorted) = triangles(30_000, 7);
         let mut expected = unsorted.clone();
-        expected.sort_by_key(Primitive::key);
+        expected.sort_by_key(Sortable::key);
         for (memory_bytes, spilled) in [(16 << 20, 0), (800 << 10, 72), (64 << 10, 144)] {
             let directory = tempfile::tempdir().expect("temporary directory");
             let mut team = Sorter::<Triangle>::team(directory.path(), memory_bytes, 3);

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::merge::Merge;
-use crate::buildfile::primitive::{Key, Primitive};
+use crate::buildfile::primitive::{Key, Sortable};
 use crate::text::size_text;
 
 /// Keys turned into bytes at once when a run is written.
@@ -71,7 +71,7 @@ impl Spill {
     }
 
     /// Writes all that is left of a merge as one run; `progress` takes the bytes that this spill holds so far.
-    pub(super) fn append<P: Primitive>(&self, merge: &mut Merge<P>, progress: &mut dyn FnMut(u64)) -> io::Result<()> {
+    pub(super) fn append<P: Sortable>(&self, merge: &mut Merge<P>, progress: &mut dyn FnMut(u64)) -> io::Result<()> {
         let (file, first) = self.reserve(merge.bytes_left())?;
         let mut offset = first;
         let capacity = WRITE_KEYS * P::Key::BYTES;

@@ -140,6 +140,7 @@ impl<P: Primitive> Chunker<P> {
 mod tests {
     use super::*;
     use crate::buildfile::model::Triangle;
+    use crate::buildfile::primitive::Sortable;
     use crate::buildfile::primitive::triangle::triangles;
     use crate::buildfile::store::chunk::{ChunkError, ChunkReader};
 
@@ -147,7 +148,7 @@ mod tests {
     fn a_second_kind_of_primitive_is_written_and_read_in_chunks() {
         let file = tempfile::tempfile().expect("temporary file");
         let (surface, mut sorted) = triangles(5000, 11);
-        sorted.sort_by_key(Primitive::key);
+        sorted.sort_by_key(Sortable::key);
         let mut chunks = ChunkFile::begin(file.try_clone().expect("is open"), b"front").expect("can be written");
         let mut chunker = Chunker::<Triangle>::new(NonZero::<usize>::MIN.saturating_add(1)).expect("threads start");
         for triangle in &sorted {

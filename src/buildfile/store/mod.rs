@@ -30,5 +30,5 @@ pub use index::ChunkEntry;
 pub(crate) use maps::DECODING_BYTES as MAP_DECODING_BYTES;
 pub(in crate::buildfile) use maps::{MAX_SIDE as MAX_MAP_SIDE, encode as encode_map};
 pub use reader::BuildFile;
-pub use settings::{BodySettings, ReliefSettings, WriteError, WriterSettings};
+pub use settings::{BodySettings, ReliefMap, ReliefSettings, WriteError, WriterSettings};
 pub use writer::Writer;

@@ -15,9 +15,9 @@ use super::maps;
 use super::opening::{Opening, Stored};
 use super::profile::ProfileBuilder;
 use super::relief::ReliefBuilder;
-use super::settings::ReliefSettings;
+use super::settings::{ReliefMap, ReliefSettings};
 use crate::buildfile::model::{BodyHeader, Bounds, Clip, Header, Lattice, Strut, Surface, Triangle};
-use crate::buildfile::primitive::Primitive;
+use crate::buildfile::primitive::{Primitive, Sortable};
 use crate::buildfile::relief::{MapHeader, Patch, Relief};
 use crate::disk::{self, File, How};
 use crate::solid::HeightMap;
@@ -96,7 +96,7 @@ impl BuildFile {
     /// Reads chunk `index` and appends its struts to `out`, in ascending order of their lower nodes.
     ///
     /// # Errors
-    /// [`BuildFileError`] if the chunk cannot be read, is damaged, or is one of a surface. Then `out` is as before.
+    /// [`BuildFileError`] if the chunk cannot be read, is damaged, or holds no struts. Then `out` is as before.
     ///
     /// # Panics
     /// If `index` is not below `chunks().len()`.
@@ -110,7 +110,7 @@ impl BuildFile {
     /// As [`BuildFile::read_chunk`], of a surface or a clip: its triangles, in ascending order of their lowest corners.
     ///
     /// # Errors
-    /// [`BuildFileError`] if the chunk cannot be read, is damaged, or is one of a lattice. Then `out` is as before.
+    /// [`BuildFileError`] if the chunk cannot be read, is damaged, or holds no triangles. Then `out` is as before.
     ///
     /// # Panics
     /// If `index` is not below `chunks().len()`.
@@ -126,7 +126,7 @@ impl BuildFile {
     /// As [`BuildFile::read_chunk`], of a relief: its patches, in ascending order of their lowest z.
     ///
     /// # Errors
-    /// [`BuildFileError`] if the chunk cannot be read, is damaged, or is not one of a relief. Then `out` is as before.
+    /// [`BuildFileError`] if the chunk cannot be read, is damaged, or holds no patches. Then `out` is as before.
     ///
     /// # Panics
     /// If `index` is not below `chunks().len()`.
@@ -267,7 +267,11 @@ impl BuildFile {
     }
 
     fn verify_relief(&self, body: usize, relief: &Relief, lowest: &mut Lowest) -> Result<(), BuildFileError> {
-        let maps = relief.maps.iter().enumerate().map(|(number, map)| Ok((*map, self.map_bytes(body, number)?)));
+        let maps = relief
+            .maps
+            .iter()
+            .enumerate()
+            .map(|(number, map)| Ok(ReliefMap { header: *map, png: self.map_bytes(body, number)?.into() }));
         let settings = ReliefSettings {
             is_curved: relief.is_curved,
             shell_um: relief.shell_um,

@@ -7,7 +7,6 @@ use super::maps;
 use super::profile::ProfileBuilder;
 use super::settings::ReliefSettings;
 use crate::buildfile::model::Bounds;
-use crate::buildfile::primitive::Primitive;
 use crate::buildfile::relief::{Patch, Relief, ReliefShape, whole_bounds};
 use crate::solid::{Dicing, Extent};
 
@@ -40,7 +39,7 @@ impl ReliefBuilder {
     /// # Errors
     /// A text if a map is damaged.
     pub(super) fn new(settings: &ReliefSettings, quantum_um: f64) -> Result<Self, String> {
-        let decoded = settings.maps.iter().map(|(map, bytes)| maps::decode(bytes, map, 0).map(Arc::new));
+        let decoded = settings.maps.iter().map(|map| maps::decode(&map.png, &map.header, 0).map(Arc::new));
         let decoded = decoded.collect::<Result<Vec<_>, _>>()?;
         let relief = settings.header();
         let shape = relief.shape(&decoded, quantum_um)?;
@@ -62,7 +61,7 @@ impl ReliefBuilder {
     /// A text that says how the patch is out of order, out of range, or reaches beyond its bounds of z. Then it is not added.
     pub(super) fn add(&mut self, patch: Patch) -> Result<(), String> {
         patch.check_range(&self.relief)?;
-        if self.last.is_some_and(|last| last.key() > patch.key()) {
+        if self.last.is_some_and(|last| last > patch) {
             return Err(format!("{patch:?} comes after a higher one"));
         }
         let bounds = self.shape.bounds(&patch, self.relief.coarsest(&patch));

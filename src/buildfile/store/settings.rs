@@ -2,6 +2,7 @@
 
 use std::io;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use super::format::MAX_SOURCE_NAME_BYTES;
 use crate::buildfile::model::{
@@ -55,8 +56,17 @@ pub struct ReliefSettings {
     pub shell_um: f64,
     /// Displacements, at most [`Relief::MAX_DISPLACEMENTS`].
     pub displacements: Vec<Displacement>,
-    /// Maps, at most [`Relief::MAX_MAPS`], each with its PNG.
-    pub maps: Vec<(MapHeader, Vec<u8>)>,
+    /// Maps, at most [`Relief::MAX_MAPS`].
+    pub maps: Vec<ReliefMap>,
+}
+
+/// A height map as it is stored.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ReliefMap {
+    /// What the header says of it.
+    pub header: MapHeader,
+    /// The file that it describes.
+    pub png: Arc<[u8]>,
 }
 
 impl ReliefSettings {
@@ -69,7 +79,7 @@ impl ReliefSettings {
             is_curved: self.is_curved,
             shell_um: self.shell_um,
             displacements: self.displacements.clone(),
-            maps: self.maps.iter().map(|(map, _)| *map).collect(),
+            maps: self.maps.iter().map(|map| map.header).collect(),
         }
     }
 }
@@ -124,12 +134,12 @@ impl WriterSettings {
 
 impl BodySettings {
     /// The height maps of the body, as PNG.
-    pub(super) fn maps(&self) -> impl Iterator<Item = &Vec<u8>> {
+    pub(super) fn maps(&self) -> impl Iterator<Item = &Arc<[u8]>> {
         let maps = match self {
             Self::Lattice { .. } | Self::Surface | Self::Clip { .. } => &[][..],
             Self::Relief(relief) => &relief.maps,
         };
-        maps.iter().map(|(_, bytes)| bytes)
+        maps.iter().map(|map| &map.png)
     }
 
     /// The header of the smallest such body: one ball of the largest radius, one triangle, or one patch.

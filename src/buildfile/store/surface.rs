@@ -3,7 +3,7 @@
 use super::lowest::Lowest;
 use super::profile::ProfileBuilder;
 use crate::buildfile::model::{Bounds, Surface, Triangle};
-use crate::buildfile::primitive::Primitive;
+use crate::buildfile::primitive::{Primitive, Sortable};
 
 /// A surface that is being written.
 pub(super) struct SurfaceBuilder {

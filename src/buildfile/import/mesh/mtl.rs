@@ -54,12 +54,15 @@ pub(super) fn displacements(
             Err(source) => return Err(PackError::Read { path, source }),
         };
         for (material, statement) in materials(statements, &path, used)? {
-            match displacement(&path, &material, &statement, collector) {
-                Ok(number) => drop(displacements.insert(material, number)),
-                Err(error) if statement.is_displacement => return Err(error),
-                // Programs write such maps for shading.
-                Err(error) => collector.note(format!("{error}; its `bump` is left out")),
-            }
+            let number = match displacement(&path, &material, &statement, collector) {
+                // Programs write `bump` for shading, of any kind of picture.
+                Err(error) if !statement.is_displacement => {
+                    collector.note(format!("{error}; this `bump` is left out"));
+                    continue;
+                }
+                number => number?,
+            };
+            displacements.insert(material, number);
         }
     }
     Ok(displacements)

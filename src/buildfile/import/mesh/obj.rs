@@ -44,9 +44,9 @@ pub(in crate::buildfile::import) fn import(
     if vertices.triangle_count == 0 {
         return Err(PackError::input(name, "it has no faces; export the part again as a mesh of triangles"));
     }
-    collector.expect_triangles(vertices.triangle_count, progress)?;
     let displacements = mtl::displacements(path, &vertices.libraries, &vertices.materials, collector)?;
     collector.meshes.begin_solid(!displacements.is_empty());
+    collector.expect_triangles(vertices.triangle_count, progress)?;
     let mut faces = Faces {
         name: &name,
         vertices: &vertices,

@@ -85,11 +85,7 @@ impl Displacements {
                 self.add(|all| all.vectors.insert(id, Vec::new()).is_some(), id)?;
             }
             "normvector" => {
-                let axis = |long: &str, short: &str| {
-                    measure(element, long).transpose().or_else(|| measure(element, short).transpose())
-                };
-                let axis =
-                    |long, short| axis(long, short).unwrap_or_else(|| Err(format!("`normvector` without {short}")));
+                let axis = |long, short| either(element, long, short);
                 let vector = DVec3::new(axis("nx", "x")?, axis("ny", "y")?, axis("nz", "z")?).try_normalize();
                 let vector = vector.ok_or("a `normvector` of no length has no direction")?;
                 let vectors = self.open.and_then(|id| self.vectors.get_mut(&id));
@@ -158,11 +154,10 @@ impl Displacements {
     }
 
     fn group(&mut self, part: u32, element: &Element) -> Result<(), String> {
-        let height = measure(element, "height")?.or(measure(element, "depth")?);
         let group = Group {
             map: required(element, "dispid")?,
             vectors: optional(element, "nid")?,
-            height: height.ok_or("`disp2dgroup` without height")?,
+            height: either(element, "depth", "height")?,
             offset: measure(element, "offset")?.unwrap_or(0.0),
             coordinates: Vec::new(),
         };
@@ -219,6 +214,11 @@ impl Displacements {
         }
         Ok(displaced)
     }
+}
+
+/// A number that has two names, of which the second is that of the extension.
+fn either(element: &Element, other: &str, name: &str) -> Result<f64, String> {
+    measure(element, other)?.map_or_else(|| needed(element, name), Ok)
 }
 
 fn needed(element: &Element, name: &str) -> Result<f64, String> {

@@ -17,7 +17,7 @@ use crate::buildfile::import::lane::Beam;
 use crate::buildfile::import::relief::Face;
 use crate::buildfile::model::{Cap, Caps};
 
-/// Most beams, balls and triangles that share one walk over the places of their object: some 400 KiB.
+/// Most beams, balls and triangles that share one walk over the places of their object: some 1 MiB.
 const MAX_BLOCK_PIECES: usize = 4096;
 
 /// Reads the lattices and meshes of a package whose structure is known.

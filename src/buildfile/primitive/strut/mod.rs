@@ -3,7 +3,7 @@
 mod chunk;
 mod key;
 
-use super::{Primitive, Scratch, Unpacked};
+use super::{Primitive, Scratch, Sortable, Unpacked};
 use crate::buildfile::model::{Lattice, Strut};
 use key::StrutKey;
 
@@ -11,21 +11,12 @@ use key::StrutKey;
 pub(in crate::buildfile) const EXPECTED_STRUT_BYTES: u64 = 10;
 
 impl Primitive for Strut {
-    type Key = StrutKey;
     type Body = Lattice;
 
     /// So many take 288 KiB: a chunk is decoded within a level-2 cache, and the index bounds the active set closely.
     const CHUNK_PRIMITIVES: usize = 8192;
 
     const SCRATCH_BYTES: usize = size_of::<[i32; 3]>() + chunk::COLUMNS * size_of::<u32>();
-
-    fn key(&self) -> StrutKey {
-        StrutKey::of(self)
-    }
-
-    fn of_key(key: &StrutKey) -> Self {
-        key.strut()
-    }
 
     fn z_range(&self) -> [i32; 2] {
         [self.a[2], self.b[2]]
@@ -47,5 +38,17 @@ impl Primitive for Strut {
         out: &mut Vec<Self>,
     ) -> Result<(), String> {
         chunk::decode(bytes, count, lattice, scratch, out)
+    }
+}
+
+impl Sortable for Strut {
+    type Key = StrutKey;
+
+    fn key(&self) -> StrutKey {
+        StrutKey::of(self)
+    }
+
+    fn of_key(key: &StrutKey) -> Self {
+        key.strut()
     }
 }
