@@ -55,7 +55,7 @@ pub(in crate::buildfile::import) fn import(
     if is_cloud {
         check_cloud(&announced, collector).map_err(wrong)?;
     }
-    let vertices = Vertices::new(&announced, collector.meshes.is_relief());
+    let mut vertices = Vertices::new(&announced, collector.meshes.is_relief());
     let needed_bytes = announced.vertices.saturating_mul(vertices.bytes_each(is_cloud));
     if needed_bytes > memory_bytes {
         let [needed, allowed] = [needed_bytes, memory_bytes].map(size_text);
@@ -63,6 +63,7 @@ pub(in crate::buildfile::import) fn import(
             format!("its {} vertices take {needed}, and --memory allows {allowed}; give more", announced.vertices);
         return Err(wrong(problem));
     }
+    vertices.reserve(announced.vertices as usize);
     // Each triangle of a fan takes one more corner.
     let triangles = if is_cloud {
         points::triangle_count(announced.vertices)
@@ -131,16 +132,15 @@ fn check_cloud(announced: &Announced, collector: &Collector<'_>) -> Result<(), S
 
 /// Adds a disc for each point.
 fn add_discs(vertices: &Vertices, name: &str, collector: &mut Collector<'_>) -> Result<(), PackError> {
-    let points: Vec<points::Point> = vertices.points.iter().copied().zip(vertices.normals.iter().copied()).collect();
-    for (number, (_, normal)) in points.iter().enumerate() {
+    for (number, normal) in vertices.normals.iter().enumerate() {
         // False if it is NaN.
         if !(normal.is_finite() && normal.length() > 0.0) {
             let problem = "its normal has no direction; let the program that made the cloud compute it";
             return Err(PackError::input(format!("{name}: vertex {}", number + 1), problem));
         }
     }
-    points::discs(&points, |corners, number| {
-        let directions = Some([collector.meshes.normal(points[number].1); 3]);
+    points::discs(&vertices.points, &vertices.normals, |corners, number| {
+        let directions = Some([collector.meshes.normal(vertices.normals[number]); 3]);
         let place = || format!("{name}: vertex {}", number + 1);
         collector.meshes.face(&Face { directions, ..Face::flat(corners) }, &place)
     })
@@ -175,6 +175,13 @@ impl Vertices {
         let texture = if self.has_textures { size_of::<[f64; 2]>() } else { 0 };
         let disc = if is_cloud { points::BYTES_PER_POINT } else { 0 };
         (size_of::<DVec3>() + normal + texture) as u64 + disc
+    }
+
+    /// Takes the memory of so many vertices, and no more.
+    fn reserve(&mut self, count: usize) {
+        self.points.reserve_exact(count);
+        self.normals.reserve_exact(if self.has_normals { count } else { 0 });
+        self.textures.reserve_exact(if self.has_textures { count } else { 0 });
     }
 
     fn push(&mut self, element: &Element) {
