@@ -105,6 +105,10 @@ impl Relief {
     /// Most maps.
     pub const MAX_MAPS: usize = 16;
 
+    /// Most texels of all maps of a part: a check before a print decodes all of them, one after the other, in some ten seconds, and
+    /// a print with pixels as fine as the texels holds them, in 640 MiB.
+    pub const MAX_TEXELS: u64 = 4 * MapHeader::MAX_TEXELS;
+
     /// What its patches are evaluated with; `maps` are those of the header, in order.
     ///
     /// # Errors
@@ -123,11 +127,15 @@ impl Relief {
         })
     }
 
+    /// The map that displaces a patch, as an index of [`Relief::maps`].
+    pub(crate) fn map_of(&self, patch: &Patch) -> Option<usize> {
+        let displacement = usize::from(patch.displacement).checked_sub(1).and_then(|at| self.displacements.get(at));
+        displacement.map(|displacement| usize::from(displacement.map))
+    }
+
     /// How often the map of a patch may be halved.
     pub(crate) fn coarsest(&self, patch: &Patch) -> u8 {
-        let displacement = usize::from(patch.displacement).checked_sub(1).and_then(|at| self.displacements.get(at));
-        let map = displacement.and_then(|displacement| self.maps.get(usize::from(displacement.map)));
-        map.map_or(0, |map| map.coarsest_level)
+        self.map_of(patch).and_then(|map| self.maps.get(map)).map_or(0, |map| map.coarsest_level)
     }
 
     /// Texels around a box of texture coordinates that a map halved `level` times may read for it, besides those it needs itself.
@@ -137,6 +145,20 @@ impl Relief {
 }
 
 impl MapHeader {
+    /// Most texels of a map, those of 8192 × 8192: a check before a print decodes it at its full size, into some 160 MiB. On a
+    /// surface of 200 × 200 mm its texels are then 24 µm long, as fine as the pixels of fine printers.
+    pub const MAX_TEXELS: u64 = 1 << 26;
+
+    /// Number of texels.
+    pub(super) fn texel_count(&self) -> u64 {
+        u64::from(self.size[0]) * u64::from(self.size[1])
+    }
+
+    /// Most bytes of its PNG: a row of a single texel takes 3 without compression, and there are some bytes around them.
+    pub(super) fn max_bytes(&self) -> u64 {
+        3 * self.texel_count() + (64 << 10)
+    }
+
     /// Most halvings: of the largest map, one texel is left.
     pub(super) const MAX_LEVEL: u8 = 15;
 

@@ -41,6 +41,8 @@ pub struct PrintMemory {
     /// Room for two layers: both in the queue, or one in the queue and one on the line.
     min_queue_bytes: u64,
     is_vectors: bool,
+    /// Memory of the check of the part's height maps before the print, when nothing else is held.
+    check_bytes: u64,
 }
 
 impl PrintMemory {
@@ -54,19 +56,22 @@ impl PrintMemory {
         limit_bytes: u64,
     ) -> Self {
         let bodies = BodySource::of(file);
-        let with = |threads| match scans {
-            true => Self::of_vectors(&bodies, plan, threads),
-            false => Self::new(&bodies, plan, threads),
+        let with = |threads| {
+            let memory = match scans {
+                true => Self::of_vectors(&bodies, plan, threads),
+                false => Self::new(&bodies, plan, threads),
+            };
+            Self { check_bytes: file.verify_bytes(), ..memory }
         };
         let mut several = (2..=max_threads).rev().map(with);
-        several.find(|memory| memory.need_bytes() <= limit_bytes).unwrap_or_else(|| with(1))
+        several.find(|memory| memory.print_bytes() <= limit_bytes).unwrap_or_else(|| with(1))
     }
 
     /// For scan vectors. What contours and vectors of a layer need is charged when it is computed.
     fn of_vectors(bodies: &[BodySource], plan: &SlicePlan, threads: usize) -> Self {
         let slicer_bytes = Contours::memory_bytes(bodies, plan, threads).saturating_add(MIN_SCAN_BYTES);
         let min_queue_bytes = MIN_VECTORS_QUEUE_BYTES;
-        Self { threads, slicer_bytes, buffer_bytes: MAX_LINK_BYTES, min_queue_bytes, is_vectors: true }
+        Self { threads, slicer_bytes, buffer_bytes: MAX_LINK_BYTES, min_queue_bytes, is_vectors: true, check_bytes: 0 }
     }
 
     fn new(bodies: &[BodySource], plan: &SlicePlan, threads: usize) -> Self {
@@ -83,6 +88,7 @@ impl PrintMemory {
             buffer_bytes: raw_bytes + 2 * encoding::largest_encoded_bytes(depth, raw_bytes) + MAX_LINK_BYTES,
             min_queue_bytes: 2 * raw_bytes + (64 << 10),
             is_vectors: false,
+            check_bytes: 0,
         }
     }
 
@@ -94,6 +100,11 @@ impl PrintMemory {
 
     /// The least budget that is enough, bytes. Layers of scan vectors may need more.
     pub fn need_bytes(&self) -> u64 {
+        self.print_bytes().max(self.check_bytes)
+    }
+
+    /// The least memory of the print itself, bytes.
+    fn print_bytes(&self) -> u64 {
         self.slicer_bytes.saturating_add(self.buffers(self.min_queue_bytes) + self.min_queue_bytes)
     }
 
@@ -105,7 +116,7 @@ impl PrintMemory {
 
     /// Size of the queue of computed layers within a budget that is enough, bytes.
     pub fn queue_bytes(&self, limit_bytes: u64) -> u64 {
-        let rest_bytes = limit_bytes.saturating_sub(self.need_bytes());
+        let rest_bytes = limit_bytes.saturating_sub(self.print_bytes());
         let more_bytes = if self.is_vectors { rest_bytes / VECTORS_QUEUE_SHARE } else { rest_bytes };
         (self.min_queue_bytes + more_bytes).min(MAX_QUEUE_BYTES.max(self.min_queue_bytes))
     }
@@ -119,7 +130,7 @@ impl PrintMemory {
     /// own limit. Layers of scan vectors may need more.
     pub fn max_bytes(&self, limit_bytes: u64) -> u64 {
         let queue_bytes = self.queue_bytes(limit_bytes);
-        self.slicer_bytes + self.buffers(queue_bytes) + queue_bytes
+        (self.slicer_bytes + self.buffers(queue_bytes) + queue_bytes).max(self.check_bytes)
     }
 
     /// The least budget with which a print computes a layer of scan vectors that took `peak_bytes`, together with the buffers of a budget of

@@ -63,14 +63,6 @@ pub fn default_threads() -> usize {
     Slicer::default_threads()
 }
 
-/// Reads and checks every byte of a build file. Blocks.
-///
-/// # Errors
-/// [`PartError::File`] says what is damaged.
-pub fn verify(path: &Path) -> Result<(), PartError> {
-    Ok(BuildFile::open(path)?.verify()?)
-}
-
 /// Samples about how much material each of 64 to 256 equal slabs of a part's height takes, the lowest first, mm³. Blocks; calls
 /// `rest` after each slab.
 ///

@@ -67,6 +67,28 @@ impl Part {
         self.plan.layer_count
     }
 
+    /// Reads and checks every byte of the file. Blocks. Height maps are decoded within `limit_bytes`, one at a time; with `None` they are not
+    /// decoded, and how far they displace is not checked: [`Part::verify_maps`] does it.
+    ///
+    /// # Errors
+    /// [`PartError::File`] says what is damaged.
+    pub fn verify(&self, limit_bytes: Option<u64>) -> Result<(), PartError> {
+        let file = BuildFile::open(&self.path)?;
+        match limit_bytes {
+            Some(limit_bytes) => verify(&file, limit_bytes),
+            None => Ok(file.verify_without_maps()?),
+        }
+    }
+
+    /// As [`Part::verify`], of a part with height maps. Of others, nothing is read.
+    ///
+    /// # Errors
+    /// As [`Part::verify`].
+    pub fn verify_maps(&self, limit_bytes: u64) -> Result<(), PartError> {
+        let file = BuildFile::open(&self.path)?;
+        if file.verify_bytes() > 0 { verify(&file, limit_bytes) } else { Ok(()) }
+    }
+
     /// Computes the bottom layers: would the part hold to the plate? Needs as much memory as a print, so none may be under way.
     ///
     /// # Errors
@@ -137,6 +159,11 @@ impl Part {
         };
         Ok(Ahead::start(budget, self.queue_bytes, produce)?)
     }
+}
+
+fn verify(file: &BuildFile, limit_bytes: u64) -> Result<(), PartError> {
+    let _map = MemoryBudget::new(limit_bytes).charge("the check of a height map", file.verify_bytes())?;
+    Ok(file.verify()?)
 }
 
 /// The layers of a part, computed and encoded one after the other.

@@ -21,7 +21,9 @@ fn maps_that_are_none_are_refused() {
         (&b"P5 1 1 255 x"[..], "give a whole PNG"),
         (&whole[..whole.len() / 2], "give a whole PNG"),
         (&huge([70_000, 8])[..], "a side has at most 32768"),
-        (&huge([32_768, 32_768])[..], "and --memory allows"),
+        (&huge([32_768, 32_768])[..], "a height map has at most 67108864 (8192 × 8192): scale it down"),
+        (&huge([8192, 8193])[..], "a height map has at most 67108864 (8192 × 8192): scale it down"),
+        (&huge([8192, 8192])[..], "and --memory allows"),
     ] {
         let error = refused(bytes);
         assert!(error.contains("map.png") && error.contains(expected), "`{error}` does not say `{expected}`");

@@ -20,12 +20,46 @@ fn packed(bench: &Bench, library: &str) -> Result<(f64, PackReport), PackError> 
     bench.file("my library.mtl", library.as_bytes());
     bench.file("white map.png", &map([4, 4], |_| 1.0));
     bench.file("grey.png", &map([4, 4], |_| 0.5));
+    bench.file("normals.png", &coloured([128, 128, 255]));
+    bench.file("grey as RGB.png", &coloured([255; 3]));
     let output = bench.path("out.layerd");
     let report = pack(&[source], &output, &bench.options, &mut |_| {})?;
     let file = BuildFile::open(&output).expect("what pack writes is whole");
     file.verify().expect("it agrees with itself");
     let bounds = file.header().bounds;
     Ok((f64::from(bounds.max[2] - bounds.min[2]) / 1000.0, report))
+}
+
+/// A picture of one colour.
+fn coloured(colour: [u8; 3]) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, 4, 4);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.write_header().expect("a head").write_image_data(&colour.repeat(16)).expect("texels");
+    bytes
+}
+
+#[test]
+fn maps_of_normals_are_left_out_with_a_note() {
+    for statement in ["bump normals.png", "map_bump -bm 0.3 normals.png"] {
+        let (height_mm, report) =
+            packed(&Bench::new(), &format!("newmtl rough stone\n{statement}\n")).expect(statement);
+        assert!((height_mm - SIZE[2]).abs() < 2e-3, "{height_mm} mm with `{statement}`");
+        assert!(matches!(report.header.bodies[..], [BodyHeader::Surface(_)]), "no triangle has relief");
+        let notes = report.notes.join("\n");
+        let told = "normals.png: it has colours, so it holds normals, not heights; a map of heights is grey, or named by `disp`; \
+                    this `bump` is left out";
+        assert!(notes.contains(told) && !notes.contains("displaced by"), "{notes}");
+    }
+    for (statement, raised_mm) in
+        [("bump -bm 0.2 grey as RGB.png", 0.2), ("disp -bm 0.2 normals.png", 0.2 * 128.0 / 255.0)]
+    {
+        let (height_mm, report) =
+            packed(&Bench::new(), &format!("newmtl rough stone\n{statement}\n")).expect(statement);
+        assert!((height_mm - SIZE[2] - raised_mm).abs() < 2e-3, "{height_mm} mm with `{statement}`");
+        let notes = report.notes.join("\n");
+        assert_eq!(notes.contains("has colours; its green channel is taken"), statement.starts_with("disp"), "{notes}");
+    }
 }
 
 #[test]

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use glam::DVec3;
-use layerd::buildfile::{BodyHeader, BuildFile};
+use layerd::buildfile::{BodyHeader, BuildFile, DisplacementOptions, Tile};
 use layerd::layer::Depth;
 
 use crate::objects::cuboid;
@@ -203,6 +203,26 @@ fn what_is_missing_or_wrong_is_named() {
         let error = said(bench.package_bytes(&parts));
         assert!(error.contains(expected), "`{error}` does not say `{expected}`");
     }
+}
+
+#[test]
+fn a_second_map_is_refused_and_both_are_named() {
+    let mut bench = Bench::new();
+    let map = bench.file("other.png", &step());
+    bench.options.relief.map = Some(DisplacementOptions { map, tile: Tile::Wrap });
+    bench.options.relief.height_mm = Some(0.5);
+    let (model, png) = (model(&USUAL, "", "", ""), step());
+    let parts = [("_rels/.rels", RELATIONSHIPS.as_bytes()), (MODEL, model.as_bytes()), ("3D/map.png", &png[..])];
+    let error = said(bench.package_bytes(&parts));
+    for told in ["object 1", "3D/map.png", "other.png", "leave out --displacement", "--height"] {
+        assert!(error.contains(told), "`{error}` does not say `{told}`");
+    }
+    // Without it, the height replaces that of the file.
+    bench.options.relief.map = None;
+    let (report, _) = bench.package_bytes(&parts).unwrap_or_else(|error| panic!("{error}"));
+    let bounds = report.header.bounds;
+    let height_mm = f64::from(bounds.max[2] - bounds.min[2]) / 1000.0;
+    assert!((height_mm - SIZE[2] - 0.5).abs() < 2e-3, "{height_mm} mm");
 }
 
 #[test]

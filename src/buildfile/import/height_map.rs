@@ -2,6 +2,7 @@
 
 use std::io::{BufRead, Seek};
 
+use crate::buildfile::relief::{MapHeader, Tile};
 use crate::buildfile::store::MAX_MAP_SIDE;
 use crate::text::size_text;
 
@@ -24,6 +25,25 @@ impl Channel {
             Self::Blue => "blue",
             Self::Alpha => "alpha",
         }
+    }
+}
+
+/// How a picture is used as a height map.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct MapUse {
+    pub(super) channel: Channel,
+    /// What lies beyond the picture, along u and v.
+    pub(super) tiles: [Tile; 2],
+    /// Whether a point has the value of the nearest texel.
+    pub(super) is_nearest: bool,
+    /// Whether a picture with colours is taken, too. If not, it is refused, because its colours are directions.
+    pub(super) takes_colours: bool,
+}
+
+impl MapUse {
+    /// Of any picture, whose channel `channel` counts.
+    pub(super) fn of(channel: Channel, tile: Tile) -> Self {
+        Self { channel, tiles: [tile; 2], is_nearest: false, takes_colours: true }
     }
 }
 
@@ -52,6 +72,14 @@ pub(super) fn read(png: impl BufRead + Seek, memory_bytes: u64, channel: Channel
         return Err(format!("{} × {} pixels; a side has at most {MAX_MAP_SIDE}: scale it down", size[0], size[1]));
     }
     let texel_count = u64::from(size[0]) * u64::from(size[1]);
+    if texel_count > MapHeader::MAX_TEXELS {
+        return Err(format!(
+            "{} × {} pixels; a height map has at most {} (8192 × 8192): scale it down",
+            size[0],
+            size[1],
+            MapHeader::MAX_TEXELS
+        ));
+    }
     let samples_bytes = reader.output_buffer_size().map_or(u64::MAX, |bytes| bytes as u64);
     let needed_bytes = samples_bytes.saturating_add(texel_count * size_of::<u16>() as u64);
     if needed_bytes > memory_bytes {

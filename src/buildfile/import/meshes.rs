@@ -4,13 +4,12 @@ use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
 
-use super::height_map::Channel;
+use super::height_map::{Channel, MapUse};
 use super::relief::{CollectedRelief, Face, ReliefLane, placed};
 use super::rules::Rules;
 use super::surface::{CollectedSurface, SurfaceLane};
 use crate::buildfile::error::PackError;
 use crate::buildfile::options::{DisplacementOptions, PackOptions, ReliefOptions};
-use crate::buildfile::relief::Tile;
 
 /// Takes the triangles of all sources.
 pub(super) struct Meshes<'a> {
@@ -23,7 +22,7 @@ pub(super) struct Meshes<'a> {
     /// Displacement of all triangles, if the options name a map.
     displacement: Option<u8>,
     /// The maps that were read from files, and their numbers.
-    files: Vec<(PathBuf, Channel, [Tile; 2], u16)>,
+    files: Vec<(PathBuf, MapUse, u16)>,
     notes: Vec<String>,
 }
 
@@ -59,7 +58,7 @@ impl<'a> Meshes<'a> {
     /// If it cannot be read.
     pub(super) fn open_map(&mut self) -> Result<(), PackError> {
         let Some(DisplacementOptions { map, tile }) = self.options.map.clone() else { return Ok(()) };
-        let number = self.map_of(&map, Channel::default(), [tile; 2])?;
+        let number = self.map_of(&map, MapUse::of(Channel::default(), tile))?;
         let range_mm = self.height_range([0.0, 0.0]);
         self.displacement = Some(self.displacement(number, range_mm, &map.display().to_string())?);
         Ok(())
@@ -94,34 +93,30 @@ impl<'a> Meshes<'a> {
     ///
     /// # Errors
     /// If it cannot be read, or is no PNG.
-    pub(super) fn map_of(&mut self, path: &Path, channel: Channel, tiles: [Tile; 2]) -> Result<u16, PackError> {
-        let known = |(other, as_channel, as_tiles, _): &&(PathBuf, Channel, [Tile; 2], u16)| {
-            other == path && (*as_channel, *as_tiles) == (channel, tiles)
-        };
+    pub(super) fn map_of(&mut self, path: &Path, usage: MapUse) -> Result<u16, PackError> {
+        let known = |(other, as_usage, _): &&(PathBuf, MapUse, u16)| other == path && *as_usage == usage;
         if let Some((.., number)) = self.files.iter().find(known) {
             return Ok(*number);
         }
         let read = std::fs::File::open(path).map_err(|source| PackError::Read { path: path.into(), source })?;
-        let number = self.map(std::io::BufReader::new(read), channel, tiles, false, &path.display().to_string())?;
-        self.files.push((path.into(), channel, tiles, number));
+        let number = self.map(std::io::BufReader::new(read), usage, &path.display().to_string())?;
+        self.files.push((path.into(), usage, number));
         Ok(number)
     }
 
     /// Adds a map that `place` names, and returns its number.
     ///
     /// # Errors
-    /// If it is no PNG, too large, or there are too many maps.
+    /// If it is no PNG, too large, has colours and must not, or there are too many maps.
     pub(super) fn map(
         &mut self,
         png: impl std::io::BufRead + std::io::Seek,
-        channel: Channel,
-        tiles: [Tile; 2],
-        is_nearest: bool,
+        usage: MapUse,
         place: &str,
     ) -> Result<u16, PackError> {
-        let (number, is_coloured) = self.relief.map(png, channel, tiles, is_nearest, place)?;
+        let (number, is_coloured) = self.relief.map(png, usage, place)?;
         if is_coloured {
-            self.notes.push(format!("{place} has colours; its {} channel is taken for heights", channel.name()));
+            self.notes.push(format!("{place} has colours; its {} channel is taken for heights", usage.channel.name()));
         }
         Ok(number)
     }

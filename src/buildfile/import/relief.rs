@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use glam::{DMat3, DVec3};
 
-use super::height_map::{self, Channel, Picture};
+use super::height_map::{self, MapUse, Picture};
 use super::holes::ClosedHoles;
 use super::rules::Rules;
 use super::solid_check::SolidCheck;
@@ -70,6 +70,8 @@ pub(super) struct ReliefLane<'a> {
     maps: Vec<Map>,
     /// Memory of the maps, bytes.
     map_bytes: u64,
+    /// Texels of the maps.
+    texel_count: u64,
 }
 
 struct Map {
@@ -108,6 +110,7 @@ impl<'a> ReliefLane<'a> {
             displacements: Vec::new(),
             maps: Vec::new(),
             map_bytes: 0,
+            texel_count: 0,
         }
     }
 
@@ -128,9 +131,7 @@ impl<'a> ReliefLane<'a> {
     pub(super) fn map(
         &mut self,
         png: impl BufRead + Seek,
-        channel: Channel,
-        tiles: [Tile; 2],
-        is_nearest: bool,
+        MapUse { channel, tiles, is_nearest, takes_colours }: MapUse,
         place: &str,
     ) -> Result<(u16, bool), PackError> {
         if self.maps.len() == Relief::MAX_MAPS {
@@ -141,6 +142,22 @@ impl<'a> ReliefLane<'a> {
         let free_bytes = self.memory_bytes.saturating_sub(self.map_bytes) / 2;
         let Picture { size, texels, is_coloured } =
             height_map::read(png, free_bytes, channel).map_err(|problem| PackError::input(place, problem))?;
+        if is_coloured && !takes_colours {
+            let problem =
+                "it has colours, so it holds normals, not heights; a map of heights is grey, or named by `disp`";
+            return Err(PackError::input(place, problem));
+        }
+        let texel_count = self.texel_count + u64::from(size[0]) * u64::from(size[1]);
+        if texel_count > Relief::MAX_TEXELS {
+            let problem = format!(
+                "{} × {} pixels; with it, the height maps of the part have {texel_count}, and may have {}: scale some down",
+                size[0],
+                size[1],
+                Relief::MAX_TEXELS
+            );
+            return Err(PackError::input(place, problem));
+        }
+        self.texel_count = texel_count;
         self.map_bytes += HeightMap::bytes(size.map(|count| count as usize)) * 2;
         self.maps.push(Map { size, tiles, is_nearest, texels });
         Ok((self.maps.len() as u16 - 1, is_coloured))

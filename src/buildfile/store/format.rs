@@ -144,6 +144,13 @@ pub(super) fn check_header(header: &Header) -> Result<(), String> {
             BodyHeader::Clip(clip) => check_clip(clip, &bodies[..number], *quantum_um)?,
         }
     }
+    let texel_count: u64 = bodies.iter().flat_map(BodyHeader::maps).map(MapHeader::texel_count).sum();
+    if texel_count > Relief::MAX_TEXELS {
+        let most = Relief::MAX_TEXELS;
+        return Err(format!(
+            "its height maps have {texel_count} texels together: a part may have {most}, because all are decoded before a print"
+        ));
+    }
     let joined = printed_bounds(bodies);
     if joined != *bounds {
         return Err(format!("bounds {bounds:?}: those of its bodies are {joined:?}"));
@@ -266,10 +273,22 @@ fn check_relief(relief: &Relief, quantum_um: f64) -> Result<(), String> {
             ));
         }
     }
-    for MapHeader { size, texel_um, coarsest_level, .. } in maps {
+    for map in maps {
+        let MapHeader { size, texel_um, coarsest_level, bytes, .. } = map;
         let has_size = size.iter().all(|count| (1..=maps::MAX_SIDE).contains(count));
         if !has_size || !texel_um.is_finite() || *texel_um <= 0.0 || *coarsest_level > MapHeader::MAX_LEVEL {
             return Err(format!("a map of {} × {} texels of {texel_um} µm is out of range", size[0], size[1]));
+        }
+        if map.texel_count() > MapHeader::MAX_TEXELS {
+            return Err(format!(
+                "a map of {} × {} texels: it may have {}, because it is decoded as a whole before a print",
+                size[0],
+                size[1],
+                MapHeader::MAX_TEXELS
+            ));
+        }
+        if u64::from(*bytes) > map.max_bytes() {
+            return Err(format!("a PNG of {bytes} bytes for a map of {} × {} texels is too long", size[0], size[1]));
         }
     }
     Ok(())

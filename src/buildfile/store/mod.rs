@@ -21,6 +21,7 @@ mod reader;
 mod relief;
 mod settings;
 mod surface;
+mod verify;
 mod writer;
 
 pub(crate) use chunk::MAX_CHUNK_PRIMITIVES;

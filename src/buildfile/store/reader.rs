@@ -10,18 +10,17 @@ use super::chunk::{ChunkError, ChunkReader};
 use super::error::BuildFileError;
 use super::format::MAX_HEADER_BYTES;
 use super::index::ChunkEntry;
-use super::lowest::Lowest;
 use super::maps;
 use super::opening::{Opening, Stored};
-use super::profile::ProfileBuilder;
-use super::relief::ReliefBuilder;
-use super::settings::{ReliefMap, ReliefSettings};
-use crate::buildfile::model::{BodyHeader, Bounds, Clip, Header, Lattice, Strut, Surface, Triangle};
-use crate::buildfile::primitive::{Primitive, Sortable};
-use crate::buildfile::relief::{MapHeader, Patch, Relief};
+use crate::buildfile::model::{BodyHeader, Clip, Header, Strut, Triangle};
+use crate::buildfile::primitive::Primitive;
+use crate::buildfile::relief::{MapHeader, Patch};
 use crate::disk::{self, File, How};
 use crate::solid::HeightMap;
 use crate::system::FileKind;
+
+/// Bytes of a height map that are read at a time.
+const PIECE_BYTES: usize = 64 << 10;
 
 /// An open build file. Several threads may read at once: every read states its offset.
 #[derive(Debug)]
@@ -149,28 +148,50 @@ impl BuildFile {
         body: usize,
         level: impl Fn(&MapHeader) -> u8,
     ) -> Result<Vec<Arc<HeightMap>>, BuildFileError> {
-        let decoded = |(number, header): (usize, &MapHeader)| {
-            let wrong = |problem| self.contradiction("height map", format!("number {number}: {problem}"));
-            let map = maps::decode(&self.map_bytes(body, number)?, header, level(header)).map_err(wrong)?;
-            Ok(Arc::new(map))
-        };
-        self.header.bodies[body].maps().iter().enumerate().map(decoded).collect()
+        let maps = self.header.bodies[body].maps().iter().enumerate();
+        maps.map(|(number, header)| Ok(Arc::new(self.read_map(body, number, level(header))?))).collect()
+    }
+
+    /// A height map of a body, halved `level` times.
+    pub(super) fn read_map(&self, body: usize, number: usize, level: u8) -> Result<HeightMap, BuildFileError> {
+        let wrong = |problem| self.contradiction("height map", format!("number {number}: {problem}"));
+        maps::decode(&self.map_bytes(body, number)?, &self.header.bodies[body].maps()[number], level).map_err(wrong)
     }
 
     /// The PNG of a height map.
     fn map_bytes(&self, body: usize, number: usize) -> Result<Vec<u8>, BuildFileError> {
+        // Opening has compared the lengths of the maps with that of the file.
+        let mut bytes = Vec::with_capacity(self.header.bodies[body].maps()[number].bytes as usize);
+        self.read_map_bytes(body, number, |piece| bytes.extend_from_slice(piece))?;
+        Ok(bytes)
+    }
+
+    /// Reads the PNG of a height map piece by piece, and checks its CRC.
+    pub(super) fn read_map_bytes(
+        &self,
+        body: usize,
+        number: usize,
+        mut take: impl FnMut(&[u8]),
+    ) -> Result<(), BuildFileError> {
         let bodies = &self.header.bodies;
         let before = bodies[..body].iter().flat_map(BodyHeader::maps).chain(&bodies[body].maps()[..number]);
-        let offset = self.maps_offset + before.map(|map| u64::from(map.bytes)).sum::<u64>();
+        let mut offset = self.maps_offset + before.map(|map| u64::from(map.bytes)).sum::<u64>();
         let header = bodies[body].maps()[number];
-        // Opening has compared the lengths of the maps with that of the file.
-        let mut bytes = vec![0; header.bytes as usize];
-        let read = self.file.read_exact_at(&mut bytes, offset);
-        read.map_err(|source| BuildFileError::Read { path: self.path.clone(), source })?;
-        if crc32fast::hash(&bytes) != header.crc {
+        let end = offset + u64::from(header.bytes);
+        let mut crc = crc32fast::Hasher::new();
+        let mut room = vec![0; PIECE_BYTES];
+        while offset < end {
+            let piece = &mut room[..PIECE_BYTES.min((end - offset) as usize)];
+            let read = self.file.read_exact_at(piece, offset);
+            read.map_err(|source| BuildFileError::Read { path: self.path.clone(), source })?;
+            crc.update(piece);
+            take(piece);
+            offset += piece.len() as u64;
+        }
+        if crc.finalize() != header.crc {
             return Err(self.contradiction("height map", format!("number {number} is corrupt (CRC)")));
         }
-        Ok(bytes)
+        Ok(())
     }
 
     fn read_primitives<P: Primitive>(
@@ -186,130 +207,11 @@ impl BuildFile {
         })
     }
 
-    fn wrong_chunk(&self, chunk: usize, problem: String) -> BuildFileError {
+    pub(super) fn wrong_chunk(&self, chunk: usize, problem: String) -> BuildFileError {
         BuildFileError::Chunk { path: self.path.clone(), chunk, chunk_count: self.chunks.len(), problem }
     }
 
-    /// Reads every chunk once and compares header and profile with the primitives, so that damage in the middle of a file is found before the
-    /// first layer. Takes about as long as reading the file.
-    ///
-    /// # Errors
-    /// [`BuildFileError`] names the first damaged chunk, or the statement that the primitives contradict.
-    pub fn verify(&self) -> Result<(), BuildFileError> {
-        let mut lowest = Lowest::default();
-        for (body, (header, stored)) in self.header.bodies.iter().zip(&self.bodies).enumerate() {
-            match header {
-                BodyHeader::Lattice(lattice) => self.verify_lattice(lattice, stored, &mut lowest)?,
-                BodyHeader::Surface(surface) | BodyHeader::Clip(Clip { surface, .. }) => {
-                    self.verify_surface(surface, stored, &mut lowest)?;
-                }
-                BodyHeader::Relief(relief) => self.verify_relief(body, relief, &mut lowest)?,
-            }
-        }
-        let (stated_um, lowest_um) = (self.header.bottom_um, lowest.um(self.header.quantum_um));
-        if self.header.bodies.iter().all(BodyHeader::is_exact) && stated_um != lowest_um {
-            return Err(self.contradiction(
-                "header",
-                format!("it says that the lowest solid point lies at {stated_um} µm, but it lies at {lowest_um} µm"),
-            ));
-        }
-        Ok(())
-    }
-
-    fn verify_lattice(&self, lattice: &Lattice, stored: &Stored, lowest: &mut Lowest) -> Result<(), BuildFileError> {
-        let Lattice { bounds, radius_range, .. } = lattice;
-        let reach = lattice.reach_quanta(self.header.quantum_um);
-        let (mut found, mut radii, mut profile) = (Bounds::EMPTY, [u32::MAX, 0], ProfileBuilder::default());
-        let mut struts = Vec::new();
-        for index in stored.chunks.clone() {
-            struts.clear();
-            self.read_chunk(index, &mut struts)?;
-            for strut in &struts {
-                let beyond = || self.contradiction("header", format!("{strut:?} reaches beyond ±2³¹ quanta"));
-                found = found.with(strut).ok_or_else(beyond)?;
-                let [least, most] = [strut.radius_a.min(strut.radius_b), strut.radius_a.max(strut.radius_b)];
-                radii = [radii[0].min(least), radii[1].max(most)];
-                profile.add(i64::from(strut.a[2]) - reach, i64::from(strut.b[2]) + reach);
-                lowest.add(strut);
-            }
-        }
-        if (&found, &radii) != (bounds, radius_range) {
-            return Err(self.contradiction(
-                "header",
-                format!("it says {bounds:?} and radii {radius_range:?}, but the struts have {found:?} and {radii:?}"),
-            ));
-        }
-        self.verify_peak(stored, &profile)
-    }
-
-    fn verify_surface(&self, surface: &Surface, stored: &Stored, lowest: &mut Lowest) -> Result<(), BuildFileError> {
-        let (mut found, mut profile) = (Bounds::EMPTY, ProfileBuilder::default());
-        let (mut triangles, mut last) = (Vec::new(), None);
-        for index in stored.chunks.clone() {
-            triangles.clear();
-            self.read_triangles(index, &mut triangles)?;
-            for triangle in &triangles {
-                if last.is_some_and(|last| last > triangle.key()) {
-                    return Err(self.wrong_chunk(index, format!("{triangle:?} comes after a higher one")));
-                }
-                last = Some(triangle.key());
-                found = found.joined(&triangle.bounds());
-                let [low, high] = triangle.z_range().map(i64::from);
-                profile.add(low, high);
-                lowest.add_triangle(triangle);
-            }
-        }
-        if found != surface.bounds {
-            let problem = format!("it says {:?}, but the triangles have {found:?}", surface.bounds);
-            return Err(self.contradiction("header", problem));
-        }
-        self.verify_peak(stored, &profile)
-    }
-
-    fn verify_relief(&self, body: usize, relief: &Relief, lowest: &mut Lowest) -> Result<(), BuildFileError> {
-        let maps = relief
-            .maps
-            .iter()
-            .enumerate()
-            .map(|(number, map)| Ok(ReliefMap { header: *map, png: self.map_bytes(body, number)?.into() }));
-        let settings = ReliefSettings {
-            is_curved: relief.is_curved,
-            shell_um: relief.shell_um,
-            displacements: relief.displacements.clone(),
-            maps: maps.collect::<Result<_, BuildFileError>>()?,
-        };
-        let wrong = |problem| self.contradiction("height map", problem);
-        let mut found = ReliefBuilder::new(&settings, self.header.quantum_um).map_err(wrong)?;
-        let (mut patches, stored) = (Vec::new(), &self.bodies[body]);
-        for index in stored.chunks.clone() {
-            patches.clear();
-            self.read_patches(index, &mut patches)?;
-            let added = patches.iter().try_for_each(|patch| found.add(*patch));
-            added.map_err(|problem| self.wrong_chunk(index, problem))?;
-        }
-        found.finish();
-        lowest.add_z(found.lowest());
-        let header = found.header();
-        if (&header.bounds, &header.z_reach) != (&relief.bounds, &relief.z_reach) {
-            let problem = format!(
-                "it says {:?} and z {:?}, but the patches have {:?} and {:?}",
-                relief.bounds, relief.z_reach, header.bounds, header.z_reach
-            );
-            return Err(self.contradiction("header", problem));
-        }
-        self.verify_peak(stored, found.profile())
-    }
-
-    fn verify_peak(&self, stored: &Stored, profile: &ProfileBuilder) -> Result<(), BuildFileError> {
-        let (stated, peak) = (stored.peak_active, profile.peak_active());
-        if peak > stated {
-            let problem = format!("it states at most {stated} active primitives, but there are {peak}");
-            return Err(self.contradiction("profile", problem));
-        }
-        Ok(())
-    }
-
-    fn contradiction(&self, part: &'static str, problem: String) -> BuildFileError {
+    pub(super) fn contradiction(&self, part: &'static str, problem: String) -> BuildFileError {
         BuildFileError::Frame { path: self.path.clone(), part, problem }
     }
 

@@ -13,7 +13,7 @@ use crate::daemon::jobs::opened::spool_text;
 use crate::daemon::printer::Printer;
 use crate::daemon::setting::Setting;
 use crate::job::{JobState, JournalError, NewJob, Record, Spool, SpoolError};
-use crate::pipeline::{PartError, Placed, Resolution, verify};
+use crate::pipeline::{PartError, Placed, Resolution};
 use crate::random;
 use crate::system::{spawn_blocking, unix_ms};
 
@@ -35,16 +35,14 @@ impl Printer {
         let (setting, spool) = (Arc::clone(&self.setting), Arc::clone(&self.spool));
         let (background, limit_bytes) = (self.background.clone(), self.budget.limit_bytes());
         let fit = self.fit();
-        // During a print there is no memory for this check. It is repeated in any case before the job begins.
-        let checks_bottom = self.is_idle();
+        // During a print there is no memory for these checks. They are repeated in any case before the job begins.
+        let checks_layers = self.is_idle();
         let under_way = Arc::clone(&self.accepting);
         spawn_blocking(move || {
             // The file of a refused part is deleted before the answer.
             let result = receive().and_then(|submission| {
                 let recipe = fit.check(submission.recipe_text.as_deref(), submission.recipe_name.as_deref())?;
-                // Every byte of it.
-                verify(&submission.part).map_err(|error| unprintable(&submission, &words(&error)))?;
-                accept(&setting, &spool, &submission, &recipe, limit_bytes, checks_bottom).map(Box::new)
+                accept(&setting, &spool, &submission, &recipe, limit_bytes, checks_layers, words).map(Box::new)
             });
             let _ = background.blocking_send(Background::Accepted { result, jobs_ended, reply, under_way });
         });
@@ -96,19 +94,21 @@ fn unprintable(submission: &Submission, text: &str) -> OrderError {
     OrderError::new(422, text.replace(&submission.part.display().to_string(), &submission.name))
 }
 
-/// Checks a new job, including its bottom layers if `checks_bottom` is set, and puts it into the spool. Blocks.
+/// Checks a new job, including its height maps and bottom layers if `checks_layers` is set, and puts it into the spool. Blocks.
 fn accept(
     setting: &Setting,
     spool: &Mutex<Spool>,
     submission: &Submission,
     recipe: &Recipe,
     limit_bytes: u64,
-    checks_bottom: bool,
+    checks_layers: bool,
+    words: fn(&PartError) -> String,
 ) -> Result<Job, OrderError> {
     let part = Placed::open(&submission.part, &Resolution::of(&setting.machine, recipe))
         .and_then(|placed| placed.fit(setting.threads, limit_bytes))
-        .map_err(|error| unprintable(submission, &error.to_string()))?;
-    if checks_bottom {
+        .and_then(|part| part.verify(checks_layers.then_some(limit_bytes)).map(|()| part))
+        .map_err(|error| unprintable(submission, &words(&error)))?;
+    if checks_layers {
         let footing =
             part.footing(recipe, limit_bytes).map_err(|error| unprintable(submission, &spool_text(&error)))?;
         footing.problem(part.layer_count()).map_or(Ok(()), |problem| Err(unprintable(submission, &problem)))?;

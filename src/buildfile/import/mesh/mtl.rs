@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use super::obj_lines::{Statements, keyed, number, text};
 use crate::buildfile::error::PackError;
 use crate::buildfile::import::collect::Collector;
-use crate::buildfile::import::height_map::Channel;
+use crate::buildfile::import::height_map::{Channel, MapUse};
 use crate::buildfile::relief::Tile;
 use crate::text::plain_line;
 
@@ -81,10 +81,12 @@ fn displacement(
     statement: &Statement,
     collector: &mut Collector<'_>,
 ) -> Result<u8, PackError> {
-    let Statement { file, multiplier, base, gain, is_clamped, channel, .. } = statement;
+    let Statement { file, multiplier, base, gain, is_clamped, channel, is_displacement } = statement;
     let tile = if *is_clamped { Tile::Clamp } else { Tile::Wrap };
     let path = beside(library, file);
-    let map = collector.meshes.map_of(&path, *channel, [tile; 2])?;
+    // Programs name maps of normals by `bump`, too.
+    let usage = MapUse { takes_colours: *is_displacement, ..MapUse::of(*channel, tile) };
+    let map = collector.meshes.map_of(&path, usage)?;
     let [low_mm, high_mm] =
         [multiplier * base, multiplier * (base + gain)].map(|length| collector.meshes.scaled(length));
     let [low_mm, high_mm] = collector.meshes.height_range([low_mm, high_mm]);

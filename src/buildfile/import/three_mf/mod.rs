@@ -32,9 +32,10 @@ use self::structure::Structure;
 use crate::buildfile::error::PackError;
 use crate::buildfile::import::collect::Collector;
 use crate::buildfile::import::digest;
-use crate::buildfile::options::PackOptions;
+use crate::buildfile::import::height_map::MapUse;
+use crate::buildfile::options::{DisplacementOptions, PackOptions};
 use crate::buildfile::progress::PackProgress;
-use crate::text::count_text;
+use crate::text::{count_text, plain_line};
 
 /// Reads one package.
 ///
@@ -52,6 +53,9 @@ pub(super) fn import(
     let root = package.place(package.root());
     structure.notes.iter().for_each(|note| collector.note(format!("{root}: {note}")));
     note_left_out(&structure, options, &package, collector);
+    if let (Some(DisplacementOptions { map, .. }), false) = (&options.relief.map, options.lattice_only) {
+        refuse_other_map(&structure, &package, map)?;
+    }
     let mut clipped = Clipped::default();
     if !options.lattice_only {
         clipped = Clipped::find(&structure, &mut package, &mut collector.clips)?;
@@ -107,6 +111,21 @@ pub(super) fn import(
     Ok(())
 }
 
+/// Refuses to displace by `map` an object that has height maps of its own: nobody would expect that one of them is silently left out.
+fn refuse_other_map(structure: &Structure, package: &Package<'_>, map: &Path) -> Result<(), PackError> {
+    let mut objects = structure.resources.objects.iter().zip(0..);
+    let displaced = objects.find(|(object, number)| object.has_displacement && structure.place_count(*number) > 0);
+    let (Some((object, _)), Some(own)) = (displaced, structure.displacements.maps.first()) else { return Ok(()) };
+    let place = format!("{}: {}", package.place(package.root()), structure.resources.name(object.id));
+    let problem = format!(
+        "its displacement mesh has the height map {}, and --displacement names {}: leave out --displacement (--height and --offset \
+         change what the 3MF states), or export the part without its displacement",
+        plain_line(&own.part),
+        map.display()
+    );
+    Err(PackError::input(place, problem))
+}
+
 /// Reads the height maps of the displacements, and returns their numbers.
 fn read_maps(
     structure: &Structure,
@@ -119,7 +138,8 @@ fn read_maps(
     for Map { part, channel, tiles, is_nearest } in &structure.displacements.maps {
         let place = package.place(part);
         let bytes = package.bytes(part, memory_bytes)?;
-        numbers.push(collector.meshes.map(Cursor::new(bytes), *channel, *tiles, *is_nearest, &place)?);
+        let usage = MapUse { channel: *channel, tiles: *tiles, is_nearest: *is_nearest, takes_colours: true };
+        numbers.push(collector.meshes.map(Cursor::new(bytes), usage, &place)?);
     }
     Ok(numbers)
 }
