@@ -1,8 +1,9 @@
 //! `layerctl check`: whether a print would run well. Size and memory come from header and index alone, at once. Times, and whether
 //! the bottom holds to the plate, come from layers computed here, which takes some seconds. For a laser all layers are computed, because
-//! the memory of a layer is known only then; if that takes too long, evenly spaced ones.
+//! the memory of a layer is known only then; if that takes too long, evenly spaced ones. So are layers of solids, for walls that are too thin.
 //! `tests/check/` compares it with the daemon.
 
+mod inspected;
 mod rehearsal;
 mod samples;
 
@@ -20,6 +21,7 @@ use crate::pipeline::{PartError, Placed, Resolution, default_threads};
 use crate::slice::{Footing, SlicePlan};
 use crate::stream::MemoryBudget;
 use crate::text::{count_text, size_text};
+use inspected::{Inspected, inspect};
 use rehearsal::{Rehearsal, rehearse, roomy};
 use samples::{Sample, late_layers, late_text, mean, measure, most};
 
@@ -28,7 +30,11 @@ use samples::{Sample, late_layers, late_text, mean, measure, most};
 #[command(after_help = super::with_names("\
 Examples:
   layerctl check lattice.layerd --machine lcd-4k-35um --recipe fine
-  layerctl check lattice.layerd -m my-machine.toml --budget 96MiB --json | jq .fits"))]
+  layerctl check lattice.layerd -m my-machine.toml --budget 96MiB --json | jq .fits
+
+It names walls of solids that are thinner than a pixel along rows or columns: surely those below 7/8 of a pixel that are at least 8 pixels \
+long and 2 high. It does not see needles, nor floors thinner than a layer. It looks at all layers, or at as many as it can in 10 s, evenly spaced; a \
+wall that is in none of these is not named. Struts are judged by their radii."))]
 pub struct CheckArgs {
     /// Build file (.layerd)
     pub file: PathBuf,
@@ -101,6 +107,8 @@ struct Times {
     dark_bottom_layers: u32,
     /// Ranges of layers, first to last, around samples where computing or the line takes longer than the device.
     late_layers: Vec<[u32; 2]>,
+    #[serde(flatten)]
+    inspected: Option<Inspected>,
     /// Of layers of scan vectors.
     #[serde(flatten)]
     rehearsal: Option<Rehearsal>,
@@ -165,7 +173,8 @@ fn judge(
         device_ms_normal_layer: process.layer_ms(plan.layer_count, None),
         print_time_s: matches!(process, Process::Vat(_)).then(|| (process.layers_ms(0..plan.layer_count) / 1e3) as u64),
     };
-    let warnings = warnings(placed.header(), &plan, recipe);
+    let header = placed.header().clone();
+    let warnings = warnings(&header, &plan, recipe);
     tell_size(&size);
     let part = match placed.fit(threads, budget) {
         Ok(part) => part,
@@ -192,6 +201,7 @@ fn judge(
             Some(rehearse(&part, &memory, budget, encoding, rest_ms, step)?)
         }
     };
+    let inspected = inspect(&part, &header, &plan, budget)?;
     let late_layers = late_layers(&samples, plan.layer_count);
     let footing = part.footing(recipe, budget)?;
     let dark = if let Footing::Dark { layers } = footing { layers } else { 0 };
@@ -201,8 +211,9 @@ fn judge(
     let fits = loose.is_none() && unfit.is_none();
     let unmarked = rehearsal.as_ref().and_then(Rehearsal::warning);
     let gap = rehearsal.as_ref().and_then(|rehearsal| rehearsal.gap(plan.layer_count, minutes));
-    let problems = unfit.into_iter().chain(loose).chain(gap).chain(unmarked).chain(late).chain(warnings).collect();
-    let times = Times { rehearsal, ..times(&samples, dark, late_layers) };
+    let problems = unfit.into_iter().chain(loose).chain(gap).chain(unmarked).chain(late);
+    let problems = problems.chain(warnings).chain(inspected.warnings()).collect();
+    let times = Times { rehearsal, inspected: Some(inspected), ..times(&samples, dark, late_layers) };
     Ok(Findings { fits, problems, size: Some(size), times: Some(times) })
 }
 
@@ -245,6 +256,7 @@ fn times(samples: &[Sample], dark_bottom_layers: u32, late_layers: Vec<[u32; 2]>
         line_ms_max: most(samples, |sample| sample.line_ms),
         dark_bottom_layers,
         late_layers,
+        inspected: None,
         rehearsal: None,
     }
 }

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::time::Duration;
 
 use super::{PartError, PrintMemory, Scan, ScannedLayers};
 use crate::buildfile::BuildFile;
@@ -11,8 +12,11 @@ use crate::device::{BYTES_PER_MARK, ScanClock, ScanTimes};
 use crate::layer::Bitmap;
 use crate::link::message::Encoding;
 use crate::slice::scan::ScanCounts;
-use crate::slice::{BodySource, Footing, SlicePlan, Slicer};
+use crate::slice::{BodySource, Footing, Inspection, SlicePlan, Slicer, dark_top};
 use crate::stream::{Ahead, Charge, MemoryBudget, StreamError};
+
+/// Most layers at the top that are looked at: as many as at the bottom.
+const MAX_TOP_LAYERS: u32 = 16;
 
 /// A layer as it goes to the device.
 #[derive(Clone, Debug, PartialEq)]
@@ -100,6 +104,25 @@ impl Part {
         };
         let mut slicer = self.slicer(0, &MemoryBudget::new(limit_bytes))?;
         Ok(Footing::of(&mut slicer, bottom_layers)?)
+    }
+
+    /// Looks at the surfaces of the part in all layers, or in as many as there is `time` for. Calls `told` with each. It takes the memory of a
+    /// slicer twice.
+    ///
+    /// # Errors
+    /// [`PartError`] if a layer cannot be computed.
+    pub fn inspect(&self, time: Duration, told: impl FnMut(u32)) -> Result<Inspection, PartError> {
+        let file = Arc::new(BuildFile::open(&self.path)?);
+        Ok(Inspection::of(|| BodySource::of(&file), &self.plan, self.threads, time, told)?)
+    }
+
+    /// Number of dark layers at the top, of which 16 are looked at. Takes as much memory as a print.
+    ///
+    /// # Errors
+    /// [`PartError`] if a layer cannot be computed within `limit_bytes`.
+    pub fn dark_top_layers(&self, limit_bytes: u64) -> Result<u32, PartError> {
+        let first = self.plan.layer_count.saturating_sub(MAX_TOP_LAYERS);
+        Ok(dark_top(&mut self.slicer(first, &MemoryBudget::new(limit_bytes))?)?)
     }
 
     fn slicer(&self, first: u32, budget: &MemoryBudget) -> Result<Slicer, PartError> {

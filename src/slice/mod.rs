@@ -43,18 +43,22 @@
 mod band;
 mod bodies;
 mod body;
+mod enclosed;
 mod error;
 mod footing;
+mod inspection;
 mod plan;
 pub mod scan;
 mod slicer;
 mod volume;
+mod walls;
 mod workers;
 
 pub use body::BodySource;
 pub use body::source::{BodyPrimitive, ChunkSource, ChunkSpan, MemoryChunks, MemoryStruts, MemoryTriangles};
 pub use error::SliceError;
 pub use footing::Footing;
+pub use inspection::{Inspection, ThinWall, dark_top};
 pub use plan::{PlanError, SlicePlan};
 pub use slicer::Slicer;
 pub use volume::{Estimate, Volume};

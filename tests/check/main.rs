@@ -6,6 +6,7 @@ mod plate;
 mod refused;
 #[path = "../support/mod.rs"]
 mod support;
+mod walls;
 
 use std::fs;
 use std::path::Path;

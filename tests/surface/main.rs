@@ -3,6 +3,8 @@
 mod bits;
 #[path = "../meshes/box_mesh.rs"]
 mod box_mesh;
+mod inspected;
+mod near;
 #[path = "../properties/mod.rs"]
 mod properties;
 mod regions;

@@ -83,6 +83,20 @@ pub(crate) fn ball(centre: [f64; 3], radius: f64, levels: u32) -> Mesh {
     mesh.moved(DMat3::from_diagonal(DVec3::splat(radius)), centre.into())
 }
 
+/// An upright cylinder of `sides` sides.
+pub(crate) fn cylinder(radius: f64, [low, high]: [f64; 2], sides: u32) -> Mesh {
+    let corner = |number: u32, z: f64| {
+        let angle = f64::from(number % sides) / f64::from(sides) * std::f64::consts::TAU;
+        DVec3::new(radius * angle.cos(), radius * angle.sin(), z)
+    };
+    let side = |number: u32| {
+        let [a, b, c, d] =
+            [corner(number, low), corner(number + 1, low), corner(number + 1, high), corner(number, high)];
+        [[a, b, c], [a, c, d], [DVec3::Z * low, b, a], [DVec3::Z * high, d, c]]
+    };
+    Mesh((0..sides).flat_map(side).collect())
+}
+
 /// By how much a point lies inside the faceted ball: exact but for points beside an edge or corner outside.
 pub(crate) fn inside_convex(mesh: &Mesh, point: [f64; 3]) -> f64 {
     let point = DVec3::from(point);

@@ -14,8 +14,7 @@ use crate::solid::HeightMap;
 
 impl BuildFile {
     /// Reads every chunk and compares header and profile with the primitives, so that damage in the middle of a file is found before the
-    /// first layer. Takes about as long as reading the file, once for each height map. One map at a time is decoded:
-    /// [`BuildFile::verify_bytes`] is the memory of that.
+    /// first layer. Takes about as long as reading the file, once for each height map. One map at a time is decoded.
     ///
     /// # Errors
     /// [`BuildFileError`] names the first damaged chunk, or the statement that the primitives contradict.
