@@ -5,6 +5,7 @@ mod curved;
 mod displaced;
 mod exact;
 mod materials;
+mod near;
 mod objects;
 #[path = "../pack_bench/mod.rs"]
 mod pack_bench;
