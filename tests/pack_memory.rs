@@ -1,14 +1,33 @@
 //! What `pack` takes of memory: an allocator counts it. It is what `pack` says that it needs, or less.
 //!
-//! There is one test at a time, because the allocator counts all threads.
+//! The tests run one after the other, because the allocator counts all threads.
 
 use std::fmt::Write as _;
 
-use layerd::buildfile::{PackOptions, ReliefOptions, pack};
+use std::path::Path;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use layerd::buildfile::{PackOptions, PackProgress, ReliefOptions, pack};
 use peak_alloc::PeakAlloc;
 
 #[global_allocator]
 static ALLOCATOR: PeakAlloc = PeakAlloc;
+
+fn alone() -> MutexGuard<'static, ()> {
+    static ALONE: Mutex<()> = Mutex::new(());
+    ALONE.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Begins to count, and returns what is taken already, bytes.
+fn begin_counting() -> usize {
+    ALLOCATOR.reset_peak_usage();
+    ALLOCATOR.current_usage()
+}
+
+/// The most that was taken at once since then, bytes.
+fn taken_since(before: usize) -> u64 {
+    (ALLOCATOR.peak_usage() - before) as u64
+}
 
 /// Memory of reading a file and of small lists, bytes.
 const FIXED_BYTES: u64 = 3 << 20;
@@ -35,6 +54,7 @@ fn noise(number: u32) -> f32 {
 
 #[test]
 fn a_cloud_of_points_takes_no_more_than_is_said() {
+    let _alone = alone();
     const COUNT: u32 = 300_000;
     let directory = tempfile::tempdir().expect("temporary directory");
     let (source, output) = (directory.path().join("cloud.ply"), directory.path().join("out.layerd"));
@@ -60,12 +80,67 @@ fn a_cloud_of_points_takes_no_more_than_is_said() {
             relief: relief.clone(),
             ..PackOptions::default()
         };
-        ALLOCATOR.reset_peak_usage();
-        let before = ALLOCATOR.current_usage();
+        let before = begin_counting();
         let error = refused(options);
-        let taken = (ALLOCATOR.peak_usage() - before) as u64;
+        let taken = taken_since(before);
         assert!(error.contains("vertex 1") && error.contains("farther than"), "{name}: {error}");
         let said = (said_mib * 1_048_576.0) as u64;
         assert!(taken <= said + FIXED_BYTES, "{name}: {taken} bytes taken, {said} said");
+    }
+}
+
+/// A file of `length` bytes that begins with these: the rest is zeros, which take no room on the disk.
+fn sparse(path: &Path, begin: &[u8], length: u64) {
+    std::fs::write(path, begin).expect("can be written");
+    let file = std::fs::OpenOptions::new().write(true).open(path).expect("is there");
+    file.set_len(length).expect("can be extended");
+}
+
+#[test]
+fn sources_without_end_are_refused_within_little_memory() {
+    const HUGE_BYTES: u64 = 10 << 30;
+    let _alone = alone();
+    let numbers = "12.5 ".repeat(1 << 20);
+    let struts = "0 0 0 0 0 9\n".repeat(1 << 20);
+    let vertices = "v 1.5 2.5 3.5\n".repeat(1 << 20);
+    let stl = "solid s\nfacet normal 0 0 1\nouter loop\nvertex 1 2 3";
+    let ply = "ply\nformat ascii 1.0\nelement vertex 900000000\nproperty float x\nproperty float y\nproperty float z\n\
+               element face 9\nproperty list uchar int vertex_indices\nend_header\n";
+    let directory = tempfile::tempdir().expect("temporary directory");
+    for (name, begin) in [
+        ("zeros.txt", String::new()),
+        ("line.txt", "3 0.5\n".to_owned() + &numbers),
+        ("first line.txt", numbers.clone()),
+        ("more than announced.txt", "3 0.5\n".to_owned() + &struts),
+        ("announced.txt", "900000000000 0.5\n".to_owned() + &struts),
+        ("zeros.obj", String::new()),
+        ("line.obj", "v 0 0 0\nf ".to_owned() + &numbers),
+        ("vertices.obj", vertices.clone()),
+        ("zeros.stl", String::new()),
+        ("line.stl", stl.to_owned() + &numbers),
+        ("zeros.ply", String::new()),
+        ("head.ply", "ply\nformat ascii 1.0\ncomment ".to_owned() + &numbers),
+        ("line.ply", ply.to_owned() + &numbers),
+        ("announced.ply", ply.to_owned()),
+        ("zeros.3mf", String::new()),
+        ("zip.3mf", "PK\u{3}\u{4}".to_owned() + &numbers),
+    ] {
+        let source = directory.path().join(name);
+        sparse(&source, begin.as_bytes(), HUGE_BYTES);
+        let options = PackOptions { memory_bytes: 4 << 20, ..PackOptions::default() };
+        let mut read_bytes = 0;
+        let mut progress = |step| {
+            if let PackProgress::Reading { done, .. } = step {
+                read_bytes = read_bytes.max(done);
+            }
+        };
+        let before = begin_counting();
+        let refused = pack(&[&source].map(Into::into), &directory.path().join("out.layerd"), &options, &mut progress);
+        let taken = taken_since(before);
+        let error = refused.expect_err(name).to_string();
+        assert!(error.contains(name) || error.contains("beside the build file"), "{name}: {error}");
+        assert!(taken <= (2 * 4 + 32) << 20, "{name}: {taken} bytes taken");
+        assert!(read_bytes <= 64 << 20, "{name}: {read_bytes} bytes were read");
+        std::fs::remove_file(&source).expect("is there");
     }
 }

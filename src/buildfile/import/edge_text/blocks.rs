@@ -10,6 +10,10 @@ use crate::buildfile::error::PackError;
 /// Length of a block: long enough that sending it to a thread takes no time in comparison, and small compared with the memory of the sort.
 const BLOCK_BYTES: usize = 256 << 10;
 
+/// Most bytes of padding after the end of a text: devices fill up to a sector or a block of a disk. A file of 10 GB that a copy has left
+/// empty is no text.
+const MAX_PADDING_BYTES: u64 = 1 << 20;
+
 /// Whole lines. Only the last line of the file may lack a line end.
 pub(super) struct Block {
     /// Number of the first line in the file, from 1.
@@ -96,6 +100,7 @@ impl<'a> Blocks<'a> {
     /// Reads the rest of a file after an end mark in `line`. Only padding may follow.
     fn read_padding(&mut self, line: u64, digest: &mut dyn FnMut(&[u8])) -> Result<(), LineError> {
         let mut bytes = vec![0; BLOCK_BYTES];
+        let mut padding_bytes = 0;
         loop {
             let count = match self.file.read(&mut bytes) {
                 Ok(0) => return Ok(()),
@@ -107,6 +112,15 @@ impl<'a> Blocks<'a> {
             };
             digest(&bytes[..count]);
             self.done += count as u64;
+            padding_bytes += count as u64;
+            if padding_bytes > MAX_PADDING_BYTES {
+                let problem =
+                    "more than 1 MiB of NUL or blanks follow the text; was it copied as a whole? Cut them off";
+                return Err(LineError {
+                    line,
+                    error: PackError::input(format!("{}:{line}", self.path.display()), problem),
+                });
+            }
             if let Some(at) = bytes[..count].iter().position(|&byte| !is_padding(byte)) {
                 let problem = "text follows after a NUL or Ctrl-Z, which end a text";
                 return Err(LineError::at(self.path, line, &bytes[at..count], problem));

@@ -37,8 +37,8 @@ pub(in crate::buildfile::import) fn import(
     let total = source.length;
     let form = Form::of(&source.head(HEAD_BYTES).map_err(read_error)?, total);
     source.is_text = form == Form::Text;
-    // The library would take such a file for text.
-    source.first = matches!(form, Form::Binary { looks_like_text: true, .. }).then_some(b' ');
+    // The library looks for text in the first line, however long it is, and some programs write heads that look like text.
+    source.first = matches!(form, Form::Binary { .. }).then_some(b'\n');
     let most = form.check(path, total)?;
     collector.expect_triangles(most, progress)?;
     let mut seen = 0;
@@ -69,8 +69,6 @@ enum Form {
     Binary {
         /// As the head states it.
         triangles: u64,
-        /// The file begins like a text, but has the length of a binary one: some programs write such heads.
-        looks_like_text: bool,
     },
     Text,
 }
@@ -80,12 +78,12 @@ impl Form {
         let triangles = head.last_chunk::<4>().map_or(0, |count| u64::from(u32::from_le_bytes(*count)));
         let looks_like_text = head.starts_with(b"solid ");
         let is_binary = length == HEAD_BYTES + triangles * TRIANGLE_BYTES;
-        if looks_like_text && !is_binary { Self::Text } else { Self::Binary { triangles, looks_like_text } }
+        if looks_like_text && !is_binary { Self::Text } else { Self::Binary { triangles } }
     }
 
     /// Refuses a binary file of another length than its head states. Returns the most triangles that the file can hold.
     fn check(self, path: &Path, length: u64) -> Result<u64, PackError> {
-        let Self::Binary { triangles, .. } = self else { return Ok(length / MIN_TEXT_BYTES) };
+        let Self::Binary { triangles } = self else { return Ok(length / MIN_TEXT_BYTES) };
         if length < HEAD_BYTES {
             let problem = format!("{length} bytes are too few for STL; is the file cut short?");
             return Err(PackError::input(path.display().to_string(), problem));

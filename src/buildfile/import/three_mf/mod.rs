@@ -47,9 +47,10 @@ pub(super) fn import(
     collector: &mut Collector<'_>,
     progress: &mut dyn FnMut(PackProgress),
 ) -> Result<(), PackError> {
-    digest(path, collector)?;
     let mut package = Package::open(path)?;
     let structure = Structure::read(&mut package, options.memory_bytes)?;
+    // What is no package is refused before all of it is read.
+    digest(path, collector)?;
     let root = package.place(package.root());
     structure.notes.iter().for_each(|note| collector.note(format!("{root}: {note}")));
     note_left_out(&structure, options, &package, collector);

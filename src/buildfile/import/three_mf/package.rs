@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::fs::File;
 use std::io::{self, BufReader, Read};
+use std::os::unix::fs::FileExt;
 use std::path::Path;
 use std::rc::Rc;
 
@@ -26,6 +27,18 @@ const FREE_BYTES: u64 = 64 << 20;
 
 /// Most entries of the zip archive: as many as an archive without 64-bit extensions can have.
 const MAX_ENTRIES: usize = u16::MAX as usize;
+
+/// Most bytes from the record that ends an archive to the end of the file: the record, and the longest comment.
+const MAX_END_BYTES: u64 = 22 + u16::MAX as u64;
+
+/// Whether a file has the record that ends an archive. The library would look for it in all of a file, however long.
+fn ends_as_archive(file: &File, file_bytes: u64) -> io::Result<bool> {
+    const END_MAGIC: [u8; 4] = *b"PK\x05\x06";
+    let end_bytes = file_bytes.min(MAX_END_BYTES);
+    let mut end = vec![0; end_bytes as usize];
+    file.read_exact_at(&mut end, file_bytes - end_bytes)?;
+    Ok(end.windows(END_MAGIC.len()).any(|bytes| bytes == END_MAGIC))
+}
 
 /// An open package.
 pub(super) struct Package<'a> {
@@ -94,11 +107,14 @@ impl<'a> Package<'a> {
         let wrong = |problem: String| PackError::input(path.display().to_string(), problem);
         let file = File::open(path).map_err(read_error)?;
         let file_bytes = file.metadata().map_err(read_error)?.len();
+        let no_archive =
+            || "it is not a 3MF file: a 3MF file is a zip archive, and this is not one, or it is truncated".to_owned();
+        if !ends_as_archive(&file, file_bytes).map_err(read_error)? {
+            return Err(wrong(no_archive()));
+        }
         let archive = ZipArchive::new(BufReader::new(file)).map_err(|error| {
             wrong(match error {
-                ZipError::InvalidArchive(_) => {
-                    "it is not a 3MF file: a 3MF file is a zip archive, and this is not one, or it is truncated".into()
-                }
+                ZipError::InvalidArchive(_) => no_archive(),
                 error => format!("it is not a 3MF package: {error}"),
             })
         })?;
