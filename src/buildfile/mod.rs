@@ -25,6 +25,7 @@
 mod error;
 mod generate;
 mod import;
+mod measure;
 mod model;
 mod options;
 mod pack;

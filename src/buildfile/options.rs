@@ -20,6 +20,9 @@ pub struct PackOptions {
     /// Factors on lengths along x, y and z, applied after the rotation; greater than 0. Radii get the mean of the smallest and the
     /// largest factor; a part is refused if a surface would then be more than 25 µm off the stretched one.
     pub scale: [f64; 3],
+    /// Longest edge of the box around the rotated part, millimetres, 0.001 to 1000000: in place of `scale`, all lengths and radii get the factor
+    /// that it takes. The box is that of the struts, before a mesh clips them, and of triangles, before they are displaced.
+    pub size_mm: Option<f64>,
     /// Position of the part on the plate.
     pub placement: Placement,
     /// Length of one quantum, micrometres, 0.001 to 1000. Coordinates and radii are rounded to multiples of it.
@@ -39,6 +42,7 @@ impl Default for PackOptions {
             relief: ReliefOptions::default(),
             rotate_deg: [0.0; 3],
             scale: [1.0; 3],
+            size_mm: None,
             placement: Placement::Centred,
             quantum_um: 1.0,
             memory_bytes: 256 << 20,

@@ -7,6 +7,7 @@ use super::error::PackError;
 use super::import::{
     self, CollectedClip, CollectedLattice, CollectedRelief, CollectedSurface, Collector, Rules, Source, check_options,
 };
+use super::measure;
 use super::model::{Blend, Caps, Header, Keeps, Strut};
 use super::options::{BlendChoice, PackOptions};
 use super::primitive::{EXPECTED_PATCH_BYTES, EXPECTED_STRUT_BYTES, EXPECTED_TRIANGLE_BYTES};
@@ -38,10 +39,19 @@ pub fn pack(
     let directory = output::directory_of(output);
     check_options(options)?;
     let sources = inputs.iter().map(|path| Source::of(path)).collect::<Result<Vec<_>, _>>()?;
-    let rules = Rules::new(options, options.blend.map_or_else(|| blend_of(&sources), Ok)?)?;
+    let blend = options.blend.map_or_else(|| blend_of(&sources), Ok)?;
     // Fails before the sources are read if the output cannot be written.
     Output::create(output).map_err(|source| WriteError::Io { path: output.into(), source })?;
     let total = inputs.iter().map(|path| check_input(path, output)).sum::<Result<u64, _>>()?;
+    let mut options = options.clone();
+    let mut scaled = None;
+    if let Some(size_mm) = options.size_mm {
+        let factor = measure::factor(inputs, &sources, (&options, blend, size_mm), directory, progress, total)?;
+        scaled = Some(format!("scaled by {factor}, so that its longest edge has {size_mm} mm"));
+        options.scale = [factor; 3];
+    }
+    let options = &options;
+    let rules = Rules::new(options, blend)?;
     let mut collector = Collector::new(&rules, options, import::kinds(&sources, options), directory);
     import::open_map(&mut collector)?;
     let mut before = 0;
@@ -55,7 +65,7 @@ pub fn pack(
     }
     let collected = collector.finish(inputs)?;
     let sort_error = |source| PackError::Sort { directory: directory.into(), source };
-    let mut notes = collected.notes;
+    let mut notes: Vec<_> = scaled.into_iter().chain(collected.notes).collect();
     let mut bodies: Vec<Body> = collected.lattice.map(Body::Lattice).into_iter().collect();
     for CollectedClip { keeps, place, lattice, surface } in collected.clips {
         bodies.extend([Body::Lattice(lattice), Body::Clip { keeps, place, surface }]);

@@ -12,6 +12,13 @@ pub enum PackProgress {
         /// Free space in that directory.
         free_bytes: u64,
     },
+    /// Sources are being read for the first time, to find out how large the part is. Happens only if its size is given.
+    Measuring {
+        /// Bytes read.
+        done: u64,
+        /// Bytes in total.
+        total: u64,
+    },
     /// Sources are being read.
     Reading {
         /// Bytes read.

@@ -27,6 +27,7 @@ Examples:
   layerctl pack lattice.3mf -o lattice.layerd
   layerctl pack bracket.stl -o bracket.layerd
   layerctl pack scan.ply --scale 1000 -o scan.layerd                      a mesh in metres
+  layerctl pack cow.obj --size 60 -o cow.layerd                           60 mm along its longest edge
   layerctl pack cow.obj --displacement leather.png --height 0.4 -o cow.layerd    a rough surface
   layerctl pack coarse.obj --curved -o smooth.layerd                      rounds the triangles
   layerctl pack scan.ply --shell 1.5 -o shell.layerd                      a shell of an open scan
@@ -86,6 +87,10 @@ pub struct PackArgs {
     /// than 25 µm.
     #[arg(long, value_name = "F|X,Y,Z", value_parser = factors, default_value = "1", allow_hyphen_values = true)]
     scale: Factors,
+    /// Scale lengths and radii so that the longest edge of the part is so long, after the rotation. The sources are read once more for it. What
+    /// displaces triangles, and what clips lattices, does not count.
+    #[arg(long, value_name = "MM", conflicts_with = "scale", allow_negative_numbers = true)]
+    size: Option<f64>,
     /// Position of the middle of the part, millimetres from the corner of the plate [default: the middle of the plate].
     #[arg(long, value_name = "X,Y", value_parser = numbers::<2>, allow_hyphen_values = true)]
     at: Option<[f64; 2]>,
@@ -155,6 +160,7 @@ pub fn run(args: PackArgs) -> anyhow::Result<()> {
         relief,
         rotate_deg: rotate,
         scale: scale.0,
+        size_mm: args.size,
         placement: at.map_or(Placement::Centred, |[x_mm, y_mm]| Placement::At { x_mm, y_mm }),
         quantum_um: quantum,
         memory_bytes: memory,
@@ -181,7 +187,7 @@ pub(super) fn check_output(output: &Path) -> Result<(), PackError> {
 }
 
 /// Template of the progress bar of `pack` and `generate`.
-pub(super) const BAR: &str = "{msg:>8} [{wide_bar}] {percent:>3}% {eta}";
+pub(super) const BAR: &str = "{msg:>9} [{wide_bar}] {percent:>3}% {eta}";
 
 /// Shows the progress of all phases on one bar.
 struct Display<'a> {
@@ -202,6 +208,7 @@ impl Display<'_> {
                     size_text(free_bytes)
                 ));
             }),
+            PackProgress::Measuring { done, total } => self.step("measuring", "{binary_bytes_per_sec}", done, total),
             PackProgress::Reading { done, total } => self.step("reading", "{binary_bytes_per_sec}", done, total),
             PackProgress::Joining { done, total } => self.step("joining", "{binary_bytes_per_sec}", done, total),
             PackProgress::Writing { done, total } => self.step("writing", "{primitives_per_sec}", done, total),
@@ -216,7 +223,7 @@ impl Display<'_> {
                 // An error here only leaves the rate out.
                 let _ = write!(out, "{:.2} M primitives/s", state.per_sec() / 1e6);
             };
-            let template = format!("{{msg:>8}} [{{wide_bar}}] {{percent:>3}}% {rate} {{eta}}");
+            let template = format!("{{msg:>9}} [{{wide_bar}}] {{percent:>3}}% {rate} {{eta}}");
             if let Ok(style) = ProgressStyle::with_template(&template) {
                 self.bar.set_style(style.with_key("primitives_per_sec", primitives));
             }

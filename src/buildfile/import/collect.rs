@@ -13,7 +13,7 @@ use super::rules::Rules;
 use super::stretch::{ROUND_TOLERANCE_UM, Stretch};
 use super::surface::CollectedSurface;
 use crate::buildfile::error::PackError;
-use crate::buildfile::model::{Blend, SUPPORT_FACTOR, Strut, Triangle};
+use crate::buildfile::model::{Blend, Bounds, SUPPORT_FACTOR, Strut, Triangle};
 use crate::buildfile::options::{BlendChoice, PackOptions};
 use crate::buildfile::primitive::{EXPECTED_STRUT_BYTES, EXPECTED_TRIANGLE_BYTES};
 use crate::buildfile::progress::PackProgress;
@@ -188,6 +188,13 @@ impl<'a> Collector<'a> {
         }
         self.turn = (self.turn + 1) % self.lanes.len();
         &mut self.lanes[self.turn]
+    }
+
+    /// A box around all struts and triangles; `None` if there are none.
+    pub(in crate::buildfile) fn bounds(&self) -> Option<Bounds> {
+        let tally = self.lanes.iter().fold(self.clips.tally(), |sum, lane| sum.joined(lane.tally()));
+        let bounds = tally.bounds.joined(&self.meshes.bounds());
+        (bounds.min[0] <= bounds.max[0]).then_some(bounds)
     }
 
     /// Decides the blend and adds the notes that need all sources.

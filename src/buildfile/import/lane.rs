@@ -7,7 +7,7 @@ use glam::DVec3;
 use super::rules::Rules;
 use super::stretch::Stretch;
 use crate::buildfile::error::PackError;
-use crate::buildfile::model::{Caps, Strut, node_key};
+use crate::buildfile::model::{Bounds, Caps, Strut, node_key};
 use crate::buildfile::sort::Sorter;
 
 /// One beam as its source states it, millimetres.
@@ -29,7 +29,7 @@ pub(super) struct Lane<'a> {
 }
 
 /// Figures of the struts collected so far.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Tally {
     pub(super) largest_radius: u32,
     pub(super) smallest_radius: Option<u32>,
@@ -42,6 +42,23 @@ pub(super) struct Tally {
     pub(super) capped_count: u64,
     /// Largest distance of a surface from where an exact stretch would put it.
     pub(super) largest_off_um: f64,
+    /// A box around all of them.
+    pub(super) bounds: Bounds,
+}
+
+impl Default for Tally {
+    fn default() -> Self {
+        Self {
+            largest_radius: 0,
+            smallest_radius: None,
+            radius_sum: 0,
+            count: 0,
+            short_count: 0,
+            capped_count: 0,
+            largest_off_um: 0.0,
+            bounds: Bounds::EMPTY,
+        }
+    }
 }
 
 impl Tally {
@@ -55,6 +72,7 @@ impl Tally {
             short_count: self.short_count + other.short_count,
             capped_count: self.capped_count + other.capped_count,
             largest_off_um: self.largest_off_um.max(other.largest_off_um),
+            bounds: self.bounds.joined(&other.bounds),
         }
     }
 
@@ -132,6 +150,8 @@ impl<'a> Lane<'a> {
 
     fn push(&mut self, strut: Strut) -> Result<(), PackError> {
         self.tally.add_radii([strut.radius_a, strut.radius_b]);
+        // A node and a radius have 2³⁰ quanta at most.
+        self.tally.bounds = self.tally.bounds.with(&strut).unwrap_or(self.tally.bounds);
         let sorted = self.sorter.push(strut);
         sorted.map_err(|source| PackError::Sort { directory: self.directory.clone(), source })
     }

@@ -9,6 +9,7 @@ use super::relief::{CollectedRelief, Face, ReliefLane, placed};
 use super::rules::Rules;
 use super::surface::{CollectedSurface, SurfaceLane};
 use crate::buildfile::error::PackError;
+use crate::buildfile::model::Bounds;
 use crate::buildfile::options::{DisplacementOptions, PackOptions, ReliefOptions};
 
 /// Takes the triangles of all sources.
@@ -45,6 +46,11 @@ impl<'a> Meshes<'a> {
     /// Number of triangles so far, with and without relief.
     pub(super) fn count(&self) -> u64 {
         self.surface.count() + self.relief.count()
+    }
+
+    /// A box around all triangles, as they are before they are displaced.
+    pub(super) fn bounds(&self) -> Bounds {
+        self.surface.bounds().joined(&self.relief.bounds())
     }
 
     /// Temporary space taken, bytes.

@@ -12,6 +12,7 @@ use super::rules::Rules;
 use super::solid_check::SolidCheck;
 use super::{normals, seams};
 use crate::buildfile::error::PackError;
+use crate::buildfile::model::{Bounds, Triangle};
 use crate::buildfile::options::ReliefOptions;
 use crate::buildfile::relief::{
     Corner, Displacement, FACTOR_FRACTIONS, MapHeader, Patch, Relief, ReliefShape, TEXTURE_FRACTIONS, Tile,
@@ -117,6 +118,12 @@ impl<'a> ReliefLane<'a> {
     /// Whether any displacement was added.
     pub(super) fn is_displaced(&self) -> bool {
         !self.displacements.is_empty()
+    }
+
+    /// A box around their flat triangles.
+    pub(super) fn bounds(&self) -> Bounds {
+        let triangle = |patch: &Patch| Triangle { corners: patch.corners.map(|corner| corner.at) };
+        self.patches.iter().fold(Bounds::EMPTY, |bounds, patch| bounds.joined(&triangle(patch).bounds()))
     }
 
     /// Number of patches.

@@ -199,6 +199,11 @@ pub(in crate::buildfile) fn check_options(options: &PackOptions) -> Result<(), P
     if options.scale.iter().any(|factor| !(1e-6..=1e6).contains(factor)) {
         return Err(PackError::Option(format!("--scale {}: allowed is 0.000001 to 1000000", factors(options.scale))));
     }
+    if let Some(size_mm) = options.size_mm
+        && !(1e-3..=1e6).contains(&size_mm)
+    {
+        return Err(PackError::Option(format!("--size {size_mm}: allowed is 0.001 to 1000000 mm")));
+    }
     if !QUANTA_UM.contains(&options.quantum_um) {
         return Err(PackError::Option(format!("--quantum {}: allowed is 0.001 to 1000 µm", options.quantum_um)));
     }

@@ -9,7 +9,7 @@ use super::holes::ClosedHoles;
 use super::rules::Rules;
 use super::solid_check::SolidCheck;
 use crate::buildfile::error::PackError;
-use crate::buildfile::model::Triangle;
+use crate::buildfile::model::{Bounds, Triangle};
 use crate::buildfile::sort::Sorter;
 
 /// Takes the triangles of all sources.
@@ -18,6 +18,8 @@ pub(super) struct SurfaceLane<'a> {
     sorter: Sorter<Triangle>,
     directory: PathBuf,
     count: u64,
+    /// A box around all of them.
+    bounds: Bounds,
     /// Triangles whose corners lie on one line. They are kept, because their neighbours meet their edges.
     flat_count: u64,
     /// What is known of the current solid.
@@ -40,6 +42,7 @@ impl<'a> SurfaceLane<'a> {
             sorter,
             directory: directory.into(),
             count: 0,
+            bounds: Bounds::EMPTY,
             flat_count: 0,
             solid: SolidCheck::default(),
             closed: ClosedHoles::default(),
@@ -49,6 +52,11 @@ impl<'a> SurfaceLane<'a> {
     /// Number of triangles.
     pub(super) fn count(&self) -> u64 {
         self.count
+    }
+
+    /// A box around all triangles.
+    pub(super) fn bounds(&self) -> Bounds {
+        self.bounds
     }
 
     /// Temporary space taken, bytes.
@@ -73,6 +81,7 @@ impl<'a> SurfaceLane<'a> {
         // Even a flat one: its neighbours meet its edges.
         self.solid.add(triangle.corners);
         self.count += 1;
+        self.bounds = self.bounds.joined(&triangle.bounds());
         let sorted = self.sorter.push(triangle);
         sorted.map_err(|source| PackError::Sort { directory: self.directory.clone(), source })
     }
