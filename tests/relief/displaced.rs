@@ -69,6 +69,26 @@ fn a_bumpy_ball_is_where_the_formula_says() {
 }
 
 #[test]
+fn a_bump_that_meets_no_edge_of_a_triangle_is_printed() {
+    // The triangles of each side meet along a diagonal; the bumps lie beside it.
+    let value = |[u, v]: [f64; 2]| {
+        let bump = |x: f64, y: f64| (1.0 - ((u - x).hypot(v - y) / 0.05).powi(2)).max(0.0).powi(2);
+        bump(0.75, 0.3) + bump(0.25, 0.7)
+    };
+    let bumps = map([256, 256], value);
+    let recipe = Recipe { map: Some(&bumps), height_mm: 0.5, ..PLAIN };
+    let part = Part::new(&cuboid([4.0, 4.0, 1.0]), &recipe);
+    let plan = part.plan(Depth::Bit);
+    let farthest = part.farthest_mm(&plan, |at| {
+        // On the upper side, texture coordinates run along the edges.
+        let is_above = at.z > 1.02 && (0..2).all(|axis| (0.02..3.98).contains(&at[axis]));
+        if is_above { 1.0 + 0.5 * value([at.x / 4.0, at.y / 4.0]) - at.z } else { f64::NAN }
+    });
+    assert!(farthest < 0.02, "{farthest} mm");
+    assert!(part.file.header().bounds.max[2] > 1450, "{:?}", part.file.header().bounds);
+}
+
+#[test]
 fn a_tessellation_that_is_displaced_itself_comes_nearer_as_it_is_refined() {
     let value =
         |[u, v]: [f64; 2]| 0.5 + 0.3 * (TAU * u).sin() * (2.0 * TAU * v).sin() + 0.2 * (3.0 * TAU * (u + v)).cos();

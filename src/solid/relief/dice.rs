@@ -2,13 +2,19 @@
 
 use glam::DVec3;
 
-use super::patch::{EDGES, PatchShape, Point};
+use super::grid::{Grid, MOST_PIECES};
+use super::patch::{EDGES, Off, PatchShape, Point, largest_share};
 use crate::solid::mesh::Facet;
 
-/// Smallest part of an edge of a patch: 2⁻¹⁴ of it. An edge of a third of a metre is then divided to 20 µm.
-const SMALLEST_SHARE: f64 = 1.0 / 16_384.0;
+/// Smallest part of an edge of a patch that is divided in its middle: 2⁻¹¹ of it. With [`MOST_PIECES`], the smallest facet of an edge of a
+/// third of a metre is 20 µm long.
+const SMALLEST_SHARE: f64 = 1.0 / 2048.0;
 
 /// How finely patches are divided.
+///
+/// An edge longer than [`MOST_PIECES`] facets is divided in its middle, and the parts between such edges likewise. What is left of an edge
+/// is divided into 1, 2, 4 … equal pieces: the fewest that are straight or short enough. That depends on the edge alone, so that neighbours
+/// agree. A part whose edges are all short is divided by a `Grid`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Dicing {
     /// One over the longest edge of a facet along x, y and z, before it is displaced; per quantum.
@@ -23,15 +29,29 @@ impl Dicing {
         Self { scale: DVec3::from(longest).recip(), tolerance }
     }
 
-    /// Whether an edge is so long that it may have to be divided.
-    fn is_long(&self, a: &Point, b: &Point) -> bool {
-        let share = |corner: usize| (a.weights[corner] - b.weights[corner]).abs();
-        share(0).max(share(1)).max(share(2)) > SMALLEST_SHARE && ((a.flat - b.flat) * self.scale).length_squared() > 1.0
+    /// Length of an edge, in facets.
+    fn length(&self, a: &Point, b: &Point) -> f64 {
+        ((a.flat - b.flat) * self.scale).length()
     }
 
-    /// Whether an edge is divided. It depends on the edge alone, so that neighbours agree.
-    fn divides(&self, patch: &PatchShape<'_>, a: &Point, b: &Point) -> bool {
-        self.is_long(a, b) && patch.off(a, b) > self.tolerance
+    /// Whether an edge is divided in its middle.
+    fn halves(&self, a: &Point, b: &Point) -> bool {
+        self.length(a, b) > MOST_PIECES as f64 && largest_share([a, b, b]) > SMALLEST_SHARE
+    }
+
+    /// The number of pieces of an edge that is not divided in its middle.
+    fn edge_pieces(&self, patch: &PatchShape<'_>, a: &Point, b: &Point) -> usize {
+        let length = self.length(a, b);
+        if length <= 1.0 { 1 } else { self.pieces(length, &patch.off(a, b)) }
+    }
+
+    /// The number of pieces of a line of this length.
+    fn pieces(&self, length: f64, off: &Off) -> usize {
+        let mut count = 1;
+        while count < MOST_PIECES && length > count as f64 && off.of_pieces(count) > self.tolerance {
+            count *= 2;
+        }
+        count
     }
 }
 
@@ -40,20 +60,36 @@ trait Seeker {
     /// Whether a part in this box may be of interest.
     fn wants(&self, bounds: [DVec3; 2]) -> bool;
 
-    /// Takes a facet, counter-clockwise seen from outside. It may be of no interest.
+    /// A bit for each side on which a point lies beyond what is of interest. A facet is of none if all its corners lie beyond the same side.
+    fn beyond(&self, point: DVec3) -> u8;
+
+    /// Takes a facet, counter-clockwise seen from outside.
     fn take(&mut self, facet: Facet);
 }
 
-/// The part of space in which facets matter: a plane, and a range of y on it.
+/// The part of space in which facets matter.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Window {
-    /// Height of the plane.
-    pub(crate) z: f64,
     /// Lowest and highest y.
     pub(crate) y: [f64; 2],
+    /// Lowest and highest z.
+    pub(crate) z: [f64; 2],
 }
 
-/// Hands on the facets that may be in a window.
+impl Window {
+    /// A bit for each side of the window beyond which a point lies.
+    fn beyond(&self, [_, y, z]: [f64; 3]) -> u8 {
+        let sides = [y < self.y[0], y > self.y[1], z < self.z[0], z > self.z[1]];
+        sides.into_iter().rev().fold(0, |bits, is_beyond| bits << 1 | u8::from(is_beyond))
+    }
+
+    /// Whether the box around a facet reaches into it.
+    pub(crate) fn meets(&self, [a, b, c]: &Facet) -> bool {
+        self.beyond(*a) & self.beyond(*b) & self.beyond(*c) == 0
+    }
+}
+
+/// Hands on the facets that a window meets.
 struct InWindow<F> {
     window: Window,
     take: F,
@@ -61,8 +97,12 @@ struct InWindow<F> {
 
 impl<F: FnMut(&Facet)> Seeker for InWindow<F> {
     fn wants(&self, [low, high]: [DVec3; 2]) -> bool {
-        let Window { z, y } = self.window;
-        low.z <= z && high.z >= z && low.y <= y[1] && high.y >= y[0]
+        let Window { y, z } = self.window;
+        low.z <= z[1] && high.z >= z[0] && low.y <= y[1] && high.y >= y[0]
+    }
+
+    fn beyond(&self, point: DVec3) -> u8 {
+        self.window.beyond(point.to_array())
     }
 
     fn take(&mut self, facet: Facet) {
@@ -97,6 +137,10 @@ impl Seeker for Extent {
         low.cmplt(self.low).any() || high.cmpgt(self.high).any()
     }
 
+    fn beyond(&self, _point: DVec3) -> u8 {
+        0
+    }
+
     fn take(&mut self, facet: Facet) {
         for corner in facet.map(DVec3::from) {
             (self.low, self.high) = (self.low.min(corner), self.high.max(corner));
@@ -105,7 +149,7 @@ impl Seeker for Extent {
 }
 
 impl PatchShape<'_> {
-    /// Hands on the facets of a patch that may be in a window, counter-clockwise seen from outside.
+    /// Hands on the facets of a patch that a window meets, counter-clockwise seen from outside.
     pub(crate) fn facets(&self, dicing: &Dicing, window: Window, take: impl FnMut(&Facet)) {
         self.dice(dicing, &mut InWindow { window, take });
     }
@@ -141,21 +185,16 @@ impl<S: Seeker> Dicer<'_, S> {
     fn part(&mut self, points: [&Point; 3]) {
         let [a, b, c] = points;
         let Self { patch, dicing, .. } = self;
-        let is_whole = patch.is_flat() || !(dicing.is_long(a, b) || dicing.is_long(b, c) || dicing.is_long(c, a));
-        if is_whole {
+        if patch.is_flat() {
             return self.take([a.at, b.at, c.at]);
         }
         let part = patch.part(points, 0);
         if !self.seeker.wants(part.bounds) {
             return;
         }
-        // No edge is farther from flat than the part.
-        if part.off <= dicing.tolerance {
-            return self.take([a.at, b.at, c.at]);
-        }
-        let divides = [(a, b), (b, c), (c, a)].map(|(from, to)| dicing.divides(patch, from, to));
+        let halves = [(a, b), (b, c), (c, a)].map(|(from, to)| dicing.halves(from, to));
         let between = |from: &Point, to: &Point| self.patch.between(from, to);
-        match divides.iter().filter(|divides| **divides).count() {
+        match halves.iter().filter(|halves| **halves).count() {
             3 => {
                 let (ab, bc, ca) = (between(a, b), between(b, c), between(c, a));
                 for part in [[a, &ab, &ca], [&ab, b, &bc], [&ca, &bc, c], [&ab, &bc, &ca]] {
@@ -164,21 +203,40 @@ impl<S: Seeker> Dicer<'_, S> {
             }
             2 => {
                 // Turned so that the edges at b are divided.
-                let [a, b, c] = turned(points, divides.map(|divides| !divides), 2);
+                let [a, b, c] = turned(points, halves.map(|halves| !halves), 2);
                 let (ab, bc) = (between(a, b), between(b, c));
                 for part in [[a, &ab, c], [&ab, b, &bc], [&ab, &bc, c]] {
                     self.part(part);
                 }
             }
             1 => {
-                let [a, b, c] = turned(points, divides, 0);
+                let [a, b, c] = turned(points, halves, 0);
                 let ab = between(a, b);
                 for part in [[a, &ab, c], [&ab, b, c]] {
                     self.part(part);
                 }
             }
-            _ => self.take([a.at, b.at, c.at]),
+            _ => self.grid(points, &part.off),
         }
+    }
+
+    /// A part that is not divided in the middle of any edge.
+    fn grid(&mut self, points: [&Point; 3], off: &Off) {
+        let [a, b, c] = points;
+        let Self { patch, dicing, .. } = self;
+        let edges = [(a, b), (b, c), (c, a)];
+        let longest = edges.map(|(from, to)| dicing.length(from, to)).into_iter().fold(0.0, f64::max);
+        // No edge is farther from straight than the part from flat.
+        let inner = if longest <= 1.0 { 1 } else { dicing.pieces(longest, off) };
+        let mut grid = Grid::new(inner, [1; 3]);
+        if inner > 1 {
+            let pieces = edges.map(|(from, to)| dicing.edge_pieces(patch, from, to));
+            grid = Grid::new(pieces.into_iter().fold(inner, usize::max), pieces);
+        }
+        let placed = |at: DVec3| (at, self.seeker.beyond(at));
+        let ends = points.map(|point| placed(point.at));
+        let points = grid.points(ends, |shares| placed(patch.point(mixed(points, shares)).at));
+        grid.facets(&points, |facet| self.take_placed(facet));
     }
 
     /// What joins a displaced edge of the patch to the edge itself: what lies between the ends of both, and then the border.
@@ -191,22 +249,46 @@ impl<S: Seeker> Dicer<'_, S> {
 
     /// What lies between a displaced edge and the line between two of its points.
     fn border(&mut self, from: &Point, to: &Point) {
-        if self.patch.is_flat()
-            || !self.dicing.divides(self.patch, from, to)
-            || !self.seeker.wants(self.patch.part([from, to, to], 0).bounds)
-        {
+        if self.patch.is_flat() || !self.seeker.wants(self.patch.part([from, to, to], 0).bounds) {
             return;
         }
-        let middle = self.patch.between(from, to);
-        self.take([from.at, to.at, middle.at]);
-        self.border(from, &middle);
-        self.border(&middle, to);
+        if self.dicing.halves(from, to) {
+            let middle = self.patch.between(from, to);
+            self.take([from.at, to.at, middle.at]);
+            self.border(from, &middle);
+            self.border(&middle, to);
+        } else {
+            self.pieces(from, to, self.dicing.edge_pieces(self.patch, from, to));
+        }
+    }
+
+    /// What lies between so many pieces of an edge and the line between its ends.
+    fn pieces(&mut self, from: &Point, to: &Point, count: usize) {
+        if count > 1 {
+            let middle = self.patch.between(from, to);
+            self.take([from.at, to.at, middle.at]);
+            self.pieces(from, &middle, count / 2);
+            self.pieces(&middle, to, count / 2);
+        }
     }
 
     fn take(&mut self, facet: [DVec3; 3]) {
-        let [a, b, c] = facet.map(|corner| corner.to_array());
-        self.seeker.take(if self.patch.is_turned == self.is_reversed { [a, b, c] } else { [a, c, b] });
+        self.take_placed(facet.map(|corner| (corner, self.seeker.beyond(corner))));
     }
+
+    /// Takes a facet. Beside each corner stands what it is beyond.
+    fn take_placed(&mut self, [a, b, c]: [(DVec3, u8); 3]) {
+        if a.1 & b.1 & c.1 == 0 {
+            let [a, b, c] = [a, b, c].map(|(corner, _)| corner.to_array());
+            self.seeker.take(if self.patch.is_turned == self.is_reversed { [a, b, c] } else { [a, c, b] });
+        }
+    }
+}
+
+/// Weights of the point with these shares of three others.
+fn mixed([a, b, c]: [&Point; 3], [from_a, from_b, from_c]: [f64; 3]) -> [f64; 3] {
+    // Exact: all are fractions with a denominator of a power of two.
+    [0, 1, 2].map(|corner| a.weights[corner] * from_a + b.weights[corner] * from_b + c.weights[corner] * from_c)
 }
 
 /// `points`, turned so that the edge of which `is_that` is true becomes edge number `place`. There is one such edge.

@@ -78,8 +78,11 @@ pub struct HeightMap {
 pub(super) struct MapRange {
     /// Least and greatest value.
     pub(super) values: [f64; 2],
-    /// The greatest second difference of texels.
-    bend: f64,
+    /// The greatest second difference of texels between which values are interpolated; then a line over `n` texels is at most `n²/8` or `n/4`
+    /// times that from straight, whichever is greater.
+    pub(super) bend: f64,
+    /// The greatest step, where they are not.
+    pub(super) step: f64,
     /// Whether there may be no displacement somewhere.
     pub(super) may_be_nothing: bool,
 }
@@ -135,9 +138,11 @@ impl HeightMap {
         } else {
             self.cells(first, last)
         };
+        let values = [least, most].map(|value| f64::from(value) / 65_535.0);
         MapRange {
-            values: [least, most].map(|value| f64::from(value) / 65_535.0),
-            bend: 2.0 * f64::from(half_bend) / 65_535.0,
+            values,
+            bend: if self.is_nearest { 0.0 } else { 2.0 * f64::from(half_bend) / 65_535.0 },
+            step: if self.is_nearest { values[1] - values[0] } else { 0.0 },
             may_be_nothing: outside(0) || outside(1),
         }
     }
@@ -150,16 +155,9 @@ impl HeightMap {
         cells.reduce(Cell::joined).unwrap_or(Cell::EMPTY)
     }
 
-    /// Bound of how far values between two points are from a linear interpolation, where the map is `range` around both and there is a value
-    /// everywhere.
-    pub(super) fn off(&self, range: &MapRange, from: [f64; 2], to: [f64; 2]) -> f64 {
-        let [least, most] = range.values;
-        if self.is_nearest {
-            return most - least;
-        }
-        let length = (0..2).map(|axis| (from[axis] - to[axis]).abs() * self.size[axis] as f64).sum::<f64>();
-        // A piece of two texels has one bend in its middle.
-        range.bend * (length * length / 8.0).max(length / 4.0)
+    /// Texels along a box of texture coordinates, both ways together.
+    pub(super) fn texels_between(&self, low: [f64; 2], high: [f64; 2]) -> f64 {
+        (0..2).map(|axis| (high[axis] - low[axis]).abs() * self.size[axis] as f64).sum()
     }
 
     /// Texture coordinates in columns and rows, counted from the middle of the first texel.

@@ -123,7 +123,7 @@ impl<'a> PatchShape<'a> {
     }
 
     /// The point of these weights. On an edge it depends on the two corners there alone, bit for bit: what is multiplied by 0 adds 0.
-    fn point(&self, weights: [f64; 3]) -> Point {
+    pub(super) fn point(&self, weights: [f64; 3]) -> Point {
         let [a, b, c] = &self.corners;
         let mix = |values: [f64; 3]| values[0] * weights[0] + values[1] * weights[1] + values[2] * weights[2];
         let flat = a.at * weights[0] + b.at * weights[1] + c.at * weights[2];
@@ -168,48 +168,83 @@ impl<'a> PatchShape<'a> {
         let [a, b, c] = points;
         let mut low = a.base.min(b.base).min(c.base);
         let mut high = a.base.max(b.base).max(c.base);
-        let mut off = 0.0;
+        let mut off = Off::default();
         if let Some(curve) = &self.curve {
-            let size = |corner: usize| {
-                let [a, b, c] = [a.weights[corner], b.weights[corner], c.weights[corner]];
-                a.max(b).max(c) - a.min(b).min(c)
-            };
-            off = curve.bend() * size(0).max(size(1)).max(size(2)).powi(2);
-            (low, high) = (low - off, high + off);
+            let bend = curve.bend() * largest_share(points).powi(2);
+            (low, high) = (low - bend, high + bend);
+            off.squared = bend;
         }
         if let Some(lift) = self.lift {
             let span = lift.span(points, margin);
             let (least, most) = lift.bounds(points, &span);
-            off += lift.off(&span);
+            lift.add_off(&mut off, &span);
             (low, high) = (low + least, high + most);
         }
         let spare = self.inset + ROUNDING;
         Part { bounds: [low - spare, high + spare], off }
     }
 
-    /// Bound of how far the line between two points is from straight, as [`Part::off`]. On an edge of the patch, it depends on that edge alone.
-    pub(super) fn off(&self, a: &Point, b: &Point) -> f64 {
-        let mut off = 0.0;
+    /// How far the line between two points may be from straight. On an edge of the patch, it depends on that edge alone.
+    pub(super) fn off(&self, a: &Point, b: &Point) -> Off {
+        let mut off = Off::default();
         if let Some(curve) = &self.curve {
-            let size = |corner: usize| (a.weights[corner] - b.weights[corner]).abs();
-            off = curve.bend_between(a.weights, b.weights) * size(0).max(size(1)).max(size(2)).powi(2);
+            off.squared = curve.bend_between(a.weights, b.weights) * largest_share([a, b, b]).powi(2);
         }
-        off + self.lift.map_or(0.0, |lift| lift.off(&lift.span([a, b, b], 0)))
+        if let Some(lift) = self.lift {
+            lift.add_off(&mut off, &lift.span([a, b, b], 0));
+        }
+        off
     }
+}
+
+/// By how much the weights of some points differ at most.
+pub(super) fn largest_share([a, b, c]: [&Point; 3]) -> f64 {
+    let share = |corner: usize| {
+        let [a, b, c] = [a.weights[corner], b.weights[corner], c.weights[corner]];
+        a.max(b).max(c) - a.min(b).min(c)
+    };
+    share(0).max(share(1)).max(share(2))
 }
 
 /// A part of a patch.
 pub(super) struct Part {
     /// A box around it, as low and high corners.
     pub(super) bounds: [DVec3; 2],
-    /// Bound of how far it is from flat. What follows from a shell being moved inwards is left out: it is as smooth as the outer side.
-    pub(super) off: f64,
+    /// How far it is from flat. What follows from a shell being moved inwards is left out: it is as smooth as the outer side.
+    pub(super) off: Off,
+}
+
+/// How far a line or a part may be from straight or flat, and its pieces if it is divided into equal ones.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Off {
+    /// For pieces of any length.
+    always: f64,
+    /// What halves with each piece.
+    linear: f64,
+    /// What is a quarter for each half.
+    squared: f64,
+    /// The bend between texels, as a displacement, and the number of texels along it.
+    texel_bend: f64,
+    texels: f64,
+}
+
+impl Off {
+    /// The bound for each of so many pieces along an edge.
+    pub(super) fn of_pieces(&self, count: usize) -> f64 {
+        let share = 1.0 / count as f64;
+        let texels = self.texels * share;
+        // A piece of two texels has one bend in its middle.
+        let bend = self.texel_bend * (texels * texels / 8.0).max(texels / 4.0);
+        self.always + self.linear * share + self.squared * share * share + bend
+    }
 }
 
 /// What is displaced between some points.
 struct Span {
-    /// How far values of the map may be from linear.
-    map_off: f64,
+    /// How far values of the map may be from linear, whatever their distance; and the bend and number of the texels among them.
+    always_off: f64,
+    texel_bend: f64,
+    texels: f64,
     /// Least and greatest displacement, without factors and with them.
     heights: [f64; 2],
     factors: [f64; 2],
@@ -238,13 +273,16 @@ impl Lift {
         }
         let factors = [a.factor.min(b.factor).min(c.factor), a.factor.max(b.factor).max(c.factor)];
         let [da, db, dc] = [a.direction, b.direction, c.direction];
-        Span {
+        let always_off = match range.may_be_nothing {
             // Beyond the map there may be a step of any height but none.
-            map_off: match range.may_be_nothing {
-                true if heights == [0.0; 2] => 0.0,
-                true => f64::INFINITY,
-                false => self.map.off(&range, low, high) * self.height.abs(),
-            },
+            true if heights == [0.0; 2] => 0.0,
+            true => f64::INFINITY,
+            false => range.step * self.height.abs(),
+        };
+        Span {
+            always_off,
+            texel_bend: range.bend * self.height.abs(),
+            texels: self.map.texels_between(low, high),
             heights,
             factors,
             lengths: products(heights, factors),
@@ -267,18 +305,21 @@ impl Lift {
         (DVec3::new(x[0], y[0], z[0]), DVec3::new(x[1], y[1], z[1]))
     }
 
-    /// Bound of how far the displacement is from linear. The product of two functions is as far from linear as each of them, and a quarter of
+    /// Adds how far the displacement may be from linear. The product of two functions is as far from linear as each of them, and a quarter of
     /// the product of their changes.
-    fn off(&self, span: &Span) -> f64 {
-        let Span { map_off, heights, factors, lengths, squared_chord } = span;
-        let factor_off = (factors[1] - factors[0]) * (heights[1] - heights[0]) / 4.0;
-        let longest = lengths[0].abs().max(lengths[1].abs());
-        let directions_off = longest * squared_chord / 8.0 + (lengths[1] - lengths[0]) * squared_chord.sqrt() / 4.0;
+    fn add_off(&self, off: &mut Off, span: &Span) {
+        let Span { heights, factors, lengths, squared_chord, .. } = span;
         let largest_factor = factors[0].abs().max(factors[1].abs());
         if largest_factor == 0.0 || self.reach == DVec3::ZERO {
-            return 0.0;
+            return;
         }
-        (map_off * largest_factor + factor_off + directions_off) * self.reach.length()
+        let reach = self.reach.length();
+        let factor_off = (factors[1] - factors[0]) * (heights[1] - heights[0]) / 4.0;
+        let longest = lengths[0].abs().max(lengths[1].abs());
+        off.always += span.always_off * largest_factor * reach;
+        off.linear += (factor_off + (lengths[1] - lengths[0]) * squared_chord.sqrt() / 4.0) * reach;
+        off.squared += longest * squared_chord / 8.0 * reach;
+        (off.texel_bend, off.texels) = (span.texel_bend * largest_factor * reach, span.texels);
     }
 }
 

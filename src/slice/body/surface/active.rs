@@ -9,7 +9,7 @@ const NONE: u32 = u32::MAX;
 
 /// Elements in lists, one for each bucket. Their order has no meaning: only their number and direction count where they are crossed.
 #[derive(Debug)]
-pub(super) struct Active<T> {
+pub(in crate::slice::body) struct Active<T> {
     place: Buckets,
     /// First element of each bucket.
     heads: Vec<u32>,

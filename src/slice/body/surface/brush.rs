@@ -10,7 +10,7 @@ use crate::layer::Depth;
 use crate::slice::SlicePlan;
 use crate::slice::band::{Band, FieldBand};
 use crate::slice::body::{Brush, FieldBrush};
-use crate::solid::{Crossings, FieldRows, Resolution, SectionPlane, Segment, Window, set_bits};
+use crate::solid::{Crossings, FieldRows, Resolution, SectionPlane, Segment, set_bits};
 
 /// What one thread draws with. It takes a fixed amount of memory.
 pub(super) trait Sheet: Send {
@@ -171,20 +171,7 @@ fn segments<E: Element>(
     rows: Range<i64>,
     mut take: impl FnMut(&Segment) -> bool,
 ) {
-    // Rows of samples lie up to half a row from the middle of a row.
-    let ends = [rows.start - 1, rows.end].map(|row| plane.origin[1] + row as f64 * plane.step[1]);
-    let window = Window { z: plane.z, y: [ends[0].min(ends[1]), ends[0].max(ends[1])] };
-    let mut goes_on = true;
-    for kept in active.reaching(rows) {
-        E::facets(kept, cutter, window, |facet| {
-            if goes_on && let Some(segment) = plane.cut(facet) {
-                goes_on = take(&segment);
-            }
-        });
-        if !goes_on {
-            return;
-        }
-    }
+    E::facets(active, cutter, plane.z, rows, |facet| plane.cut(facet).is_none_or(|segment| take(&segment)));
 }
 
 /// Raises pixels to the share of their samples that are solid.

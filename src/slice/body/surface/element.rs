@@ -1,18 +1,14 @@
-//! What a surface consists of: triangles, which are cut as they are, and patches, which are divided first. `sweep` and `brush` are the same
-//! for both. `tests/surface/` and `tests/relief/` test them.
+//! What a surface consists of: triangles, which are cut as they are, and patches (`patches`), which are divided first. `sweep` and `brush`
+//! are the same for both. `tests/surface/` and `tests/relief/` test them.
 
 use std::fmt::Debug;
+use std::ops::Range;
 
-use crate::buildfile::{MAP_DECODING_BYTES, MapHeader, Patch, QUANTUM_FRACTIONS, Relief, ReliefShape, Triangle};
+use super::active::Active;
+use crate::buildfile::{QUANTUM_FRACTIONS, Triangle};
 use crate::slice::body::source::{BodyPrimitive, ChunkSource};
 use crate::slice::{SliceError, SlicePlan};
-use crate::solid::{Dicing, Facet, HeightMap, Window};
-
-/// Longest edge of the facets of a patch before they are displaced, in pixels, and in layers along z.
-const FACET_PX: f64 = 1.0;
-
-/// How far a longer facet may be from what it stands for, in the smallest of pixel pitch and layer height.
-const FACET_TOLERANCE: f64 = 0.04;
+use crate::solid::Facet;
 
 /// Where an element matters, quanta.
 #[derive(Clone, Copy, Debug)]
@@ -47,8 +43,15 @@ pub(in crate::slice::body) trait Element: BodyPrimitive {
     /// Height of its highest point.
     fn high(kept: &Self::Kept) -> f64;
 
-    /// Hands on all facets that matter in a window, and maybe others.
-    fn facets(kept: &Self::Kept, cutter: &Self::Cutter, window: Window, take: impl FnMut(&Facet));
+    /// Hands on all facets of the active elements that a plane at `z` cuts in some rows, each once, and maybe others; until `take` returns
+    /// false. Planes never move down.
+    fn facets(
+        active: &Active<Self::Kept>,
+        cutter: &Self::Cutter,
+        z: f64,
+        rows: Range<i64>,
+        take: impl FnMut(&Facet) -> bool,
+    );
 }
 
 impl Element for Triangle {
@@ -77,71 +80,13 @@ impl Element for Triangle {
         kept[1][2].max(kept[2][2])
     }
 
-    fn facets(kept: &Facet, _cutter: &(), _window: Window, mut take: impl FnMut(&Facet)) {
-        take(kept);
+    fn facets(active: &Active<Facet>, _cutter: &(), _z: f64, rows: Range<i64>, take: impl FnMut(&Facet) -> bool) {
+        // Stops at the first that is not taken.
+        active.reaching(rows).all(take);
     }
 }
 
 /// A coordinate in quanta, exact.
 fn quanta(at: i64) -> f64 {
     at as f64 / QUANTUM_FRACTIONS as f64
-}
-
-/// What patches are divided with.
-pub(in crate::slice::body) struct Dicer {
-    shape: ReliefShape,
-    dicing: Dicing,
-}
-
-/// How often a map is halved for the pictures of a plan.
-fn level(plan: &SlicePlan, map: &MapHeader) -> u8 {
-    let [x_um, y_um] = plan.raster.pixel_um;
-    map.level(x_um.min(y_um))
-}
-
-impl Element for Patch {
-    type Kept = Self;
-    type Cutter = Dicer;
-
-    fn cutter(source: &dyn ChunkSource<Self>, plan: &SlicePlan) -> Result<Dicer, SliceError> {
-        let (relief, quantum_um): (&Relief, _) = (source.header(), source.quantum_um());
-        let maps = if relief.maps.is_empty() {
-            Vec::new()
-        } else {
-            source.read_maps(&|map| level(plan, map)).map_err(SliceError::Source)?
-        };
-        let shape = relief.shape(&maps, quantum_um).map_err(SliceError::Damaged)?;
-        let [x_um, y_um] = plan.raster.pixel_um;
-        let voxel = [x_um, y_um, plan.layer_height_um].map(|um| um / quantum_um);
-        let tolerance = FACET_TOLERANCE * voxel[0].min(voxel[1]).min(voxel[2]);
-        let dicing = Dicing::new(voxel.map(|side| side * FACET_PX), tolerance);
-        Ok(Dicer { shape, dicing })
-    }
-
-    fn cutter_bytes(source: &dyn ChunkSource<Self>, plan: &SlicePlan) -> u64 {
-        let maps = &source.header().maps;
-        let decoded = maps.iter().map(|map| HeightMap::bytes(map.size_at(level(plan, map))));
-        // One map at a time is read and decoded.
-        let reading = maps.iter().map(|map| u64::from(map.bytes) + MAP_DECODING_BYTES).max().unwrap_or(0);
-        decoded.fold(reading, u64::saturating_add)
-    }
-
-    fn keep(&self, cutter: &Dicer) -> Result<(Self, Extent), String> {
-        let [low, high] = cutter.shape.bounds(self, 0);
-        let [from, to] = self.z.map(f64::from);
-        if low.z < from || high.z > to {
-            return Err(format!("{self:?} reaches from {} to {} quanta", low.z, high.z));
-        }
-        Ok((*self, Extent { low: from, y: [low.y, high.y] }))
-    }
-
-    fn high(kept: &Self) -> f64 {
-        f64::from(kept.z[1])
-    }
-
-    fn facets(kept: &Self, cutter: &Dicer, window: Window, mut take: impl FnMut(&Facet)) {
-        for side in cutter.shape.sides(kept) {
-            side.facets(&cutter.dicing, window, &mut take);
-        }
-    }
 }

@@ -4,6 +4,8 @@
 mod active;
 mod brush;
 mod element;
+mod patches;
+mod slabs;
 mod sweep;
 
 use super::source::ChunkSource;
