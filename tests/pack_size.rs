@@ -80,6 +80,24 @@ fn grey() -> Vec<u8> {
 }
 
 #[test]
+fn a_source_of_a_few_quanta_gets_its_size_all_the_same() {
+    let mut bench = Bench::new();
+    let solid = sources(&bench)[0].clone();
+    bench.options.scale = [1.0; 3];
+    bench.options.size_mm = Some(60.0);
+    // 40.3 µm high, in a file of metres.
+    let small = std::fs::read_to_string(&solid).expect("it is there").lines().fold(String::new(), |text, line| {
+        let moved = |number: &str| number.parse::<f64>().map_or(number.to_owned(), |at| (at * 1.0075e-3).to_string());
+        let line =
+            if line.starts_with("v ") { line.split(' ').map(moved).collect::<Vec<_>>().join(" ") } else { line.into() };
+        text + &line + "\n"
+    });
+    let report = packed(&bench, &[bench.file("small.obj", small.as_bytes())]).unwrap_or_else(|error| panic!("{error}"));
+    let [x, y, z] = edges_mm(report.header.bounds);
+    assert!((x - 15.0).abs() < 0.006 && (y - 30.0).abs() < 0.006 && (z - 60.0).abs() < 0.006, "{x}, {y}, {z} mm");
+}
+
+#[test]
 fn a_size_is_the_same_as_the_scale_that_it_takes() {
     let mut bench = Bench::new();
     let [solid, strut] = sources(&bench);

@@ -5,10 +5,14 @@ use std::path::{Path, PathBuf};
 
 use super::error::PackError;
 use super::import::{self, Collector, Rules, Source};
+use super::model::Bounds;
 use super::options::{BlendChoice, PackOptions, ReliefOptions};
 use super::progress::PackProgress;
 
-/// Reads sources of `total_bytes`, and returns the factor with which the longest edge of the box around them has `size_mm`.
+/// A source that has to be scaled by more than this is measured again once it is scaled: at first, it was rounded to few quanta.
+const ROUGH_FACTOR: f64 = 2.0;
+
+/// Reads sources of `total` bytes, and returns the factor with which the longest edge of the box around them has `size_mm`.
 ///
 /// # Errors
 /// [`PackError`], if a source cannot be read, or the factor is out of range.
@@ -22,29 +26,54 @@ pub(super) fn factor(
 ) -> Result<f64, PackError> {
     // Maps are left out. What is open stays a shell.
     let relief = ReliefOptions { height_mm: Some(0.0), shell_mm: options.relief.shell_mm, ..ReliefOptions::default() };
-    let options = PackOptions { scale: [1.0; 3], relief, ..options.clone() };
-    let rules = Rules::new(&options, blend)?;
-    let mut collector = Collector::new(&rules, &options, import::kinds(sources, &options), directory);
+    let mut options = PackOptions { scale: [1.0; 3], relief, ..options.clone() };
+    loop {
+        let mut report = |done| progress(PackProgress::Measuring { done, total });
+        // Packing says that there is nothing.
+        let Some(longest_mm) = longest_mm(inputs, sources, &options, blend, directory, &mut report)? else {
+            return Ok(1.0);
+        };
+        let [scale, ..] = options.scale;
+        let factor = scale * size_mm / longest_mm;
+        if !(1e-6..=1e6).contains(&factor) {
+            let text = format!(
+                "--size {size_mm}: the part is {} mm long; it may be scaled by 0.000001 to 1000000",
+                longest_mm / scale
+            );
+            return Err(PackError::Option(text));
+        }
+        if factor <= scale * ROUGH_FACTOR {
+            return Ok(factor);
+        }
+        options.scale = [factor; 3];
+    }
+}
+
+/// The longest edge of the box around sources, millimetres; `None` of nothing. `report` takes the number of bytes read.
+fn longest_mm(
+    inputs: &[PathBuf],
+    sources: &[Source],
+    options: &PackOptions,
+    blend: BlendChoice,
+    directory: &Path,
+    report: &mut dyn FnMut(u64),
+) -> Result<Option<f64>, PackError> {
+    let rules = Rules::new(options, blend)?;
+    let mut collector = Collector::new(&rules, options, import::kinds(sources, options), directory);
     let mut before = 0;
     for (path, source) in inputs.iter().zip(sources) {
-        let mut report = |step| {
+        let mut reading = |step| {
             if let PackProgress::Reading { done, .. } = step {
-                progress(PackProgress::Measuring { done: before + done, total });
+                report(before + done);
             }
         };
-        source.import(path, &options, &mut collector, &mut report).map_err(unscaled)?;
+        source.import(path, options, &mut collector, &mut reading).map_err(unscaled)?;
         before += std::fs::metadata(path).map_or(0, |metadata| metadata.len());
     }
-    // Packing says that there is nothing.
-    let Some(bounds) = collector.bounds() else { return Ok(1.0) };
-    let longest = (0..3).map(|axis| i64::from(bounds.max[axis]) - i64::from(bounds.min[axis])).max().unwrap_or(0);
-    let longest_mm = longest as f64 * options.quantum_um / 1000.0;
-    let factor = size_mm / longest_mm;
-    if (1e-6..=1e6).contains(&factor) {
-        return Ok(factor);
-    }
-    let text = format!("--size {size_mm}: the part is {longest_mm} mm long; it may be scaled by 0.000001 to 1000000");
-    Err(PackError::Option(text))
+    Ok(collector.bounds().map(|Bounds { min, max }| {
+        let edges = (0..3).map(|axis| i64::from(max[axis]) - i64::from(min[axis]));
+        edges.max().unwrap_or(0) as f64 * options.quantum_um / 1000.0
+    }))
 }
 
 /// The error of a source that is read as it is.

@@ -19,7 +19,7 @@ pub struct Inspection {
     pub looked_at: u32,
     /// Ranges of layers, first to last, with walls thinner than a pixel: they may print broken or not at all.
     pub thin: Vec<[u32; 2]>,
-    /// The thinnest of them.
+    /// The thinnest of those that come first in their layers, row by row.
     pub thinnest: Option<ThinWall>,
     /// Ranges of layers, first to last, in which something is enclosed more than once: by pieces that overlap, or by a surface within
     /// another that faces the same way.

@@ -81,6 +81,37 @@ fn the_daemon_needs_what_check_says() {
     }
 }
 
+/// A print with coarse pixels halves a height map; the check before it holds all of it, and counts for both.
+#[test]
+fn the_check_of_a_height_map_is_needed_too() {
+    let setup = |memory_budget| Setup { size_px: [400, 400], pixel_um: 100.0, memory_budget, ..Setup::default() };
+    let bench = Bench::prepare(setup("64MiB"));
+    let corners = ["0 0 0", "10 0 0", "0 10 0", "0 0 10"].map(|corner| format!("v {corner}\n")).concat();
+    let texture = "vt 0 0\nvt 1 0\nvt 0 1\nvt 1 1\n";
+    let faces = "f 1/1 3/3 2/2\nf 1/1 2/2 4/4\nf 1/1 4/4 3/3\nf 2/2 3/3 4/4\n";
+    fs::write(bench.path("part.obj"), corners + texture + faces).expect("written");
+    let mut map = Vec::new();
+    let mut encoder = png::Encoder::new(&mut map, 4096, 2048);
+    encoder.set_color(png::ColorType::Grayscale);
+    encoder.write_header().expect("a head").write_image_data(&vec![77; 4096 * 2048]).expect("texels");
+    fs::write(bench.path("map.png"), map).expect("written");
+    bench.ok(&["pack", "part.obj", "--displacement", "map.png", "--height", "0.2", "-o", "part.layerd"]);
+    let short =
+        ["check", "part.layerd", "--machine", "machine.toml", "--recipe", "recipe.toml", "--budget", "8MiB", "--json"];
+    let found = json(&bench.layerctl(&short));
+    let need_mib = found["memory_needed_bytes"].as_u64().expect("a number").div_ceil(1 << 20);
+    assert!((32..48).contains(&need_mib), "{need_mib} MiB for a map of 8 Mi texels");
+    for (mib, enough) in [(need_mib, true), (need_mib - 1, false)] {
+        let budget: &'static str = format!("{mib}MiB").leak();
+        let mut daemon = Bench::prepare(setup(budget));
+        daemon.start_daemon();
+        fs::copy(bench.path("part.layerd"), daemon.path("part.layerd")).expect("copied");
+        let started = daemon.layerctl(&["start", "part.layerd"]);
+        assert_eq!(started.status.success(), enough, "{mib} MiB: {}", stderr(&started));
+        assert!(enough || stderr(&started).contains(&format!("{need_mib}MiB")), "{}", stderr(&started));
+    }
+}
+
 #[test]
 fn check_computes_all_layers_of_a_laser_and_names_the_budget_that_the_largest_needs() {
     let dir = tempfile::tempdir().expect("a directory");

@@ -18,9 +18,9 @@ const MAX_TIME: Duration = Duration::from_secs(10);
 pub(super) struct Inspected {
     /// Layers whose solids were looked at; 0 of a part without solids.
     inspected_layers: u32,
-    /// Ranges of layers, first to last, with walls of solids that are thinner than a pixel, and the thinnest wall.
+    /// Ranges of layers, first to last, with walls of solids that are thinner than a pixel, and the thickness of one of them.
     thin_wall_layers: Vec<[u32; 2]>,
-    thinnest_wall_px: Option<f64>,
+    thin_wall_px: Option<f64>,
     /// Ranges of layers in which surfaces enclose something more than once.
     enclosed_twice_layers: Vec<[u32; 2]>,
     /// Layers at the top in which nothing is lit, of the last 16.
@@ -50,7 +50,7 @@ pub(super) fn inspect(part: &Part, header: &Header, plan: &SlicePlan, budget: u6
     let warnings = warnings.chain(dark_text(dark_top_layers, header, plan)).collect();
     Ok(Inspected {
         inspected_layers: found.looked_at,
-        thinnest_wall_px: found.thinnest.map(|wall| wall.thickness_px),
+        thin_wall_px: found.thinnest.map(|wall| wall.thickness_px),
         thin_wall_layers: found.thin,
         enclosed_twice_layers: found.enclosed_twice,
         dark_top_layers,
@@ -67,8 +67,8 @@ fn thin_text(found: &Inspection, plan: &SlicePlan) -> Option<String> {
         String::new()
     };
     Some(format!(
-        "walls thinner than a pixel are in layers {}{looked_at}; the thinnest has {:.2} pixels, at column {column}, row {row} of layer {}: \
-         they may print broken, or not at all",
+        "walls thinner than a pixel are in layers {}{looked_at}, for example one of {:.2} pixels at column {column}, row {row} of layer \
+         {}: they may print broken, or not at all",
         layers_text(&found.thin),
         wall.thickness_px,
         wall.layer
