@@ -1,7 +1,10 @@
 //! Thin, near, coincident and nested surfaces with relief: what must neither vanish nor merge.
 
+use std::time::Duration;
+
 use glam::DVec3;
 use layerd::layer::Depth;
+use layerd::slice::{BodySource, Inspection};
 
 use crate::objects::{Corner, Object, ball, cuboid};
 use crate::{LAYER_UM, PIXEL_UM, PLAIN, Part, Recipe, lit, map, pixels, point_mm};
@@ -113,5 +116,33 @@ fn twenty_at_one_place_lose_no_pixel_and_what_lies_within_changes_nothing() {
             let more = pixels(&plan).filter(|(x, y)| !lit(alone, *x, *y) && lit(&found, *x, *y)).count();
             assert_eq!([missing, more], [0, 0], "{name}, layer {number}");
         }
+    }
+}
+
+#[test]
+fn an_inspection_names_thin_walls_and_what_is_enclosed_twice() {
+    let white = map([4, 4], |_| 1.0);
+    let height_mm = 0.1;
+    let block = cuboid([1.0, 1.0, 0.9]);
+    let inner = moved(cuboid([0.3, 0.3, 0.3]), DVec3::splat(0.3));
+    // Displaced inwards on both sides, it is so thick.
+    let fin = |thick_px: f64| {
+        let thick_mm = thick_px * PIXEL_UM[1] / 1000.0;
+        both(block.clone(), &moved(cuboid([0.9, thick_mm + 2.0 * height_mm, 0.9]), DVec3::new(1.3, 0.3, 0.0)))
+    };
+    let inspected = |object: &Object, height_mm: f64| {
+        let part = Part::new(object, &Recipe { map: Some(&white), height_mm, ..PLAIN });
+        let (plan, bodies) = (part.plan(Depth::Bit), || BodySource::of(&part.file));
+        let found = Inspection::of(bodies, &plan, 2, Duration::from_secs(600), |_| {}).expect("it can be drawn");
+        assert_eq!(found.looked_at, plan.layer_count);
+        (plan, found)
+    };
+    let (plan, nested) = inspected(&both(block.clone(), &inner), height_mm);
+    let is_within = |layer: &u32| (0.2..0.7).contains(&(plan.layer_z_um(*layer) / 1000.0));
+    let layers: Vec<_> = (0..plan.layer_count).filter(is_within).collect();
+    assert_eq!((nested.enclosed_twice, nested.thin), (vec![[layers[0], layers[layers.len() - 1]]], vec![]));
+    for (thick_px, is_thin) in [(0.6, true), (1.5, false)] {
+        let (_, found) = inspected(&fin(thick_px), -height_mm);
+        assert_eq!((found.thin.is_empty(), found.enclosed_twice), (!is_thin, vec![]), "{thick_px} pixels");
     }
 }
