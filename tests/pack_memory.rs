@@ -1,13 +1,15 @@
-//! What `pack` takes of memory: an allocator counts it. It is what `pack` says that it needs, or less.
+//! What packing, and drawing displaced parts, takes of memory: an allocator counts it. It is what is said or charged, or less.
 //!
 //! The tests run one after the other, because the allocator counts all threads.
 
 use std::fmt::Write as _;
-
 use std::path::Path;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use layerd::buildfile::{PackOptions, PackProgress, ReliefOptions, pack};
+use layerd::buildfile::{BuildFile, DisplacementOptions, PackOptions, PackProgress, ReliefOptions, Tile, pack};
+use layerd::layer::{Bitmap, Depth, Mirror, Raster};
+use layerd::slice::{BodySource, SlicePlan, Slicer};
+use layerd::stream::MemoryBudget;
 use peak_alloc::PeakAlloc;
 
 #[global_allocator]
@@ -142,5 +144,59 @@ fn sources_without_end_are_refused_within_little_memory() {
         assert!(taken <= (2 * 4 + 32) << 20, "{name}: {taken} bytes taken");
         assert!(read_bytes <= 64 << 20, "{name}: {read_bytes} bytes were read");
         std::fs::remove_file(&source).expect("is there");
+    }
+}
+
+/// A plate of 20 × 20 mm, 2 mm thick, that a map makes rough on both sides.
+fn rough_plate(directory: &Path, map_size: [u32; 2]) -> Arc<BuildFile> {
+    let [source, map, output] = ["in.obj", "map.png", "out.layerd"].map(|name| directory.join(name));
+    let mut text = "vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n".to_owned();
+    for number in 0..8 {
+        let at = |bit: u32, size: u32| (number >> bit & 1) * size;
+        writeln!(text, "v {} {} {}", at(0, 20), at(1, 20), at(2, 2)).expect("a string");
+    }
+    for [a, b, c, d] in [[1, 3, 4, 2], [5, 6, 8, 7], [1, 2, 6, 5], [3, 7, 8, 4], [1, 5, 7, 3], [2, 4, 8, 6]] {
+        writeln!(text, "f {a}/1 {b}/2 {c}/3\nf {a}/1 {c}/3 {d}/4").expect("a string");
+    }
+    std::fs::write(&source, text).expect("can be written");
+    let texels: Vec<u8> = (0..map_size[0] * map_size[1]).map(|number| (255.0 * noise(number)) as u8).collect();
+    let file = std::fs::File::create(&map).expect("can be created");
+    let mut encoder = png::Encoder::new(std::io::BufWriter::new(file), map_size[0], map_size[1]);
+    encoder.set_color(png::ColorType::Grayscale);
+    encoder.write_header().expect("a head").write_image_data(&texels).expect("texels");
+    let relief = ReliefOptions {
+        map: Some(DisplacementOptions { map, tile: Tile::Wrap }),
+        height_mm: Some(0.3),
+        ..ReliefOptions::default()
+    };
+    let options = PackOptions { relief, ..PackOptions::default() };
+    pack(&[source], &output, &options, &mut |_| {}).expect("can be packed");
+    Arc::new(BuildFile::open(&output).expect("is whole"))
+}
+
+#[test]
+fn a_displaced_part_takes_no_more_than_is_charged() {
+    let _alone = alone();
+    let directory = tempfile::tempdir().expect("temporary directory");
+    for (map_size, pixel_um) in [([2048, 32], 40.0), ([32, 2048], 100.0), ([700, 700], 40.0), ([1, 1], 100.0)] {
+        let file = rough_plate(directory.path(), map_size);
+        let size_px = (22_000.0 / pixel_um) as u32;
+        let raster = Raster {
+            width_px: size_px,
+            height_px: size_px,
+            pixel_um: [pixel_um; 2],
+            build_height_um: 10_000.0,
+            mirror: Mirror::default(),
+        };
+        let plan = SlicePlan::new(file.header(), raster, Depth::Bit, 50.0).expect("it fits");
+        let mut bitmap = Bitmap::new(size_px, size_px, Depth::Bit);
+        let budget = MemoryBudget::new(1 << 40);
+        let before = begin_counting();
+        let mut slicer = Slicer::new(BodySource::of(&file), plan, 1, 0, &budget).expect("it fits");
+        while slicer.next_layer(&mut bitmap).expect("a layer").is_some() {}
+        let (taken, charged) = (taken_since(before), budget.peak_bytes());
+        println!("{map_size:?}: {taken} bytes taken, {charged} charged");
+        assert!(taken <= charged, "{map_size:?}: {taken} bytes taken, {charged} charged");
+        assert!(charged < 3 * taken, "{map_size:?}: {taken} bytes taken, {charged} charged");
     }
 }

@@ -48,7 +48,7 @@ pub(crate) use relief::ReliefShape;
 pub use relief::{
     Corner, DIRECTION_UNIT, Displacement, FACTOR_FRACTIONS, MapHeader, Patch, Relief, TEXTURE_FRACTIONS, Tile,
 };
-pub(crate) use store::MAP_DECODING_BYTES;
+pub(crate) use store::map_decoding_bytes;
 pub(crate) use store::{BEGINNING_BYTES, MAX_CHUNK_PRIMITIVES, check_beginning};
 pub use store::{
     BodySettings, BuildFile, BuildFileError, ChunkEntry, ReliefMap, ReliefSettings, WriteError, Writer, WriterSettings,

@@ -4,6 +4,7 @@ mod bad_input;
 mod curved;
 mod displaced;
 mod exact;
+mod field;
 mod materials;
 mod near;
 mod objects;

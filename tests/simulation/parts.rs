@@ -6,7 +6,7 @@ mod vat;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
-use layerd::buildfile::{PackOptions, pack};
+use layerd::buildfile::{DisplacementOptions, PackOptions, Tile, pack};
 use layerd::config::{Machine, Recipe};
 use layerd::device::ScanTimes;
 use layerd::device::encoding::{best, choose_vectors};
@@ -31,6 +31,16 @@ pub(crate) enum Kind {
     Vat,
     /// A laser and a bed of powder, with a recipe that fills areas in this way.
     Laser(Filling),
+}
+
+/// What a part is packed from.
+pub(crate) enum Source {
+    /// An edge text.
+    Edges(String),
+    /// An STL text.
+    Solid(String),
+    /// An OBJ text, and a height map as PNG that displaces it by up to 20 µm.
+    Rough(String, Vec<u8>),
 }
 
 /// A part: its build file, and its layers as the slicer makes them.
@@ -115,7 +125,8 @@ impl Kind {
         }
     }
 
-    /// The parts, the one with most layers first; on a vat machine the second is a solid.
+    /// The parts, the one with most layers first; the second of a vat machine is a solid with a rough surface, the third of a laser machine a
+    /// solid.
     pub(crate) fn parts(self) -> &'static [Part] {
         static VAT: OnceLock<Vec<Part>> = OnceLock::new();
         static ZIGZAG: OnceLock<Vec<Part>> = OnceLock::new();
@@ -142,13 +153,26 @@ impl Kind {
         }
     }
 
-    /// The part of an edge text or of an STL text.
-    fn part(self, text: &str) -> Part {
+    fn part(self, source: &Source) -> Part {
         let directory = tempfile::tempdir().expect("a directory");
-        let name = if text.starts_with("solid") { "solid.stl" } else { "edges.txt" };
-        let [source, file] = [name, "part.layerd"].map(|name| directory.path().join(name));
-        std::fs::write(&source, text).expect("written");
-        pack(&[source], &file, &PackOptions::default(), &mut |_| {}).expect("packed");
+        let written = |name: &str, bytes: &[u8]| {
+            let path = directory.path().join(name);
+            std::fs::write(&path, bytes).expect("written");
+            path
+        };
+        let mut options = PackOptions::default();
+        let path = match source {
+            Source::Edges(text) => written("edges.txt", text.as_bytes()),
+            Source::Solid(text) => written("solid.stl", text.as_bytes()),
+            Source::Rough(text, map) => {
+                let map = written("map.png", map);
+                options.relief.map = Some(DisplacementOptions { map, tile: Tile::Wrap });
+                options.relief.height_mm = Some(0.02);
+                written("solid.obj", text.as_bytes())
+            }
+        };
+        let file = directory.path().join("part.layerd");
+        pack(&[path], &file, &options, &mut |_| {}).expect("packed");
         let [_, (_, machine), (_, recipe)] = self.files(true);
         let machine = Machine::parse(Path::new("machine.toml"), &machine).expect("a machine");
         let recipe = Recipe::parse(Path::new("recipe.toml"), &recipe).expect("a recipe");

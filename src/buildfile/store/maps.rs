@@ -8,11 +8,14 @@ use crate::solid::HeightMap;
 /// Most columns and rows of a map: more than any scanner or program makes.
 pub(in crate::buildfile) const MAX_SIDE: u32 = 1 << 15;
 
-/// Longest row that a PNG decoder has to hold, with room for its own tables, bytes.
-const DECODER_BYTES: usize = 8 << 20;
+/// Most bytes that the PNG decoder takes for what a file says beside its texels, and for a row.
+const DECODER_LIMIT_BYTES: usize = 512 << 10;
 
-/// Memory of decoding a map, besides the map, bytes: the decoder, and sums of one row.
-pub(crate) const DECODING_BYTES: u64 = 2 * DECODER_BYTES as u64;
+/// Memory of decoding a map of so many columns, besides the map, bytes: the decoder's window and what it has decoded ahead, a few rows of up
+/// to 2 bytes a texel, and two rows of sums.
+pub(crate) fn decoding_bytes(columns: u32) -> u64 {
+    (1 << 20) + 32 * u64::from(columns)
+}
 
 /// Encodes a map whose texels are of 8 bits if all of them are multiples of 257, of 16 bits otherwise.
 ///
@@ -36,14 +39,16 @@ pub(in crate::buildfile) fn encode(size: [u32; 2], texels: &[u16]) -> Result<Vec
     Ok(bytes)
 }
 
-/// Decodes a map and halves it `level` times. Besides the map that comes out, at most [`DECODING_BYTES`] are taken.
+/// Decodes a map and halves it `level` times. Besides the map that comes out, at most [`decoding_bytes`] are taken.
 ///
 /// # Errors
 /// A text if the bytes are no such map.
 pub(super) fn decode(bytes: &[u8], header: &MapHeader, level: u8) -> Result<HeightMap, String> {
-    let limits = png::Limits { bytes: DECODER_BYTES };
-    let mut reader =
-        png::Decoder::new_with_limits(Cursor::new(bytes), limits).read_info().map_err(|error| error.to_string())?;
+    let limits = png::Limits { bytes: DECODER_LIMIT_BYTES };
+    let mut decoder = png::Decoder::new_with_limits(Cursor::new(bytes), limits);
+    decoder.set_ignore_text_chunk(true);
+    decoder.set_ignore_iccp_chunk(true);
+    let mut reader = decoder.read_info().map_err(|error| error.to_string())?;
     let info = reader.info();
     if [info.width, info.height] != header.size || info.color_type != png::ColorType::Grayscale || info.interlaced {
         return Err(format!("it is no grey map of {} × {} texels", header.size[0], header.size[1]));

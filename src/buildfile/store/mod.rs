@@ -28,7 +28,7 @@ pub(crate) use chunk::MAX_CHUNK_PRIMITIVES;
 pub use error::BuildFileError;
 pub(crate) use format::{BEGINNING_BYTES, check_beginning};
 pub use index::ChunkEntry;
-pub(crate) use maps::DECODING_BYTES as MAP_DECODING_BYTES;
+pub(crate) use maps::decoding_bytes as map_decoding_bytes;
 pub(in crate::buildfile) use maps::{MAX_SIDE as MAX_MAP_SIDE, encode as encode_map};
 pub use reader::BuildFile;
 pub use settings::{BodySettings, ReliefMap, ReliefSettings, WriteError, WriterSettings};

@@ -19,6 +19,10 @@ const BOUNDS_TOLERANCE_UM: f64 = 0.5;
 /// Most patches that are held because they may reach beyond the others: 5.3 MiB. A level side with a rough surface has many.
 const MAX_CANDIDATES: usize = 1 << 15;
 
+/// Most parts of patches that are divided to find the bounds: some seconds. Only parts that may reach beyond all before are divided, so real
+/// surfaces have a thousandth of it.
+const MAX_PARTS: u32 = 1 << 22;
+
 /// A relief that is being written, or compared.
 pub(super) struct ReliefBuilder {
     relief: Relief,
@@ -65,7 +69,7 @@ impl ReliefBuilder {
         let reach = Reach {
             shape: relief.shape(maps, quantum_um)?,
             dicing: Dicing::new([BOUNDS_FACET_UM / quantum_um; 3], BOUNDS_TOLERANCE_UM / quantum_um),
-            extent: Extent::EMPTY,
+            extent: Extent::new(MAX_PARTS),
             candidates: Vec::new(),
             full: MAX_CANDIDATES / 2,
         };
@@ -116,7 +120,7 @@ impl ReliefBuilder {
     /// Adds how far a patch reaches, whose map it knows.
     ///
     /// # Errors
-    /// A text if that is beyond its bounds of z. Then it is not added.
+    /// A text if that is beyond its bounds of z, or takes too long to find out. Then it is not added.
     pub(super) fn reach(&mut self, patch: &Patch) -> Result<(), String> {
         self.reach.add(patch, self.relief.coarsest(patch))
     }
@@ -138,9 +142,12 @@ impl ReliefBuilder {
     }
 
     /// Completes the bounds. Call it after the last patch, and after the last one of each map.
-    pub(super) fn finish(&mut self) {
-        self.reach.drop_candidates();
-        self.reach.settle();
+    ///
+    /// # Errors
+    /// As [`ReliefBuilder::reach`].
+    pub(super) fn finish(&mut self) -> Result<(), String> {
+        self.reach.drop_candidates()?;
+        self.reach.settle()
     }
 
     /// The header of the patches added so far.
@@ -173,13 +180,13 @@ impl Reach {
         self.shape.sides(patch).for_each(|side| self.extent.extend_to_corners(&side));
         self.candidates.push((0.0, *patch));
         if self.candidates.len() == self.full {
-            self.drop_candidates();
+            self.drop_candidates()?;
         }
         Ok(())
     }
 
     /// Drops the candidates that lie within the extent, and finds out how far the others may reach.
-    fn drop_candidates(&mut self) {
+    fn drop_candidates(&mut self) -> Result<(), String> {
         let Self { shape, extent, candidates, .. } = self;
         candidates.retain_mut(|(beyond, patch)| {
             let [low, high] = shape.bounds(patch, 0);
@@ -187,19 +194,27 @@ impl Reach {
             *beyond > 0.0
         });
         if candidates.len() > MAX_CANDIDATES / 2 {
-            self.settle();
+            self.settle()?;
         }
         self.full = (2 * self.candidates.len()).max(MAX_CANDIDATES / 2);
+        Ok(())
     }
 
     /// Extends the bounds to all candidates: first to those that may reach farthest, so that little is left of the others.
-    fn settle(&mut self) {
+    fn settle(&mut self) -> Result<(), String> {
         self.candidates.sort_by(|(a, _), (b, _)| b.total_cmp(a));
         for (_, patch) in self.candidates.drain(..) {
             for side in self.shape.sides(&patch) {
                 self.extent.extend(&side, &self.dicing);
             }
+            if self.extent.is_spent() {
+                return Err(format!(
+                    "{patch:?} is so rough that it takes too long to find out how far it reaches: are its height map and its displacement meant \
+                     so?"
+                ));
+            }
         }
+        Ok(())
     }
 }
 

@@ -33,7 +33,7 @@ impl BuildFile {
     /// Memory that [`BuildFile::verify`] takes for the largest height map, bytes; 0 if there is none.
     pub(crate) fn verify_bytes(&self) -> u64 {
         let maps = self.header().bodies.iter().flat_map(BodyHeader::maps);
-        maps.map(|map| HeightMap::bytes(map.size_at(0)) + u64::from(map.bytes) + maps::DECODING_BYTES)
+        maps.map(|map| HeightMap::bytes(map.size_at(0)) + u64::from(map.bytes) + maps::decoding_bytes(map.size[0]))
             .max()
             .unwrap_or(0)
     }
@@ -139,7 +139,7 @@ impl BuildFile {
                 true => found.reach(patch),
                 false => Ok(()),
             })?;
-            found.finish();
+            found.finish().map_err(|problem| self.contradiction("patches", problem))?;
         }
         lowest.add_z(found.lowest());
         let bounds = found.header().bounds;

@@ -69,7 +69,7 @@ impl OpenBody {
             Self::Lattice(_, struts) => struts.finish_body(chunks),
             Self::Surface(_, triangles) | Self::Clip(_, _, triangles) => triangles.finish_body(chunks),
             Self::Relief(relief, patches) => {
-                relief.finish();
+                relief.finish().map_err(io::Error::other)?;
                 patches.finish_body(chunks)
             }
         }

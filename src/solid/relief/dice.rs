@@ -58,7 +58,7 @@ impl Dicing {
 /// What is wanted of a patch.
 trait Seeker {
     /// Whether a part in this box may be of interest.
-    fn wants(&self, bounds: [DVec3; 2]) -> bool;
+    fn wants(&mut self, bounds: [DVec3; 2]) -> bool;
 
     /// A bit for each side on which a point lies beyond what is of interest. A facet is of none if all its corners lie beyond the same side.
     fn beyond(&self, point: DVec3) -> u8;
@@ -96,7 +96,7 @@ struct InWindow<F> {
 }
 
 impl<F: FnMut(&Facet)> Seeker for InWindow<F> {
-    fn wants(&self, [low, high]: [DVec3; 2]) -> bool {
+    fn wants(&mut self, [low, high]: [DVec3; 2]) -> bool {
         let Window { y, z } = self.window;
         low.z <= z[1] && high.z >= z[0] && low.y <= y[1] && high.y >= y[0]
     }
@@ -115,11 +115,20 @@ impl<F: FnMut(&Facet)> Seeker for InWindow<F> {
 pub(crate) struct Extent {
     pub(crate) low: DVec3,
     pub(crate) high: DVec3,
+    /// How many more parts are divided.
+    parts_left: u32,
 }
 
 impl Extent {
-    /// A box around nothing.
-    pub(crate) const EMPTY: Self = Self { low: DVec3::MAX, high: DVec3::MIN };
+    /// A box around nothing. It divides at most `parts` parts.
+    pub(crate) fn new(parts: u32) -> Self {
+        Self { low: DVec3::MAX, high: DVec3::MIN, parts_left: parts }
+    }
+
+    /// Whether it divides no more parts, and facets may lie outside.
+    pub(crate) fn is_spent(&self) -> bool {
+        self.parts_left == 0
+    }
 
     /// Extends the box to the corners of a patch.
     pub(crate) fn extend_to_corners(&mut self, patch: &PatchShape<'_>) {
@@ -133,8 +142,12 @@ impl Extent {
 }
 
 impl Seeker for Extent {
-    fn wants(&self, [low, high]: [DVec3; 2]) -> bool {
-        low.cmplt(self.low).any() || high.cmpgt(self.high).any()
+    fn wants(&mut self, [low, high]: [DVec3; 2]) -> bool {
+        if !(low.cmplt(self.low).any() || high.cmpgt(self.high).any()) || self.is_spent() {
+            return false;
+        }
+        self.parts_left -= 1;
+        true
     }
 
     fn beyond(&self, _point: DVec3) -> u8 {
@@ -296,4 +309,39 @@ fn turned(mut points: [&Point; 3], is_that: [bool; 3], place: usize) -> [&Point;
     let edge = is_that.iter().position(|is_that| *is_that).unwrap_or(place);
     points.rotate_left((edge + 3 - place) % 3);
     points
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use glam::DMat3;
+
+    use super::super::{HeightMap, Lift, PatchCorner, Tile};
+    use super::*;
+
+    #[test]
+    fn bounds_of_a_rough_patch_are_found_or_given_up() {
+        // One texel rises above the others.
+        let texels =
+            (0..64 * 64).map(|number| if number == 40 * 64 + 10 { 30_000 } else { number * 37 % 1000 }).collect();
+        let map = Arc::new(HeightMap::new([64, 64], [Tile::Wrap; 2], true, texels));
+        let lift = Lift::new(map, 65_535.0, 0.0, DMat3::IDENTITY);
+        let corner = |u: f64, v: f64| PatchCorner {
+            at: DVec3::new(1000.0 * u, 1000.0 * v, 0.0),
+            direction: DVec3::Z,
+            texture: [u, v],
+            factor: 1.0,
+        };
+        let corners = [corner(0.0, 0.0), corner(1.0, 0.0), corner(0.0, 1.0)];
+        let patch = PatchShape::new(corners, [false; 3], Some(&lift), false);
+        let dicing = Dicing::new([1.0; 3], 0.04);
+        let mut extent = Extent::new(1 << 20);
+        extent.extend(&patch, &dicing);
+        assert!(!extent.is_spent());
+        assert!((extent.high.z - 30_000.0).abs() < 1e-6, "{extent:?}");
+        let mut extent = Extent::new(5);
+        extent.extend(&patch, &dicing);
+        assert!(extent.is_spent(), "{extent:?}");
+    }
 }

@@ -1,11 +1,11 @@
-//! A small laser machine, quick recipes for it, and lying struts. The machine's buffer is smaller than the larger layers, which
+//! A small laser machine, quick recipes for it, lying struts and a solid. The machine's buffer is smaller than the larger layers, which
 //! therefore stream.
 
 use layerd::link::message::{Encoding, MachineCapabilities, PowderCapabilities};
 use layerd::pipeline::EncodedLayer;
 use layerd_wire::encoding::VectorDecoder;
 
-use super::{LAYER_UM, Scanned};
+use super::{LAYER_UM, Scanned, Source};
 
 /// Sides of the laser's field, micrometres.
 const FIELD_UM: [u32; 2] = [2_400, 2_400];
@@ -61,15 +61,15 @@ pub(super) fn capabilities(filling: Filling) -> (MachineCapabilities, Vec<Encodi
     (MachineCapabilities::Powder(powder), encodings)
 }
 
-/// Three parts of lying struts: a grid of two levels and 8 layers, one level of 5 layers, and two small struts of 4.
-pub(super) fn sources() -> [String; 3] {
+/// Lying struts: a grid of two levels and 8 layers, and one level of 5 layers. And a wedge of 4 layers.
+pub(super) fn sources() -> [Source; 3] {
     let struts = |radius_mm: f64, struts: &[[f64; 6]]| {
         let mut text = format!("{} {radius_mm}\n", struts.len());
         for ends in struts {
             let numbers: Vec<_> = ends.iter().map(f64::to_string).collect();
             text += &format!("{}\n", numbers.join(" "));
         }
-        text
+        Source::Edges(text)
     };
     let row = |y_mm: f64, z_mm: f64| [0.0, y_mm, z_mm, 1.5, y_mm, z_mm];
     let column = |x_mm: f64, z_mm: f64| [x_mm, 0.0, z_mm, x_mm, 1.5, z_mm];
@@ -87,8 +87,23 @@ pub(super) fn sources() -> [String; 3] {
             ],
         ),
         struts(0.12, &[row(0.0, 0.0), row(0.4, 0.0), row(0.8, 0.0), row(1.2, 0.0)]),
-        struts(0.1, &[row(0.0, 0.0), column(0.7, 0.0)]),
+        Source::Solid(wedge()),
     ]
+}
+
+/// An STL text of a block whose upper side slopes from 4 layers to 3.
+fn wedge() -> String {
+    let height_mm = |layers: i32| f64::from(layers * LAYER_UM) / 1000.0;
+    let corner = |number: usize| {
+        let (x, y) = (number & 1, number >> 1 & 1);
+        let z = if number < 4 { 0.0 } else { height_mm(if x == 0 { 4 } else { 3 }) };
+        format!("vertex {} {} {z}\n", x as f64 * 0.9, y as f64 * 0.5)
+    };
+    let sides = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let triangles = sides.into_iter().flat_map(|[a, b, c, d]| [[a, b, c], [a, c, d]]);
+    let facets = triangles
+        .map(|corners| format!("facet normal 0 0 0\nouter loop\n{}endloop\nendfacet\n", corners.map(corner).concat()));
+    format!("solid wedge\n{}endsolid\n", facets.collect::<String>())
 }
 
 /// The vectors of a layer.

@@ -1,4 +1,4 @@
-//! A small vat machine, a quick recipe for it, two leaning struts and a leaning solid.
+//! A small vat machine, a quick recipe for it, two leaning struts and a leaning solid with a rough surface.
 
 use std::fmt::Write as _;
 
@@ -6,7 +6,7 @@ use layerd::link::message::{Encoding, MachineCapabilities, VatCapabilities};
 use layerd::pipeline::EncodedLayer;
 use layerd_wire::encoding::Decoder;
 
-use super::LAYER_UM;
+use super::{LAYER_UM, Source};
 
 /// Pixels of a row, and rows.
 const SIZE_PX: [u32; 2] = [64, 48];
@@ -37,33 +37,39 @@ pub(super) fn capabilities() -> (MachineCapabilities, Vec<Encoding>) {
     (MachineCapabilities::Vat(vat), vec![Encoding::RawBit, Encoding::Group4])
 }
 
-/// Two leaning struts, and between them a leaning prism; of 30 layers and of fewer. A strut is 6 layers thick, and its nodes are so many
-/// layers apart.
-pub(super) fn sources() -> [String; 3] {
-    let strut = |layers| format!("1 0.15\n0 0 0 0.1 0.07 {}\n", layers_mm(layers));
-    [strut(25), prism(13), strut(3)]
+/// Two leaning struts, and between them a leaning, rough prism; of 30 layers and of fewer. A strut is 6 layers thick, and its nodes are so
+/// many layers apart.
+pub(super) fn sources() -> [Source; 3] {
+    let strut = |layers| Source::Edges(format!("1 0.15\n0 0 0 0.1 0.07 {}\n", layers_mm(layers)));
+    [strut(25), Source::Rough(prism(12), map()), strut(3)]
 }
 
 fn layers_mm(layers: i32) -> f64 {
     f64::from(layers * LAYER_UM) / 1000.0
 }
 
-/// An STL text of a triangular prism of so many layers.
+/// An OBJ text of a triangular prism of so many layers, with texture coordinates.
 fn prism(layers: i32) -> String {
-    let corner = |number: usize| {
+    let mut text = String::new();
+    for number in 0..6 {
         let [x, y] = [[-0.3, -0.2], [0.3, -0.1], [0.05, 0.25]][number % 3];
-        if number < 3 { [x, y, 0.0] } else { [x + 0.1, y + 0.07, layers_mm(layers)] }
-    };
-    let sides = [[0, 2, 1], [3, 4, 5], [0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4], [2, 0, 3], [2, 3, 5]];
-    let mut text = "solid prism\n".to_owned();
-    for side in sides {
-        text += "facet normal 0 0 0\nouter loop\n";
-        for [x, y, z] in side.map(corner) {
-            writeln!(text, "vertex {x} {y} {z}").expect("a string");
-        }
-        text += "endloop\nendfacet\n";
+        let (x, y, z) = if number < 3 { (x, y, 0.0) } else { (x + 0.1, y + 0.07, layers_mm(layers)) };
+        writeln!(text, "v {x} {y} {z}\nvt {} {}", number % 3, number / 3).expect("a string");
     }
-    text + "endsolid\n"
+    for [a, b, c] in [[1, 3, 2], [4, 5, 6], [1, 2, 5], [1, 5, 4], [2, 3, 6], [2, 6, 5], [3, 1, 4], [3, 4, 6]] {
+        writeln!(text, "f {a}/{a} {b}/{b} {c}/{c}").expect("a string");
+    }
+    text
+}
+
+/// A height map of a few grey values.
+fn map() -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, 4, 4);
+    encoder.set_color(png::ColorType::Grayscale);
+    let texels = [0, 90, 255, 40, 200, 10, 60, 130, 255, 70, 0, 180, 20, 240, 110, 30];
+    encoder.write_header().expect("a head").write_image_data(&texels).expect("texels");
+    bytes
 }
 
 /// The rows of a layer.

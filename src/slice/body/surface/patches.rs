@@ -6,7 +6,7 @@ use std::ops::Range;
 use super::active::Active;
 use super::element::{Element, Extent};
 use super::slabs::Slabs;
-use crate::buildfile::{MAP_DECODING_BYTES, MapHeader, Patch, Relief, ReliefShape};
+use crate::buildfile::{MapHeader, Patch, Relief, ReliefShape, map_decoding_bytes};
 use crate::slice::body::source::ChunkSource;
 use crate::slice::{SliceError, SlicePlan};
 use crate::solid::{Dicing, Facet, HeightMap, Window};
@@ -62,7 +62,7 @@ impl Element for Patch {
         let maps = &source.header().maps;
         let decoded = maps.iter().map(|map| HeightMap::bytes(map.size_at(level(plan, map))));
         // One map at a time is read and decoded. Slabs are made when that is done.
-        let reading = maps.iter().map(|map| u64::from(map.bytes) + MAP_DECODING_BYTES).max().unwrap_or(0);
+        let reading = maps.iter().map(|map| u64::from(map.bytes) + map_decoding_bytes(map.size[0])).max().unwrap_or(0);
         decoded.fold(reading.max(Slabs::bytes(plan)), u64::saturating_add)
     }
 

@@ -25,7 +25,7 @@ const MAX_LAYERS: u32 = 16;
 /// Facets for each row and column of a picture: those of 16 layers of walls one and a half times around it.
 const FACETS_PER_PX: usize = 96;
 
-/// Most facets: 16 MiB, no more than what reading a height map took before.
+/// Most facets: 16 MB, a quarter of what a print has by default.
 const MOST_FACETS: usize = 200_000;
 
 /// Facets of a page: so few that a block with a single facet does not take much.
