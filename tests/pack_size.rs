@@ -145,7 +145,7 @@ fn sizes_that_cannot_be_are_refused() {
     bench.options.size_mm = Some(40.0);
     let metres = bench.file("metres.txt", b"1 0.0000001\n0 0 0 0 0 0.04\n");
     let error = packed(&bench, &[metres]).expect_err("less than a quantum").to_string();
-    assert!(error.contains("metres.txt:2: a radius of") && error.contains("before --size scales it"), "{error}");
+    assert!(error.contains("metres.txt:2: a radius of") && error.contains("give --scale instead"), "{error}");
     assert!(!bench.path("out.layerd").exists());
     drop(strut);
 }

@@ -81,7 +81,9 @@ fn unscaled(error: PackError) -> PackError {
     match error {
         PackError::Input { place, problem } => PackError::input(
             place,
-            format!("{problem}. This is how it is before --size scales it; --scale takes other lengths, too"),
+            format!(
+                "{problem}. --size first reads the source at another scale; if the source is right, give --scale instead"
+            ),
         ),
         error => error,
     }

@@ -192,7 +192,7 @@ fn judge(
         Recipe::Dlp(_) => (encoding::best(plan.depth), MemoryBudget::new(budget)),
         Recipe::Slm(_) => (encoding::BEST_VECTORS, roomy(budget)),
     };
-    let samples = measure(&part, encoding, &sample_budget, &process, f64::from(machine.link().baud))?;
+    let samples = measure(&part, &header, encoding, &sample_budget, &process, f64::from(machine.link().baud))?;
     let rehearsal = match recipe {
         Recipe::Dlp(_) => None,
         Recipe::Slm(_) => {

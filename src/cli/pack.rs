@@ -87,7 +87,7 @@ pub struct PackArgs {
     /// than 25 µm.
     #[arg(long, value_name = "F|X,Y,Z", value_parser = factors, default_value = "1", allow_hyphen_values = true)]
     scale: Factors,
-    /// Scale lengths and radii so that the longest edge of the part is so long, after the rotation. The sources are read once more for it. What
+    /// Scale lengths and radii so that the longest edge of the part is so long, after the rotation. The sources are read once or twice more for it. What
     /// displaces triangles, and what clips lattices, does not count.
     #[arg(long, value_name = "MM", conflicts_with = "scale", allow_negative_numbers = true)]
     size: Option<f64>,

@@ -8,10 +8,10 @@ use super::body::source::{BodyPrimitive, ChunkSource, ChunkSpan};
 use crate::buildfile::{Bounds, BuildFile, Corner, MapHeader, Patch, QUANTUM_FRACTIONS, Relief, Surface, Triangle};
 use crate::solid::HeightMap;
 
-/// How far the box lies from the bounds, quanta: facets may leave them by some micrometres.
-const ROOM: i32 = 1000;
+/// How far the box lies from the bounds, micrometres: facets may leave them by some micrometres, or by the height of a texel.
+const ROOM_UM: f64 = 1000.0;
 
-/// Sides of the box, upright triangles. What lies above and below is of no matter to a plane between.
+/// Sides of the box, upright triangles. It needs no top and no bottom: a plane cuts only its sides.
 const SIDES: usize = 8;
 
 /// A body of which only what its surface encloses more than once is solid; `None` of a lattice, and of a shell, whose sides may overlap
@@ -20,7 +20,8 @@ pub(super) fn enclosed_twice(body: BodySource) -> Option<BodySource> {
     Some(match body {
         BodySource::Surface(source) => {
             let Surface { bounds, .. } = source.header().clone();
-            let sides = sides(&bounds, [bounds.min[2] - ROOM, bounds.max[2] + ROOM]);
+            let room = room(source.quantum_um());
+            let sides = sides(&bounds, [bounds.min[2] - room, bounds.max[2] + room], room);
             let sides = sides.map(|corners| Triangle::new(corners.map(|corner| corner.map(fractions)))).to_vec();
             BodySource::Surface(Box::new(InBox { source, sides }))
         }
@@ -30,18 +31,25 @@ pub(super) fn enclosed_twice(body: BodySource) -> Option<BodySource> {
                 return None;
             }
             let corner = |at: [i32; 3]| Corner { at: at.map(fractions), direction: [0; 3], texture: [0; 2], factor: 0 };
-            let z = [low - ROOM, high + ROOM];
+            let room = room(source.quantum_um());
+            let z = [low - room, high + room];
             let patch = |corners: [[i32; 3]; 3]| Patch {
                 z: [z[0] - 1, z[1] + 1],
                 corners: corners.map(corner),
                 displacement: 0,
                 seams: 0,
             };
-            let sides = sides(&bounds, z).map(patch).to_vec();
+            let sides = sides(&bounds, z, room).map(patch).to_vec();
             BodySource::Relief(Box::new(InBox { source, sides }))
         }
         BodySource::Lattice(_) | BodySource::Clipped { .. } => return None,
     })
+}
+
+/// How far the box lies from the bounds, quanta.
+fn room(quantum_um: f64) -> i32 {
+    // At least a few quanta, because bounds are rounded; the cast saturates.
+    ((ROOM_UM / quantum_um).ceil() as i32).clamp(4, 1 << 29)
 }
 
 fn fractions(quanta: i32) -> i64 {
@@ -49,8 +57,8 @@ fn fractions(quanta: i32) -> i64 {
 }
 
 /// The upright sides of a box around bounds, each as two triangles that are seen from inside. Each triangle reaches down to the lower end.
-fn sides(bounds: &Bounds, [low, high]: [i32; 2]) -> [[[i32; 3]; 3]; SIDES] {
-    let [x, y] = [0, 1].map(|axis| [bounds.min[axis] - ROOM, bounds.max[axis] + ROOM]);
+fn sides(bounds: &Bounds, [low, high]: [i32; 2], room: i32) -> [[[i32; 3]; 3]; SIDES] {
+    let [x, y] = [0, 1].map(|axis| [bounds.min[axis] - room, bounds.max[axis] + room]);
     // Counter-clockwise, seen from above.
     let corners = [[x[0], y[0]], [x[1], y[0]], [x[1], y[1]], [x[0], y[1]]];
     std::array::from_fn(|number| {

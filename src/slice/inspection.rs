@@ -12,7 +12,7 @@ use crate::stream::MemoryBudget;
 /// Height through which a wall goes on at least, pixels. A ridge sharper than 28° is as thin over this height, and is a wall, too.
 const LEAST_HEIGHT_PX: f64 = 2.0;
 
-/// What was found in layers. Of a layer that was not looked at, that below it which was looked at tells.
+/// What was found in layers. A layer that was not looked at counts like the nearest layer below it that was.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Inspection {
     /// Number of layers that were looked at.

@@ -163,7 +163,7 @@ fn compare(name: &str, object: &Object, value: Value) {
     let is_lit = |x: u32, y: u32, layer: usize| layers.get(layer).is_some_and(|bitmap| lit(bitmap, x, y));
     for (number, bitmap) in layers.iter().enumerate() {
         for (x, y) in pixels(&plan) {
-            // Those at our border, and an eighth of all others: the field takes long.
+            // Pixels at the border of the drawn layers, and an eighth of all others: the field takes long.
             let around = [
                 (x + 1, y, number),
                 (x.saturating_sub(1), y, number),
@@ -186,7 +186,8 @@ fn compare(name: &str, object: &Object, value: Value) {
             }
         }
     }
-    // A pixel is on the wrong side if it lies between both borders; so many per pixel near the border is how far they are apart, voxels.
+    // A pixel is on the wrong side if it lies between both borders. The number of such pixels, divided by that of all pixels near the border,
+    // is the distance of the two borders in voxels.
     let wrong: u32 = bars.iter().sum();
     let apart = f64::from(wrong) / f64::from(near_count);
     let rms = (squares / f64::from(wrong.max(1))).sqrt();

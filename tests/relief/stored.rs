@@ -92,7 +92,7 @@ fn the_check_of_a_map_is_part_of_the_memory_that_a_job_needs() {
         Resolution { raster: plan.raster, depth: Depth::Bit, layer_height_um: plan.layer_height_um, scan: None };
     let placed = || Placed::open(part.file.path(), &resolution).expect("it fits the machine");
     let need_bytes = placed().memory(1, 0).need_bytes();
-    assert!((9 << 20..16 << 20).contains(&need_bytes), "{need_bytes} bytes for a map of 4 Mi texels");
+    assert!((14 << 20..20 << 20).contains(&need_bytes), "{need_bytes} bytes for a map of 4 Mi texels");
     let refused = placed().fit(1, need_bytes - 1).expect_err("it is one byte too little");
     assert!(matches!(refused, PartError::Memory { need_bytes: told, .. } if told == need_bytes), "{refused}");
     let fits = placed().fit(1, need_bytes).expect("it is just enough");

@@ -20,7 +20,7 @@ const BOUNDS_TOLERANCE_UM: f64 = 0.5;
 const MAX_CANDIDATES: usize = 1 << 15;
 
 /// Most parts of patches that are divided to find the bounds: some seconds. Only parts that may reach beyond all before are divided, so real
-/// surfaces have a thousandth of it.
+/// surfaces need far fewer.
 const MAX_PARTS: u32 = 1 << 22;
 
 /// A relief that is being written, or compared.
@@ -36,13 +36,16 @@ struct Reach {
     shape: ReliefShape,
     dicing: Dicing,
     extent: Extent,
-    /// Patches that may reach beyond the extent so far, which holds corners only, and by how much at most.
+    /// Patches that may reach beyond the extent so far, and by how much at most.
     candidates: Vec<(f64, Patch)>,
     /// So many candidates are looked through for those that no longer are.
     full: usize,
 }
 
 impl ReliefBuilder {
+    /// Memory of the patches that are held, bytes.
+    pub(super) const BYTES: u64 = (MAX_CANDIDATES * size_of::<(f64, Patch)>()) as u64;
+
     /// A relief without patches, whose maps are these.
     ///
     /// # Errors
@@ -70,7 +73,8 @@ impl ReliefBuilder {
             shape: relief.shape(maps, quantum_um)?,
             dicing: Dicing::new([BOUNDS_FACET_UM / quantum_um; 3], BOUNDS_TOLERANCE_UM / quantum_um),
             extent: Extent::new(MAX_PARTS),
-            candidates: Vec::new(),
+            // Room for all, so that it does not grow beyond.
+            candidates: Vec::with_capacity(MAX_CANDIDATES),
             full: MAX_CANDIDATES / 2,
         };
         Ok(Self { relief, profile: ProfileBuilder::default(), last: None, reach })
@@ -202,15 +206,15 @@ impl Reach {
 
     /// Extends the bounds to all candidates: first to those that may reach farthest, so that little is left of the others.
     fn settle(&mut self) -> Result<(), String> {
-        self.candidates.sort_by(|(a, _), (b, _)| b.total_cmp(a));
+        self.candidates.sort_unstable_by(|(a, _), (b, _)| b.total_cmp(a));
         for (_, patch) in self.candidates.drain(..) {
             for side in self.shape.sides(&patch) {
                 self.extent.extend(&side, &self.dicing);
             }
             if self.extent.is_spent() {
                 return Err(format!(
-                    "{patch:?} is so rough that it takes too long to find out how far it reaches: are its height map and its displacement meant \
-                     so?"
+                    "the part is too rough to find its bounds in reasonable time, at {patch:?}: check its height map and the height of the \
+                     displacement"
                 ));
             }
         }

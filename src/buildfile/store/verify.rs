@@ -14,7 +14,8 @@ use crate::solid::HeightMap;
 
 impl BuildFile {
     /// Reads every chunk and compares header and profile with the primitives, so that damage in the middle of a file is found before the
-    /// first layer. Takes about as long as reading the file, once for each height map. One map at a time is decoded.
+    /// first layer. Reads the file once, and the patches of each relief once more for each of its maps, or once more if it has none. One map at
+    /// a time is decoded.
     ///
     /// # Errors
     /// [`BuildFileError`] names the first damaged chunk, or the statement that the primitives contradict.
@@ -30,12 +31,14 @@ impl BuildFile {
         self.verify_bodies(false)
     }
 
-    /// Memory that [`BuildFile::verify`] takes for the largest height map, bytes; 0 if there is none.
+    /// Memory that [`BuildFile::verify`] takes for the largest height map, and to find the bounds of patches, bytes; 0 if there are none.
     pub(crate) fn verify_bytes(&self) -> u64 {
-        let maps = self.header().bodies.iter().flat_map(BodyHeader::maps);
-        maps.map(|map| HeightMap::bytes(map.size_at(0)) + u64::from(map.bytes) + maps::decoding_bytes(map.size[0]))
-            .max()
-            .unwrap_or(0)
+        let bodies = &self.header().bodies;
+        let maps = bodies.iter().flat_map(BodyHeader::maps);
+        let map =
+            maps.map(|map| HeightMap::bytes(map.size_at(0)) + u64::from(map.bytes) + maps::decoding_bytes(map.size[0]));
+        let has_patches = bodies.iter().any(|body| matches!(body, BodyHeader::Relief(_)));
+        map.max().unwrap_or(0) + if has_patches { ReliefBuilder::BYTES } else { 0 }
     }
 
     fn verify_bodies(&self, decodes_maps: bool) -> Result<(), BuildFileError> {

@@ -10,7 +10,7 @@ use crate::buildfile::{BodyHeader, Header};
 use crate::pipeline::Part;
 use crate::slice::{Inspection, SlicePlan};
 
-/// Most time for layers of solids: with the rest of `check` it takes no longer than reading its answer.
+/// Most time for looking at layers of solids: nobody would wait much longer for a check.
 const MAX_TIME: Duration = Duration::from_secs(10);
 
 /// What was found.
@@ -85,7 +85,8 @@ fn enclosed_text(found: &Inspection) -> Option<String> {
     })
 }
 
-/// Of a lattice nothing is said: the bounds of a convolution are higher than it prints. Nor of a last layer of which less than half is left.
+/// Says nothing of lattices, because the bounds of a convolution are higher than what prints. Says nothing of a last layer that the part fills
+/// by less than half.
 fn dark_text(layers: u32, header: &Header, plan: &SlicePlan) -> Option<String> {
     let first = plan.layer_count - layers;
     let tops = header.bodies.iter().filter_map(|body| match body {

@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use anyhow::bail;
 
 use super::{add_layers, layers_text};
+use crate::buildfile::{BodyHeader, Header};
 use crate::device::encoding::Choice;
 use crate::job::Process;
 use crate::pipeline::Part;
@@ -20,6 +21,9 @@ const SAMPLE_STEP: u32 = 5;
 /// No sample is begun after this time: each begins a sweep, which reads a million struts of a hundred million.
 const MAX_SAMPLING_TIME: Duration = Duration::from_secs(2);
 
+/// Layers that are timed one after the other where a sweep keeps what it has divided for the next layers: one of them may take little.
+const TIMED_LAYERS: u32 = 8;
+
 /// Bits on the line for each byte: 8N1.
 const LINE_BITS: f64 = 10.0;
 
@@ -33,10 +37,11 @@ pub(super) struct Sample {
 }
 
 /// Computes and encodes layers spread evenly over the part, each in a sweep of its own, as a print would send them to a device that
-/// reads every encoding. The time of the sweep's second layer counts: the first one includes reading the chunks, which a print
-/// does once.
+/// reads every encoding. The time of the sweep's second layer counts, or the mean of those that follow: the first one includes reading the
+/// chunks, which a print does once.
 pub(super) fn measure(
     part: &Part,
+    header: &Header,
     encoding: Choice,
     budget: &MemoryBudget,
     process: &Process,
@@ -44,6 +49,8 @@ pub(super) fn measure(
 ) -> anyhow::Result<Vec<Sample>> {
     let mut samples = Vec::new();
     let count = MAX_SAMPLES.min(part.layer_count());
+    let is_kept = |body: &BodyHeader| matches!(body, BodyHeader::Relief(_));
+    let timed = if header.bodies.iter().any(is_kept) { TIMED_LAYERS } else { 1 };
     let began = Instant::now();
     for step in 0..MAX_SAMPLES {
         let index = step * SAMPLE_STEP % MAX_SAMPLES;
@@ -60,7 +67,11 @@ pub(super) fn measure(
         }
         let start = Instant::now();
         let Some(encoded) = layers.next().transpose()? else { bail!("the layers ended too early") };
-        let compute_ms = start.elapsed().as_secs_f64() * 1e3;
+        let mut count = 1;
+        while count < timed && layers.next().transpose()?.is_some() {
+            count += 1;
+        }
+        let compute_ms = start.elapsed().as_secs_f64() * 1e3 / f64::from(count);
         let bytes = encoded.bytes.len();
         let line_ms = bytes as f64 * LINE_BITS / baud * 1e3;
         let device_ms = process.layer_ms(layer, encoded.scan.map(|scan| scan.times));

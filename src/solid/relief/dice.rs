@@ -1,4 +1,4 @@
-//! Divides patches where they may reach a plane. `slice/body/surface/element.rs` hands them on to be cut; `tests/relief/` prints them.
+//! Divides patches where they may reach a plane. `slice/body/surface/slabs.rs` hands their facets on to be cut; `tests/relief/` prints them.
 
 use glam::DVec3;
 
@@ -42,6 +42,7 @@ impl Dicing {
     /// The number of pieces of an edge that is not divided in its middle.
     fn edge_pieces(&self, patch: &PatchShape<'_>, a: &Point, b: &Point) -> usize {
         let length = self.length(a, b);
+        // A short one need not be looked at.
         if length <= 1.0 { 1 } else { self.pieces(length, &patch.off(a, b)) }
     }
 
@@ -89,16 +90,17 @@ impl Window {
     }
 }
 
-/// Hands on the facets that a window meets.
+/// Hands on the facets that a window meets, until `take` returns false.
 struct InWindow<F> {
     window: Window,
     take: F,
+    goes_on: bool,
 }
 
-impl<F: FnMut(&Facet)> Seeker for InWindow<F> {
+impl<F: FnMut(&Facet) -> bool> Seeker for InWindow<F> {
     fn wants(&mut self, [low, high]: [DVec3; 2]) -> bool {
         let Window { y, z } = self.window;
-        low.z <= z[1] && high.z >= z[0] && low.y <= y[1] && high.y >= y[0]
+        self.goes_on && low.z <= z[1] && high.z >= z[0] && low.y <= y[1] && high.y >= y[0]
     }
 
     fn beyond(&self, point: DVec3) -> u8 {
@@ -106,7 +108,7 @@ impl<F: FnMut(&Facet)> Seeker for InWindow<F> {
     }
 
     fn take(&mut self, facet: Facet) {
-        (self.take)(&facet);
+        self.goes_on = self.goes_on && (self.take)(&facet);
     }
 }
 
@@ -162,9 +164,12 @@ impl Seeker for Extent {
 }
 
 impl PatchShape<'_> {
-    /// Hands on the facets of a patch that a window meets, counter-clockwise seen from outside.
-    pub(crate) fn facets(&self, dicing: &Dicing, window: Window, take: impl FnMut(&Facet)) {
-        self.dice(dicing, &mut InWindow { window, take });
+    /// Hands on the facets of a patch that a window meets, counter-clockwise seen from outside, until `take` returns false. Returns whether it
+    /// did not.
+    pub(crate) fn facets(&self, dicing: &Dicing, window: Window, take: impl FnMut(&Facet) -> bool) -> bool {
+        let mut seeker = InWindow { window, take, goes_on: true };
+        self.dice(dicing, &mut seeker);
+        seeker.goes_on
     }
 
     fn dice(&self, dicing: &Dicing, seeker: &mut impl Seeker) {
@@ -239,13 +244,13 @@ impl<S: Seeker> Dicer<'_, S> {
         let Self { patch, dicing, .. } = self;
         let edges = [(a, b), (b, c), (c, a)];
         let longest = edges.map(|(from, to)| dicing.length(from, to)).into_iter().fold(0.0, f64::max);
-        // No edge is farther from straight than the part from flat.
-        let inner = if longest <= 1.0 { 1 } else { dicing.pieces(longest, off) };
-        let mut grid = Grid::new(inner, [1; 3]);
-        if inner > 1 {
-            let pieces = edges.map(|(from, to)| dicing.edge_pieces(patch, from, to));
-            grid = Grid::new(pieces.into_iter().fold(inner, usize::max), pieces);
-        }
+        // No edge needs more pieces than the part: it is shorter, and no farther from straight.
+        let inner = dicing.pieces(longest, off);
+        let pieces = match inner {
+            1 => [1; 3],
+            _ => edges.map(|(from, to)| dicing.edge_pieces(patch, from, to)),
+        };
+        let grid = Grid::new(inner, pieces);
         let placed = |at: DVec3| (at, self.seeker.beyond(at));
         let ends = points.map(|point| placed(point.at));
         let points = grid.points(ends, |shares| placed(patch.point(mixed(points, shares)).at));

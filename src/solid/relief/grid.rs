@@ -14,7 +14,7 @@ pub(super) struct Grid {
     edge_pieces: [usize; 3],
 }
 
-/// Points of a grid, and for each the number of the one that it has been moved to.
+/// The points of a grid, and for each point the number of the one that it was moved to.
 pub(super) type Points<P> = ([P; MOST_POINTS], [u8; MOST_POINTS]);
 
 impl Grid {

@@ -219,9 +219,9 @@ pub(super) struct Part {
 pub(super) struct Off {
     /// For pieces of any length.
     always: f64,
-    /// What halves with each piece.
+    /// The part that is proportional to the length of a piece.
     linear: f64,
-    /// What is a quarter for each half.
+    /// The part that is proportional to the square of that length.
     squared: f64,
     /// The bend between texels, as a displacement, and the number of texels along it.
     texel_bend: f64,

@@ -1,4 +1,4 @@
-//! A surface as a body: triangles or patches (`element`) are read in ascending order (`sweep`), kept while the plane cuts them (`active`),
+//! A surface as a body: triangles or patches (`element`, `patches` with their `slabs`) are read in ascending order (`sweep`), kept while the plane cuts them (`active`),
 //! and drawn (`brush`).
 
 mod active;

@@ -25,11 +25,9 @@ pub(in crate::slice::body) struct Dicer {
 }
 
 impl Dicer {
-    /// Hands on the facets of a patch that a window meets.
-    pub(super) fn dice(&self, patch: &Patch, window: Window, mut take: impl FnMut(&Facet)) {
-        for side in self.shape.sides(patch) {
-            side.facets(&self.dicing, window, &mut take);
-        }
+    /// Hands on the facets of a patch that a window meets, until `take` returns false. Returns whether it did not.
+    pub(super) fn dice(&self, patch: &Patch, window: Window, mut take: impl FnMut(&Facet) -> bool) -> bool {
+        self.shape.sides(patch).all(|side| side.facets(&self.dicing, window, &mut take))
     }
 }
 

@@ -3,7 +3,7 @@
 //!
 //! The picture is divided into blocks of rows. The slab of a block is what lies between two planes some layers apart. The first plane in a
 //! slab fills it; patches that begin higher are added at the plane that reaches them. All slabs share a fixed number of pages. A slab for
-//! which too few are left has fewer layers; if there is no room for a single one, its patches are divided again for each plane.
+//! which too few are left has fewer layers; if there is no room for a single one, its patches are divided each time that they are drawn.
 
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError, RwLock, RwLockReadGuard};
@@ -18,11 +18,11 @@ use crate::solid::{Facet, Window};
 /// Rows of a block: a band then needs one or two.
 const ROWS_PER_BLOCK: usize = ROWS_PER_BAND;
 
-/// Most layers of a slab. Half of what is divided for a slab of 16 layers lies at its ends if surfaces are steep; with more layers, each
-/// plane passes more facets than it saves.
+/// Most layers of a slab. With 16 layers and steep surfaces, about half of the facets cross an end of the slab and are divided again in the
+/// next slab. More layers save little, and each plane then passes over more facets.
 const MAX_LAYERS: u32 = 16;
 
-/// Facets for each row and column of a picture: those of 16 layers of walls one and a half times around it.
+/// Facets for each row and column of a picture: 16 layers of a wall 1.5 times as long as the picture's border, with 2 facets a pixel and layer.
 const FACETS_PER_PX: usize = 96;
 
 /// Most facets: 16 MB, a quarter of what a print has by default.
@@ -52,9 +52,7 @@ impl Page {
 
     fn add(&mut self, facet: &Facet) {
         let [a, b, c] = facet.map(|corner| corner[2]);
-        // The nearest `f32` may be on the wrong side.
-        let (low, high) = (a.min(b).min(c) as f32, a.max(b).max(c) as f32);
-        self.spans.push([low.next_down(), high.next_up()]);
+        self.spans.push([a.min(b).min(c) as f32, a.max(b).max(c) as f32]);
         self.facets.push(*facet);
     }
 
@@ -65,9 +63,10 @@ impl Page {
 
     /// The facets that a plane at `z` may cut.
     fn at(&self, z: f64) -> impl Iterator<Item = &Facet> {
-        let (above, below) = ((z as f32).next_up(), (z as f32).next_down());
+        // Rounding keeps the order, so no facet is passed over by mistake.
+        let z = z as f32;
         let both = self.spans.iter().zip(&self.facets);
-        both.filter_map(move |([low, high], facet)| (*low <= above && *high >= below).then_some(facet))
+        both.filter_map(move |([low, high], facet)| (*low <= z && *high >= z).then_some(facet))
     }
 }
 
@@ -145,36 +144,19 @@ impl Slabs {
                 !is_new || take(facet)
             };
             let slab = self.slab(block, active, dicer, z);
-            if slab.is_too_full {
+            let goes_on = if slab.is_too_full {
                 drop(slab);
-                if !self.divide(block, active, dicer, z, &mut take) {
-                    return;
-                }
-                continue;
-            }
-            for facet in slab.pages.iter().flat_map(|page| page.at(z)) {
-                if !take(facet) {
-                    return;
-                }
+                // Of what is wanted, the part in this block.
+                let [ours, block_ys] = [wanted.y, self.block_ys(block)];
+                let window = Window { y: [ours[0].max(block_ys[0]), ours[1].min(block_ys[1])], z: [z, z] };
+                active.reaching(self.rows_of(block)).all(|patch| dicer.dice(patch, window, &mut take))
+            } else {
+                slab.pages.iter().flat_map(|page| page.at(z)).all(take)
+            };
+            if !goes_on {
+                return;
             }
         }
-    }
-
-    /// Hands on the facets of a block that a plane may cut, until `take` returns false; and returns whether it did not.
-    fn divide(
-        &self,
-        block: usize,
-        active: &Active<Patch>,
-        dicer: &Dicer,
-        z: f64,
-        mut take: impl FnMut(&Facet) -> bool,
-    ) -> bool {
-        let window = Window { y: self.block_ys(block), z: [z, z] };
-        active.reaching(self.rows_of(block)).all(|patch| {
-            let mut goes_on = true;
-            dicer.dice(patch, window, |facet| goes_on = goes_on && take(facet));
-            goes_on
-        })
     }
 
     /// The slab of a block, with all facets that a plane cuts.
@@ -197,31 +179,45 @@ impl Slabs {
     fn move_up(&self, block: usize, slab: &mut Slab, active: &Active<Patch>, dicer: &Dicer, z: f64) {
         let has_room = z <= slab.top && (slab.is_too_full || self.fill(block, slab, active, dicer, [z, slab.top]));
         if !has_room {
-            self.renew(block, slab, active, dicer, z);
+            // Of planes far apart, each needs a slab of its own.
+            let is_next = z - slab.plane < 1.5 * self.layer;
+            self.clear(slab);
+            let layers = if is_next { self.layers(slab.layers) } else { 1 };
+            self.renew(block, slab, active, dicer, z, layers);
         }
         slab.plane = z;
     }
 
-    /// Begins a slab at `z`.
-    fn renew(&self, block: usize, slab: &mut Slab, active: &Active<Patch>, dicer: &Dicer, z: f64) {
-        self.clear(slab);
+    /// The number of layers of the next slab of a block: more as long as half of the pages are free, fewer when most are in use, so that other
+    /// blocks get some.
+    fn layers(&self, last: u32) -> u32 {
         let free = self.free.lock().unwrap_or_else(PoisonError::into_inner).len();
-        let layers = match free * 8 {
-            few if few < self.page_count => slab.layers / 2,
-            many if many > 4 * self.page_count => slab.layers * 2,
-            _ => slab.layers,
+        let layers = if 2 * free > self.page_count {
+            2 * last
+        } else if 8 * free < self.page_count {
+            last / 2
+        } else {
+            last
         };
-        slab.layers = layers.clamp(1, MAX_LAYERS);
+        layers.clamp(1, MAX_LAYERS)
+    }
+
+    /// Fills an empty slab from `z` on: with so many layers, or with as many as there is room for.
+    fn renew(&self, block: usize, slab: &mut Slab, active: &Active<Patch>, dicer: &Dicer, z: f64, layers: u32) {
+        // Half a layer more, because heights of planes are rounded.
+        let top = |layers: u32| z + (f64::from(layers) - 0.5) * self.layer;
+        slab.layers = layers;
         loop {
-            slab.top = z + f64::from(slab.layers - 1) * self.layer;
+            slab.top = top(slab.layers);
             if self.fill(block, slab, active, dicer, [z, slab.top]) {
                 return;
             }
             self.clear(slab);
             if slab.layers == 1 {
                 slab.is_too_full = true;
-                // Trying again costs as much as a plane.
-                slab.top = z + f64::from(MAX_LAYERS - 1) * self.layer;
+                // Trying again costs up to as much as drawing. There is a point in it if others took the room.
+                let free = self.free.lock().unwrap_or_else(PoisonError::into_inner).len();
+                slab.top = if 2 * free > self.page_count { top(MAX_LAYERS) } else { z };
                 return;
             }
             slab.layers /= 2;
@@ -233,11 +229,7 @@ impl Slabs {
         let window = Window { y: self.block_ys(block), z };
         let plane = slab.plane;
         let mut new = active.reaching(self.rows_of(block)).filter(|patch| f64::from(patch.z[0]) > plane);
-        new.all(|patch| {
-            let mut has_room = true;
-            dicer.dice(patch, window, |facet| has_room = has_room && self.add(&mut slab.pages, facet));
-            has_room
-        })
+        new.all(|patch| dicer.dice(patch, window, |facet| self.add(&mut slab.pages, facet)))
     }
 
     /// Adds a facet to some pages. Returns false if there is no room.
@@ -255,7 +247,8 @@ impl Slabs {
     /// Empties a slab.
     fn clear(&self, slab: &mut Slab) {
         slab.pages.iter_mut().for_each(Page::clear);
-        self.free.lock().unwrap_or_else(PoisonError::into_inner).append(&mut slab.pages);
+        // Their list goes, too.
+        self.free.lock().unwrap_or_else(PoisonError::into_inner).extend(std::mem::take(&mut slab.pages));
         (slab.plane, slab.is_too_full) = (f64::NEG_INFINITY, false);
     }
 
@@ -292,7 +285,5 @@ fn block_count(plan: &SlicePlan) -> usize {
 
 fn page_count(plan: &SlicePlan) -> usize {
     let px = plan.raster.width_px as usize + plan.raster.height_px as usize;
-    let facets = (px * FACETS_PER_PX).min(MOST_FACETS);
-    // Each block has at least a page.
-    facets.div_ceil(FACETS_PER_PAGE) + block_count(plan)
+    (px * FACETS_PER_PX).min(MOST_FACETS).div_ceil(FACETS_PER_PAGE)
 }

@@ -32,7 +32,7 @@ impl<E: Element> Sweep<E> {
         budget: &MemoryBudget,
     ) -> Result<Self, SliceError> {
         let bytes = Self::memory_bytes(&*source, plan, threads);
-        let charge = budget.charge("the triangles that one layer cuts, and height maps", bytes)?;
+        let charge = budget.charge("the triangles that one layer cuts, height maps and facets", bytes)?;
         let max_active = usize::try_from(source.peak_active()).unwrap_or(usize::MAX);
         Ok(Self {
             cutter: E::cutter(&*source, plan)?,
