@@ -63,6 +63,9 @@ pub fn pack(
         source.import(path, options, &mut collector, &mut report)?;
         before += std::fs::metadata(path).map_or(0, |metadata| metadata.len());
     }
+    for path in collector.read_files() {
+        check_input(path, output)?;
+    }
     let collected = collector.finish(inputs)?;
     let sort_error = |source| PackError::Sort { directory: directory.into(), source };
     let mut notes: Vec<_> = scaled.into_iter().chain(collected.notes).collect();
@@ -178,10 +181,7 @@ fn blend_of(sources: &[Source]) -> Result<BlendChoice, PackError> {
 
 /// Refuses a path that cannot be a source of `output`; returns the length of the source.
 fn check_input(path: &Path, output: &Path) -> Result<u64, PackError> {
-    let metadata = std::fs::metadata(path).map_err(|source| PackError::Read { path: path.into(), source })?;
-    if metadata.is_dir() {
-        return Err(PackError::input(path.display().to_string(), "it is a directory; name a file to read"));
-    }
+    let metadata = import::check_regular(path)?;
     if std::fs::metadata(output).is_ok_and(|there| (there.dev(), there.ino()) == (metadata.dev(), metadata.ino())) {
         let problem = "it is both source and output; name another build file with -o";
         return Err(PackError::input(path.display().to_string(), problem));

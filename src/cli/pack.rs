@@ -179,7 +179,7 @@ pub fn run(args: PackArgs) -> anyhow::Result<()> {
 /// Refuses an output with the extension of a source: it could replace a source, and would later be mistaken for one.
 pub(super) fn check_output(output: &Path) -> Result<(), PackError> {
     let extension = output.extension().unwrap_or_default();
-    if ["3mf", "stl", "obj", "ply", "txt"].iter().any(|other| extension.eq_ignore_ascii_case(other)) {
+    if ["3mf", "stl", "obj", "ply", "txt", "mtl", "png"].iter().any(|other| extension.eq_ignore_ascii_case(other)) {
         let text = format!("--output {}: a build file is named .layerd", output.display());
         return Err(PackError::Option(text));
     }

@@ -17,8 +17,8 @@ fn maps_that_are_none_are_refused() {
     let cube = cuboid([1.0; 3]).obj();
     let refused = |bytes: &[u8]| said(&cube, &Recipe { map: Some(bytes), ..PLAIN });
     for (bytes, expected) in [
-        (&b""[..], "give a whole PNG"),
-        (&b"P5 1 1 255 x"[..], "give a whole PNG"),
+        (&b""[..], "it is not a PNG"),
+        (&b"P5 1 1 255 x"[..], "it is not a PNG"),
         (&whole[..whole.len() / 2], "give a whole PNG"),
         (&huge([70_000, 8])[..], "a side has at most 32768"),
         (&huge([32_768, 32_768])[..], "a height map has at most 67108864 (8192 × 8192): scale it down"),
@@ -53,6 +53,52 @@ fn a_missing_map_is_named() {
     let refused = layerd::buildfile::pack(&[source], &bench.path("out.layerd"), &bench.options, &mut |_| {});
     let error = refused.expect_err("it is not there").to_string();
     assert!(error.contains("absent.png"), "{error}");
+}
+
+#[test]
+fn what_is_read_is_not_overwritten() {
+    let bench = Bench::new();
+    let white = bench.file("white.layerd", &map([4, 4], |_| 1.0));
+    let text = format!("mtllib library.layerd\nusemtl rough\n{}", cuboid([1.0; 3]).obj());
+    let source = bench.file("in.obj", text.as_bytes());
+    let library = bench.file("library.layerd", b"newmtl rough\ndisp white.layerd\n");
+    for output in [&white, &library] {
+        let before = std::fs::read(output).expect("is there");
+        let refused = layerd::buildfile::pack(std::slice::from_ref(&source), output, &bench.options, &mut |_| {});
+        let error = refused.expect_err("it would be lost").to_string();
+        assert!(error.contains(&output.display().to_string()) && error.contains("both source and output"), "{error}");
+        assert!(before == std::fs::read(output).expect("is there"));
+    }
+}
+
+#[test]
+fn pipes_are_refused_instead_of_waited_for() {
+    let mut bench = Bench::new();
+    let pipe = |name: &str| {
+        let path = bench.path(name);
+        let made = std::process::Command::new("mkfifo").arg(&path).status();
+        assert!(made.expect("mkfifo is there").success());
+        path
+    };
+    let (part, png, library) = (pipe("in.obj"), pipe("pipe.png"), pipe("pipe.mtl"));
+    let cube = cuboid([1.0; 3]).obj();
+    let whole = bench.file("whole.obj", cube.as_bytes());
+    let with_library = bench.file("with.obj", format!("mtllib pipe.mtl\nusemtl rough\n{cube}").as_bytes());
+    for (source, map, named) in [(&part, None, &part), (&whole, Some(&png), &png), (&with_library, None, &library)] {
+        bench.options.relief.map = map.map(|map| layerd::buildfile::DisplacementOptions {
+            map: map.clone(),
+            tile: layerd::buildfile::Tile::Wrap,
+        });
+        bench.options.relief.height_mm = map.map(|_| 1.0);
+        let refused = layerd::buildfile::pack(
+            std::slice::from_ref(source),
+            &bench.path("out.layerd"),
+            &bench.options,
+            &mut |_| {},
+        );
+        let error = refused.expect_err("it is a pipe").to_string();
+        assert!(error.contains(&named.display().to_string()) && error.contains("no regular file"), "{error}");
+    }
 }
 
 #[test]

@@ -108,7 +108,7 @@ fn what_is_missing_or_wrong_is_named() {
         ("disp", "my library.mtl: line 2: a map without a file"),
         ("disp -bm x white map.png", "line 2: -bm: `x` is no number"),
         ("disp -o 0.5 0 0 white map.png", "-o 0.5 moves the map"),
-        ("disp my library.mtl", "give a whole PNG"),
+        ("disp my library.mtl", "it is not a PNG"),
     ] {
         let error =
             packed(&Bench::new(), &format!("newmtl rough stone\n{statement}\n")).expect_err(statement).to_string();

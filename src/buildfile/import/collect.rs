@@ -190,6 +190,11 @@ impl<'a> Collector<'a> {
         &mut self.lanes[self.turn]
     }
 
+    /// The files that were read beside the sources.
+    pub(in crate::buildfile) fn read_files(&self) -> impl Iterator<Item = &Path> {
+        self.meshes.read_files()
+    }
+
     /// A box around all struts and triangles; `None` if there are none.
     pub(in crate::buildfile) fn bounds(&self) -> Option<Bounds> {
         let tally = self.lanes.iter().fold(self.clips.tally(), |sum, lane| sum.joined(lane.tally()));

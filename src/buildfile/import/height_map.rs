@@ -61,7 +61,10 @@ pub(super) struct Picture {
 ///
 /// # Errors
 /// A text that says what is wrong with it and what to do.
-pub(super) fn read(png: impl BufRead + Seek, memory_bytes: u64, channel: Channel) -> Result<Picture, String> {
+pub(super) fn read(mut png: impl BufRead + Seek, memory_bytes: u64, channel: Channel) -> Result<Picture, String> {
+    if !png.fill_buf().is_ok_and(|bytes| bytes.starts_with(b"\x89PNG")) {
+        return Err("it is not a PNG; convert it to one".into());
+    }
     let limits = png::Limits { bytes: usize::try_from(memory_bytes).unwrap_or(usize::MAX) };
     let mut decoder = png::Decoder::new_with_limits(png, limits);
     decoder.set_transformations(png::Transformations::EXPAND);

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
 
+use super::check_regular;
 use super::height_map::{Channel, MapUse};
 use super::relief::{CollectedRelief, Face, ReliefLane, placed};
 use super::rules::Rules;
@@ -24,6 +25,8 @@ pub(super) struct Meshes<'a> {
     displacement: Option<u8>,
     /// The maps that were read from files, and their numbers.
     files: Vec<(PathBuf, MapUse, u16)>,
+    /// Material libraries that were read.
+    libraries: Vec<PathBuf>,
     notes: Vec<String>,
 }
 
@@ -39,6 +42,7 @@ impl<'a> Meshes<'a> {
             is_relief: options.relief.applies(),
             displacement: None,
             files: Vec::new(),
+            libraries: Vec::new(),
             notes: Vec::new(),
         }
     }
@@ -75,6 +79,16 @@ impl<'a> Meshes<'a> {
         self.options.map.as_ref().map(|options| options.map.as_path())
     }
 
+    /// Keeps the name of a material library that is read.
+    pub(super) fn reads_library(&mut self, path: &Path) {
+        self.libraries.push(path.into());
+    }
+
+    /// The files that were read beside the sources: maps and material libraries.
+    pub(super) fn read_files(&self) -> impl Iterator<Item = &Path> {
+        self.files.iter().map(|(path, ..)| path).chain(&self.libraries).map(PathBuf::as_path)
+    }
+
     /// Whether the maps that a source names apply.
     pub(super) fn takes_maps(&self) -> bool {
         self.options.map.is_none() && self.options.height_mm != Some(0.0)
@@ -104,6 +118,7 @@ impl<'a> Meshes<'a> {
         if let Some((.., number)) = self.files.iter().find(known) {
             return Ok(*number);
         }
+        check_regular(path)?;
         let read = std::fs::File::open(path).map_err(|source| PackError::Read { path: path.into(), source })?;
         let number = self.map(std::io::BufReader::new(read), usage, &path.display().to_string())?;
         self.files.push((path.into(), usage, number));

@@ -79,6 +79,11 @@ impl Rules {
     }
 
     fn too_far(&self, point: DVec3, place: &dyn Fn() -> String) -> PackError {
+        if !point.is_finite() {
+            let problem =
+                format!("the point {}, {}, {} is not finite; export the part again", point.x, point.y, point.z);
+            return PackError::input(place(), problem);
+        }
         let problem = format!(
             "the point {:?}, {:?}, {:?} mm, rotated and scaled, is farther than {} mm from the origin along an axis, the limit \
              at a quantum of {} µm; use a larger --quantum",

@@ -58,6 +58,9 @@ impl Dicing {
 
 /// What is wanted of a patch.
 trait Seeker {
+    /// Whether the facets of a patch must meet those of its neighbours. If not, a part that is flat enough is one facet, however long.
+    const MEETS_NEIGHBOURS: bool;
+
     /// Whether a part in this box may be of interest.
     fn wants(&mut self, bounds: [DVec3; 2]) -> bool;
 
@@ -98,6 +101,8 @@ struct InWindow<F> {
 }
 
 impl<F: FnMut(&Facet) -> bool> Seeker for InWindow<F> {
+    const MEETS_NEIGHBOURS: bool = true;
+
     fn wants(&mut self, [low, high]: [DVec3; 2]) -> bool {
         let Window { y, z } = self.window;
         self.goes_on && low.z <= z[1] && high.z >= z[0] && low.y <= y[1] && high.y >= y[0]
@@ -144,6 +149,8 @@ impl Extent {
 }
 
 impl Seeker for Extent {
+    const MEETS_NEIGHBOURS: bool = false;
+
     fn wants(&mut self, [low, high]: [DVec3; 2]) -> bool {
         if !(low.cmplt(self.low).any() || high.cmpgt(self.high).any()) || self.is_spent() {
             return false;
@@ -209,6 +216,9 @@ impl<S: Seeker> Dicer<'_, S> {
         let part = patch.part(points, 0);
         if !self.seeker.wants(part.bounds) {
             return;
+        }
+        if !S::MEETS_NEIGHBOURS && part.off.of_pieces(1) <= dicing.tolerance {
+            return self.take([a.at, b.at, c.at]);
         }
         let halves = [(a, b), (b, c), (c, a)].map(|(from, to)| dicing.halves(from, to));
         let between = |from: &Point, to: &Point| self.patch.between(from, to);

@@ -140,7 +140,7 @@ impl<'a> PatchShape<'a> {
                 at += *frame * direction * ((height * value + offset) * factor);
             }
             if self.inset > 0.0 {
-                at -= (*frame * direction).normalize_or_zero() * self.inset;
+                at += self.inward(direction) * self.inset;
             }
         } else {
             // Not normalised: flat sides stay flat.
@@ -180,8 +180,16 @@ impl<'a> PatchShape<'a> {
             lift.add_off(&mut off, &span);
             (low, high) = (low + least, high + most);
         }
-        let spare = self.inset + ROUNDING;
-        Part { bounds: [low - spare, high + spare], off }
+        if self.inset > 0.0 {
+            let [least, most] = directions(points.map(|point| self.inward(point.direction)));
+            (low, high) = (low + least * self.inset, high + most * self.inset);
+        }
+        Part { bounds: [low - ROUNDING, high + ROUNDING], off }
+    }
+
+    /// Where the inner side of a shell lies, from a point of the outer side with this direction.
+    fn inward(&self, direction: DVec3) -> DVec3 {
+        -self.lift.map_or(direction, |lift| (lift.frame * direction).normalize_or_zero())
     }
 
     /// How far the line between two points may be from straight. On an edge of the patch, it depends on that edge alone.
@@ -195,6 +203,14 @@ impl<'a> PatchShape<'a> {
         }
         off
     }
+}
+
+/// The range of unit directions between three. They lie on the sphere among these. They rise above the highest by less than a quarter of the
+/// square of the longest chord.
+fn directions([a, b, c]: [DVec3; 3]) -> [DVec3; 2] {
+    let squared_chord = a.distance_squared(b).max(b.distance_squared(c)).max(c.distance_squared(a));
+    let bulge = DVec3::splat(squared_chord / 4.0);
+    [a.min(b).min(c) - bulge, a.max(b).max(c) + bulge]
 }
 
 /// By how much the weights of some points differ at most.

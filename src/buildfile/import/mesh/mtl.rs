@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::obj_lines::{Statements, keyed, number, text};
 use crate::buildfile::error::PackError;
+use crate::buildfile::import::check_regular;
 use crate::buildfile::import::collect::Collector;
 use crate::buildfile::import::height_map::{Channel, MapUse};
 use crate::buildfile::relief::Tile;
@@ -43,16 +44,19 @@ pub(super) fn displacements(
     }
     for name in libraries {
         let path = beside(obj, name);
-        let statements = match Statements::open(&path) {
+        let opened = check_regular(&path)
+            .and_then(|_| Statements::open(&path).map_err(|source| PackError::Read { path: path.clone(), source }));
+        let statements = match opened {
             Ok(statements) => statements,
-            Err(error) if error.kind() == ErrorKind::NotFound => {
+            Err(PackError::Read { source, .. }) if source.kind() == ErrorKind::NotFound => {
                 let path = path.display();
                 collector
                     .note(format!("{}: there is no {path}; height maps of its materials are left out", obj.display()));
                 continue;
             }
-            Err(source) => return Err(PackError::Read { path, source }),
+            Err(error) => return Err(error),
         };
+        collector.meshes.reads_library(&path);
         for (material, statement) in materials(statements, &path, used)? {
             let number = match displacement(&path, &material, &statement, collector) {
                 // Programs write `bump` for shading, of any kind of picture.
