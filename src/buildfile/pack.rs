@@ -8,10 +8,11 @@ use super::import::{
     self, CollectedClip, CollectedLattice, CollectedRelief, CollectedSurface, Collector, Rules, Source, check_options,
 };
 use super::measure;
-use super::model::{Blend, Caps, Header, Keeps, Strut};
+use super::model::{Blend, BodyHeader, Bounds, Caps, Header, Keeps, Strut};
 use super::options::{BlendChoice, PackOptions};
 use super::primitive::{EXPECTED_PATCH_BYTES, EXPECTED_STRUT_BYTES, EXPECTED_TRIANGLE_BYTES};
 use super::progress::PackProgress;
+use super::relief::Relief;
 use super::sort;
 use super::store::{BodySettings, WriteError, Writer, WriterSettings};
 use crate::output::{self, Output};
@@ -66,6 +67,7 @@ pub fn pack(
     for path in collector.read_files() {
         check_input(path, output)?;
     }
+    let base = collector.bounds();
     let collected = collector.finish(inputs)?;
     let sort_error = |source| PackError::Sort { directory: directory.into(), source };
     let mut notes: Vec<_> = scaled.into_iter().chain(collected.notes).collect();
@@ -98,7 +100,26 @@ pub fn pack(
         writing.body(body, &mut notes)?;
     }
     let header = writing.writer.finish().map_err(|error| explained(error, &places))?;
+    notes.extend(header.bodies.iter().filter_map(|body| outgrown(body, base?, options.quantum_um)));
     Ok(PackReport { header, notes })
+}
+
+/// A note if a shell reaches beyond `base`, the box around all that was read, on both sides. On one side, that of an open surface may.
+fn outgrown(body: &BodyHeader, base: Bounds, quantum_um: f64) -> Option<String> {
+    let BodyHeader::Relief(Relief { bounds, shell_um, is_curved: false, maps, .. }) = body else { return None };
+    // Bounds are rounded, and hexagons of points reach beyond these.
+    let half = shell_um / quantum_um / 2.0;
+    let is_beyond = |axis: usize| {
+        f64::from(bounds.min[axis]) < f64::from(base.min[axis]) - half
+            && f64::from(bounds.max[axis]) > f64::from(base.max[axis]) + half
+    };
+    (*shell_um > 0.0 && maps.is_empty() && (0..3).any(is_beyond)).then(|| {
+        format!(
+            "the shell of {} mm comes out on the other side: it is thicker than the part, or the surface is inside out. Look at the layers \
+             with `layerctl slice`",
+            shell_um / 1000.0
+        )
+    })
 }
 
 /// The error of a writer, which names bodies by number; `places` are those of their sources.
@@ -181,7 +202,10 @@ fn blend_of(sources: &[Source]) -> Result<BlendChoice, PackError> {
 
 /// Refuses a path that cannot be a source of `output`; returns the length of the source.
 fn check_input(path: &Path, output: &Path) -> Result<u64, PackError> {
-    let metadata = import::check_regular(path)?;
+    let metadata = std::fs::metadata(path).map_err(|source| PackError::Read { path: path.into(), source })?;
+    if metadata.is_dir() {
+        return Err(PackError::input(path.display().to_string(), "it is a directory; name a file to read"));
+    }
     if std::fs::metadata(output).is_ok_and(|there| (there.dev(), there.ino()) == (metadata.dev(), metadata.ino())) {
         let problem = "it is both source and output; name another build file with -o";
         return Err(PackError::input(path.display().to_string(), problem));

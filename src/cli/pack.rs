@@ -173,7 +173,14 @@ pub fn run(args: PackArgs) -> anyhow::Result<()> {
     for note in &report.notes {
         super::eprint(&format!("note: {note}"));
     }
-    super::print(&super::info::Summary::of(BuildFile::open(&output)?)?.to_string())
+    let summary = super::info::Summary::of(BuildFile::open(&output)?)?;
+    if summary.volume.volume_mm3 == 0.0 {
+        super::eprint(
+            "note: nothing of the part is solid where it was looked at: is a displacement or a shell deeper than the part is thick? Look at its \
+             layers with `layerctl slice`",
+        );
+    }
+    super::print(&summary.to_string())
 }
 
 /// Refuses an output with the extension of a source: it could replace a source, and would later be mistaken for one.

@@ -85,6 +85,17 @@ fn maps_of_materials_displace_their_faces() {
 }
 
 #[test]
+fn a_material_that_no_library_defines_is_named() {
+    let note = |library: &str| {
+        packed(&Bench::new(), &format!("newmtl plain\n{library}")).expect("can be packed").1.notes.join("\n")
+    };
+    let named = "no material library defines rough stone";
+    assert!(note("newmtl rock\ndisp white map.png\n").contains(named));
+    assert!(!note("newmtl rock\nKd 1 1 1\n").contains(named), "nothing would be displaced");
+    assert!(!note("newmtl rough stone\nKd 1 1 1\nnewmtl rock\ndisp white map.png\n").contains(named));
+}
+
+#[test]
 fn the_options_say_how_high() {
     let library = "newmtl rough stone\ndisp white map.png\n";
     let mut bench = Bench::new();

@@ -19,7 +19,7 @@ mod stretch;
 mod surface;
 mod three_mf;
 
-use std::fs::{File, Metadata};
+use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
@@ -34,18 +34,16 @@ pub(super) use relief::CollectedRelief;
 pub(super) use rules::{Rules, check_options};
 pub(super) use surface::CollectedSurface;
 
-/// Refuses what is no file: a pipe would keep its reader waiting. Returns what is known of the file.
+/// Refuses what is no file. A pipe that a source names would keep its reader waiting.
 ///
 /// # Errors
 /// If it is none, or not there.
-pub(super) fn check_regular(path: &Path) -> Result<Metadata, PackError> {
+fn check_regular(path: &Path) -> Result<(), PackError> {
     let metadata = std::fs::metadata(path).map_err(|source| PackError::Read { path: path.into(), source })?;
-    let what = match () {
-        () if metadata.is_dir() => "it is a directory",
-        () if !metadata.is_file() => "it is no regular file",
-        () => return Ok(metadata),
-    };
-    Err(PackError::input(path.display().to_string(), format!("{what}; name a file to read")))
+    if metadata.is_file() {
+        return Ok(());
+    }
+    Err(PackError::input(path.display().to_string(), "it is no regular file; name a file to read"))
 }
 
 /// Adds the bytes of the file to the digest of the sources.

@@ -338,8 +338,8 @@ mod tests {
     #[test]
     fn bounds_of_a_rough_patch_are_found_or_given_up() {
         // One texel rises above the others.
-        let texels =
-            (0..64 * 64).map(|number| if number == 40 * 64 + 10 { 30_000 } else { number * 37 % 1000 }).collect();
+        let texel = |number: u32| if number == 40 * 64 + 10 { 30_000 } else { (number * 37 % 1000) as u16 };
+        let texels = (0..64 * 64).map(texel).collect();
         let map = Arc::new(HeightMap::new([64, 64], [Tile::Wrap; 2], true, texels));
         let lift = Lift::new(map, 65_535.0, 0.0, DMat3::IDENTITY);
         let corner = |u: f64, v: f64| PatchCorner {

@@ -42,22 +42,29 @@ pub(super) fn displacements(
     if !collector.meshes.takes_maps() {
         return Ok(displacements);
     }
+    // Materials that no library defines. They are of interest if libraries have maps, and all libraries are there.
+    let mut missing: BTreeSet<_> = used.iter().map(String::as_str).collect();
+    let (mut has_maps, mut all_there) = (false, !libraries.is_empty());
     for name in libraries {
         let path = beside(obj, name);
         let opened = check_regular(&path)
-            .and_then(|_| Statements::open(&path).map_err(|source| PackError::Read { path: path.clone(), source }));
+            .and_then(|()| Statements::open(&path).map_err(|source| PackError::Read { path: path.clone(), source }));
         let statements = match opened {
             Ok(statements) => statements,
             Err(PackError::Read { source, .. }) if source.kind() == ErrorKind::NotFound => {
                 let path = path.display();
                 collector
                     .note(format!("{}: there is no {path}; height maps of its materials are left out", obj.display()));
+                all_there = false;
                 continue;
             }
             Err(error) => return Err(error),
         };
         collector.meshes.reads_library(&path);
-        for (material, statement) in materials(statements, &path, used)? {
+        let read = materials(statements, &path, used)?;
+        missing.retain(|material| !read.names.contains(*material));
+        has_maps |= read.has_maps;
+        for (material, statement) in read.maps {
             let number = match displacement(&path, &material, &statement, collector) {
                 // Programs write `bump` for shading, of any kind of picture.
                 Err(error) if !statement.is_displacement => {
@@ -68,6 +75,14 @@ pub(super) fn displacements(
             };
             displacements.insert(material, number);
         }
+    }
+    if all_there && has_maps && !missing.is_empty() {
+        let names: Vec<_> = missing.into_iter().take(MOST_NAMED).map(plain_line).collect();
+        collector.note(format!(
+            "{}: no material library defines {}; the faces that use it are not displaced",
+            obj.display(),
+            names.join(", ")
+        ));
     }
     Ok(displacements)
 }
@@ -102,13 +117,22 @@ fn displacement(
     collector.meshes.displacement(map, [low_mm, high_mm], &path.display().to_string())
 }
 
-/// The materials in use that have a map.
-fn materials(
-    mut statements: Statements,
-    path: &Path,
-    used: &BTreeSet<String>,
-) -> Result<BTreeMap<String, Statement>, PackError> {
-    let mut materials: BTreeMap<String, Statement> = BTreeMap::new();
+/// Most missing materials that a note names.
+const MOST_NAMED: usize = 5;
+
+/// What a library says of the materials in use.
+#[derive(Default)]
+struct Materials {
+    names: BTreeSet<String>,
+    /// Of those that have one.
+    maps: BTreeMap<String, Statement>,
+    /// Whether any material of the library has a map.
+    has_maps: bool,
+}
+
+/// Reads what a library says of the materials in use.
+fn materials(mut statements: Statements, path: &Path, used: &BTreeSet<String>) -> Result<Materials, PackError> {
+    let mut materials = Materials::default();
     let mut material = String::new();
     loop {
         let parsed = match statements.next() {
@@ -120,11 +144,17 @@ fn materials(
             Err(problem) => Err(problem),
         };
         match parsed {
-            Ok(Line::Material(name)) => material = name,
+            Ok(Line::Material(name)) => {
+                if used.contains(&name) {
+                    materials.names.insert(name.clone());
+                }
+                material = name;
+            }
             Ok(Line::Map(map)) => {
+                materials.has_maps = true;
                 let is_better = |there: &Statement| map.is_displacement && !there.is_displacement;
-                if used.contains(&material) && materials.get(&material).is_none_or(is_better) {
-                    materials.insert(material.clone(), map);
+                if used.contains(&material) && materials.maps.get(&material).is_none_or(is_better) {
+                    materials.maps.insert(material.clone(), map);
                 }
             }
             Ok(Line::Other) => {}
