@@ -45,7 +45,7 @@ fn a_size_is_that_of_the_longest_edge_whatever_the_part_is_made_of() {
         let [solid, strut] = sources(&bench);
         if relief {
             // Displaced by 1 mm at most, which is not scaled and does not count.
-            let map = bench.file("map.png", &grey());
+            let map = bench.file("map.png", &white());
             bench.options.relief.map = Some(DisplacementOptions { map, tile: Tile::Wrap });
             bench.options.relief.height_mm = Some(1.0);
         }
@@ -71,7 +71,7 @@ fn a_size_is_that_of_the_longest_edge_whatever_the_part_is_made_of() {
 }
 
 /// A white picture.
-fn grey() -> Vec<u8> {
+fn white() -> Vec<u8> {
     let mut bytes = Vec::new();
     let mut encoder = png::Encoder::new(&mut bytes, 2, 2);
     encoder.set_color(png::ColorType::Grayscale);
@@ -135,7 +135,7 @@ fn places_and_factors_apply_to_solids_as_to_lattices() {
 #[test]
 fn sizes_that_cannot_be_are_refused() {
     let mut bench = Bench::new();
-    let [solid, strut] = sources(&bench);
+    let [solid, _] = sources(&bench);
     for size_mm in [0.0, -3.0, f64::NAN, 1e7] {
         bench.options.size_mm = Some(size_mm);
         let error = packed(&bench, std::slice::from_ref(&solid)).expect_err("it is no size").to_string();
@@ -147,5 +147,4 @@ fn sizes_that_cannot_be_are_refused() {
     let error = packed(&bench, &[metres]).expect_err("less than a quantum").to_string();
     assert!(error.contains("metres.txt:2: a radius of") && error.contains("give --scale instead"), "{error}");
     assert!(!bench.path("out.layerd").exists());
-    drop(strut);
 }

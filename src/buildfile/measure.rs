@@ -1,4 +1,4 @@
-//! How large a part is before it is scaled: the factor that makes it as large as wanted. `pack` reads the sources once more for it;
+//! How large a part is before it is scaled: the factor that makes it as large as wanted. The sources are read for it, before `pack` reads them;
 //! `tests/pack_size.rs` tests it.
 
 use std::path::{Path, PathBuf};
@@ -28,9 +28,16 @@ pub(super) fn factor(
     let relief = ReliefOptions { height_mm: Some(0.0), shell_mm: options.relief.shell_mm, ..ReliefOptions::default() };
     let mut options = PackOptions { scale: [1.0; 3], relief, ..options.clone() };
     loop {
-        let mut report = |done| progress(PackProgress::Measuring { done, total });
+        let mut reading = |step| {
+            if let PackProgress::Reading { done, total } = step {
+                progress(PackProgress::Measuring { done, total });
+            }
+        };
+        let rules = Rules::new(&options, blend)?;
+        let mut collector = Collector::new(&rules, &options, import::kinds(sources, &options), directory);
+        import::import_all(inputs, sources, &options, &mut collector, total, &mut reading).map_err(unscaled)?;
         // Packing says that there is nothing.
-        let Some(longest_mm) = longest_mm(inputs, sources, &options, blend, directory, &mut report)? else {
+        let Some(longest_mm) = collector.bounds().map(|bounds| longest_mm(bounds, options.quantum_um)) else {
             return Ok(1.0);
         };
         let [scale, ..] = options.scale;
@@ -49,31 +56,10 @@ pub(super) fn factor(
     }
 }
 
-/// The longest edge of the box around sources, millimetres; `None` of nothing. `report` takes the number of bytes read.
-fn longest_mm(
-    inputs: &[PathBuf],
-    sources: &[Source],
-    options: &PackOptions,
-    blend: BlendChoice,
-    directory: &Path,
-    report: &mut dyn FnMut(u64),
-) -> Result<Option<f64>, PackError> {
-    let rules = Rules::new(options, blend)?;
-    let mut collector = Collector::new(&rules, options, import::kinds(sources, options), directory);
-    let mut before = 0;
-    for (path, source) in inputs.iter().zip(sources) {
-        let mut reading = |step| {
-            if let PackProgress::Reading { done, .. } = step {
-                report(before + done);
-            }
-        };
-        source.import(path, options, &mut collector, &mut reading).map_err(unscaled)?;
-        before += std::fs::metadata(path).map_or(0, |metadata| metadata.len());
-    }
-    Ok(collector.bounds().map(|Bounds { min, max }| {
-        let edges = (0..3).map(|axis| i64::from(max[axis]) - i64::from(min[axis]));
-        edges.max().unwrap_or(0) as f64 * options.quantum_um / 1000.0
-    }))
+/// The longest edge of a box in quanta, millimetres.
+fn longest_mm(Bounds { min, max }: Bounds, quantum_um: f64) -> f64 {
+    let edges = (0..3).map(|axis| i64::from(max[axis]) - i64::from(min[axis]));
+    edges.max().unwrap_or(0) as f64 * quantum_um / 1000.0
 }
 
 /// The error of a source that is read as it is.

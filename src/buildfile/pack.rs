@@ -55,15 +55,7 @@ pub fn pack(
     let rules = Rules::new(options, blend)?;
     let mut collector = Collector::new(&rules, options, import::kinds(&sources, options), directory);
     import::open_map(&mut collector)?;
-    let mut before = 0;
-    for (path, source) in inputs.iter().zip(sources) {
-        let mut report = |step| match step {
-            PackProgress::Reading { done, .. } => progress(PackProgress::Reading { done: before + done, total }),
-            other => progress(other),
-        };
-        source.import(path, options, &mut collector, &mut report)?;
-        before += std::fs::metadata(path).map_or(0, |metadata| metadata.len());
-    }
+    import::import_all(inputs, &sources, options, &mut collector, total, progress)?;
     for path in collector.read_files() {
         check_input(path, output)?;
     }

@@ -261,14 +261,6 @@ fn times(samples: &[Sample], dark_bottom_layers: u32, late_layers: Vec<[u32; 2]>
     }
 }
 
-/// Adds layers, first to last, behind or next to the last range.
-fn add_layers(ranges: &mut Vec<[u32; 2]>, [first, last]: [u32; 2]) {
-    match ranges.last_mut() {
-        Some(range) if range[1] + 1 >= first => range[1] = last,
-        _ => ranges.push([first, last]),
-    }
-}
-
 /// Ranges of layers in words, at most [`MAX_TOLD`] of them.
 fn layers_text(ranges: &[[u32; 2]]) -> String {
     let told = ranges.iter().take(MAX_TOLD).map(|[first, last]| match first == last {

@@ -68,12 +68,12 @@ impl Inspection {
             let picture = grey.draw(layer)?;
             let thin = walls.find(picture.data().chunks(picture.stride_bytes()));
             heights.add(layer, thin, &mut found);
-            let is_twice = twice.draw(layer)?.data().iter().any(|byte| *byte != 0);
+            let is_twice = is_lit(twice.draw(layer)?);
             told(layer);
             let step = if heights.is_open() { 1 } else { step(began.elapsed(), time, found.looked_at, last - layer) };
             let next = layer + step;
             if is_twice {
-                add(&mut found.enclosed_twice, [layer, next - 1]);
+                add_layers(&mut found.enclosed_twice, [layer, next - 1]);
             }
             if layer == last {
                 heights.end(next, &mut found);
@@ -122,7 +122,7 @@ impl Heights {
         if let Some(([first, _], wall)) = self.open.take()
             && is_wall
         {
-            add(&mut found.thin, [first, above - 1]);
+            add_layers(&mut found.thin, [first, above - 1]);
             found.thinnest = Some(found.thinnest.map_or(wall, |thinnest| thinner(thinnest, wall)));
         }
     }
@@ -141,7 +141,7 @@ pub fn dark_top(slicer: &mut Slicer) -> Result<u32, SliceError> {
     let mut bitmap = Bitmap::new(plan.raster.width_px, plan.raster.height_px, plan.depth);
     let mut dark = 0;
     while slicer.next_layer(&mut bitmap)?.is_some() {
-        dark = if bitmap.data().iter().any(|byte| *byte != 0) { 0 } else { dark + 1 };
+        dark = if is_lit(&bitmap) { 0 } else { dark + 1 };
     }
     Ok(dark)
 }
@@ -154,11 +154,15 @@ fn step(elapsed: Duration, time: Duration, looked_at: u32, rest: u32) -> u32 {
 }
 
 /// Adds layers, first to last, behind or next to the last range.
-fn add(ranges: &mut Vec<[u32; 2]>, [first, last]: [u32; 2]) {
+pub(crate) fn add_layers(ranges: &mut Vec<[u32; 2]>, [first, last]: [u32; 2]) {
     match ranges.last_mut() {
-        Some(range) if range[1] + 1 == first => range[1] = last,
+        Some(range) if range[1] + 1 >= first => range[1] = last,
         _ => ranges.push([first, last]),
     }
+}
+
+fn is_lit(bitmap: &Bitmap) -> bool {
+    bitmap.data().iter().any(|byte| *byte != 0)
 }
 
 /// Bodies, and the picture of a layer of them.

@@ -58,6 +58,7 @@ pub use body::BodySource;
 pub use body::source::{BodyPrimitive, ChunkSource, ChunkSpan, MemoryChunks, MemoryStruts, MemoryTriangles};
 pub use error::SliceError;
 pub use footing::Footing;
+pub(crate) use inspection::add_layers;
 pub use inspection::{Inspection, ThinWall, dark_top};
 pub use plan::{PlanError, SlicePlan};
 pub use slicer::Slicer;

@@ -1,33 +1,13 @@
 //! Undisplaced solids against exact signed distances, and against themselves as patches.
 
-use std::f64::consts::TAU;
-
 use glam::DVec3;
 use layerd::layer::Depth;
 
-use crate::objects::{Corner, Object, ball, cuboid};
+use crate::objects::{Object, ball, cuboid, torus};
 use crate::{PLAIN, Part, Recipe, map};
 
 /// By how much a point lies inside, millimetres.
 type Distance<'a> = &'a dyn Fn(DVec3) -> f64;
-
-/// A torus around z.
-fn torus(large: f64, small: f64, around: u32, across: u32) -> Object {
-    let corner = |along: u32, over: u32| {
-        let [along, over] =
-            [(along, around), (over, across)].map(|(at, count)| TAU * f64::from(at % count) / f64::from(count));
-        let outward = DVec3::new(along.cos(), along.sin(), 0.0);
-        let normal = outward * over.cos() + DVec3::Z * over.sin();
-        Corner { at: outward * large + normal * small, texture: [0.0; 2], normal: Some(normal) }
-    };
-    let places = (0..around).flat_map(|along| (0..across).map(move |over| (along, over)));
-    let triangles = places.flat_map(|(along, over)| {
-        let [a, b] = [corner(along, over), corner(along + 1, over)];
-        let [c, d] = [corner(along + 1, over + 1), corner(along, over + 1)];
-        [[a, b, c], [a, c, d]]
-    });
-    Object { triangles: triangles.collect() }
-}
 
 #[test]
 fn a_ball_a_box_and_a_torus_are_where_their_distance_is_0() {
@@ -38,7 +18,7 @@ fn a_ball_a_box_and_a_torus_are_where_their_distance_is_0() {
     let cases: [(&str, Object, Distance<'_>); 3] = [
         ("ball", ball(1.7, 40, 80), &|at| 1.7 - at.length()),
         ("box", cuboid([1.3; 3]), &box_distance),
-        ("torus", torus(large, small, 96, 48), &torus_distance),
+        ("torus", torus(large, small, [96, 48]), &torus_distance),
     ];
     for (name, object, inside) in cases {
         let part = Part::new(&object, &curved);
@@ -51,7 +31,7 @@ fn a_ball_a_box_and_a_torus_are_where_their_distance_is_0() {
 fn a_black_map_changes_nothing() {
     let black = map([16, 16], |_| 0.0);
     for rotate_deg in [[0.0; 3], [33.0, 11.0, 77.0]] {
-        let object = torus(1.6, 0.5, 40, 20);
+        let object = torus(1.6, 0.5, [40, 20]);
         let plain = Part::new(&object, &Recipe { rotate_deg, ..PLAIN });
         let displaced = Part::new(&object, &Recipe { map: Some(&black), rotate_deg, ..PLAIN });
         let plan = plain.plan(Depth::Bit);

@@ -7,7 +7,7 @@ use std::f64::consts::{PI, TAU};
 use glam::DVec3;
 use layerd::layer::Depth;
 
-use crate::objects::{Corner, Object, ball, cuboid};
+use crate::objects::{Corner, Object, ball, closed, cuboid, torus};
 use crate::{PLAIN, Part, Recipe, lit, map, pixels, point_mm};
 
 /// Pixels and layers: coarse, because each of them is compared.
@@ -88,24 +88,6 @@ fn nearest(at: DVec3, corners: [DVec3; 3]) -> [f64; 3] {
     edges.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)).map_or(inner, |(_, shares)| shares)
 }
 
-/// A surface of revolution around z that is closed along both directions, with its normals; `at` and `normal` take angles.
-fn around(counts: [u32; 2], at: impl Fn(f64, f64) -> DVec3) -> Object {
-    let corner = |along: u32, over: u32| {
-        let texture = [(along, counts[0]), (over, counts[1])].map(|(at, count)| f64::from(at) / f64::from(count));
-        let [s, t] = texture.map(|share| TAU * share);
-        let step = 1e-5;
-        let normal = (at(s + step, t) - at(s - step, t)).cross(at(s, t + step) - at(s, t - step)).normalize();
-        Corner { at: at(s % TAU, t % TAU), texture, normal: Some(normal) }
-    };
-    let places = (0..counts[0]).flat_map(|along| (0..counts[1]).map(move |over| (along, over)));
-    let triangles = places.flat_map(|(along, over)| {
-        let [a, b] = [corner(along, over), corner(along + 1, over)];
-        let [c, d] = [corner(along + 1, over + 1), corner(along, over + 1)];
-        [[a, b, c], [a, c, d]]
-    });
-    Object { triangles: triangles.collect() }
-}
-
 /// Waves that vanish along the edges of the map.
 fn waves([u, v]: [f64; 2]) -> f64 {
     (PI * u).sin().powi(2) * (PI * v).sin().powi(2) * (0.5 + 0.5 * (2.0 * TAU * u).cos() * (TAU * v).sin())
@@ -118,10 +100,6 @@ fn ripples([u, v]: [f64; 2]) -> f64 {
 
 #[test]
 fn layers_agree_with_the_field_on_five_parts() {
-    let torus = |s: f64, t: f64| {
-        let outward = DVec3::new(s.cos(), s.sin(), 0.0);
-        outward * (1.5 + 0.5 * t.cos()) + DVec3::Z * (0.5 * t.sin())
-    };
     // A ring that is thicker in some places, and waves up and down.
     let snake = |s: f64, t: f64| {
         let outward = DVec3::new(s.cos(), s.sin(), 0.0);
@@ -139,8 +117,8 @@ fn layers_agree_with_the_field_on_five_parts() {
         ("ball", ball(1.7, 40, 80), waves),
         ("hollow ball", hollow, waves),
         ("box", cuboid([2.3, 1.9, 1.4]), waves),
-        ("torus", around([120, 90], torus), ripples),
-        ("snake", around([150, 90], snake), ripples),
+        ("torus", torus(1.5, 0.5, [120, 90]), ripples),
+        ("snake", closed([150, 90], snake), ripples),
     ];
     for (name, object, value) in parts {
         compare(name, &object, value);

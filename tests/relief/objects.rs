@@ -1,5 +1,6 @@
 //! Meshes with texture coordinates, as OBJ.
 
+use std::f64::consts::{PI, TAU};
 use std::fmt::Write as _;
 
 use glam::DVec3;
@@ -103,6 +104,30 @@ pub(crate) fn ball(radius: f64, rings: u32, columns: u32) -> Object {
     Object { triangles }
 }
 
+/// A surface that closes along both of its directions, with its normals and the whole map. `at` takes two angles; `counts` are the pieces of
+/// both.
+pub(crate) fn closed(counts: [u32; 2], at: impl Fn(f64, f64) -> DVec3) -> Object {
+    let corner = |along: u32, over: u32| {
+        let texture = [(along, counts[0]), (over, counts[1])].map(|(at, count)| f64::from(at) / f64::from(count));
+        let [s, t] = texture.map(|share| TAU * share);
+        let step = 1e-5;
+        let normal = (at(s + step, t) - at(s - step, t)).cross(at(s, t + step) - at(s, t - step)).normalize();
+        Corner { at: at(s % TAU, t % TAU), texture, normal: Some(normal) }
+    };
+    let places = (0..counts[0]).flat_map(|along| (0..counts[1]).map(move |over| (along, over)));
+    let triangles = places.flat_map(|(along, over)| {
+        let [a, b] = [corner(along, over), corner(along + 1, over)];
+        let [c, d] = [corner(along + 1, over + 1), corner(along, over + 1)];
+        [[a, b, c], [a, c, d]]
+    });
+    Object { triangles: triangles.collect() }
+}
+
+/// A torus around z.
+pub(crate) fn torus(large: f64, small: f64, counts: [u32; 2]) -> Object {
+    closed(counts, |s, t| DVec3::new(s.cos(), s.sin(), 0.0) * (large + small * t.cos()) + DVec3::Z * (small * t.sin()))
+}
+
 /// A ball around 0 of 80 triangles, with its normals: an icosahedron whose triangles are divided once.
 pub(crate) fn ball_of_80(radius: f64) -> Object {
     let golden = f64::midpoint(1.0, 5.0_f64.sqrt());
@@ -133,7 +158,7 @@ pub(crate) fn ball_of_80(radius: f64) -> Object {
 
 /// The direction of a longitude and a latitude, both from 0 to 1.
 pub(crate) fn direction([u, v]: [f64; 2]) -> DVec3 {
-    let (azimuth, polar) = (u * std::f64::consts::TAU, v * std::f64::consts::PI);
+    let (azimuth, polar) = (u * TAU, v * PI);
     // Exact where all meridians meet and where they begin anew.
     let across = if v == 0.0 || v == 1.0 { 0.0 } else { polar.sin() };
     let (sin, cos) = if u == 1.0 { (0.0, 1.0) } else { azimuth.sin_cos() };
@@ -142,7 +167,7 @@ pub(crate) fn direction([u, v]: [f64; 2]) -> DVec3 {
 
 /// The longitude and latitude of a direction, from 0 to 1.
 pub(crate) fn place(direction: DVec3) -> [f64; 2] {
-    let u = (direction.y.atan2(direction.x) / std::f64::consts::TAU).rem_euclid(1.0);
-    let v = (-direction.z / direction.length().max(1e-12)).acos() / std::f64::consts::PI;
+    let u = (direction.y.atan2(direction.x) / TAU).rem_euclid(1.0);
+    let v = (-direction.z / direction.length().max(1e-12)).acos() / PI;
     [u, v]
 }

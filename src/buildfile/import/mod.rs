@@ -21,7 +21,7 @@ mod three_mf;
 
 use std::fs::File;
 use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use sha2::Digest;
 
@@ -70,6 +70,30 @@ pub(super) fn open_map(collector: &mut Collector<'_>) -> Result<(), PackError> {
         Some(path) => digest(&path, collector),
         None => Ok(()),
     }
+}
+
+/// Imports all sources, of `total` bytes together. `progress` is told of the bytes of all that were read so far.
+///
+/// # Errors
+/// If one of them cannot be read, or what it says cannot be packed.
+pub(super) fn import_all(
+    inputs: &[PathBuf],
+    sources: &[Source],
+    options: &PackOptions,
+    collector: &mut Collector<'_>,
+    total: u64,
+    progress: &mut dyn FnMut(PackProgress),
+) -> Result<(), PackError> {
+    let mut before = 0;
+    for (path, source) in inputs.iter().zip(sources) {
+        let mut report = |step| match step {
+            PackProgress::Reading { done, .. } => progress(PackProgress::Reading { done: before + done, total }),
+            other => progress(other),
+        };
+        source.import(path, options, collector, &mut report)?;
+        before += std::fs::metadata(path).map_or(0, |metadata| metadata.len());
+    }
+    Ok(())
 }
 
 /// How many kinds of primitives may come from these sources: struts, flat triangles, triangles with relief, and what is clipped with what
@@ -144,7 +168,7 @@ impl Source {
     ///
     /// # Errors
     /// [`PackError`] names the file and the place in it.
-    pub(super) fn import(
+    fn import(
         self,
         path: &Path,
         options: &PackOptions,

@@ -5,9 +5,10 @@
 use anyhow::{Context, bail};
 use serde::Serialize;
 
-use super::{add_layers, layers_text};
+use super::layers_text;
 use crate::device::encoding::Choice;
 use crate::pipeline::{Part, PrintMemory};
+use crate::slice::add_layers;
 use crate::stream::MemoryBudget;
 use crate::text::{count_text, size_text};
 

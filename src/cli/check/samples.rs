@@ -5,11 +5,12 @@ use std::time::{Duration, Instant};
 
 use anyhow::bail;
 
-use super::{add_layers, layers_text};
+use super::layers_text;
 use crate::buildfile::{BodyHeader, Header};
 use crate::device::encoding::Choice;
 use crate::job::Process;
 use crate::pipeline::Part;
+use crate::slice::add_layers;
 use crate::stream::MemoryBudget;
 
 /// Number of sample layers, spread over the height.
@@ -67,11 +68,11 @@ pub(super) fn measure(
         }
         let start = Instant::now();
         let Some(encoded) = layers.next().transpose()? else { bail!("the layers ended too early") };
-        let mut count = 1;
-        while count < timed && layers.next().transpose()?.is_some() {
-            count += 1;
+        let mut computed = 1;
+        while computed < timed && layers.next().transpose()?.is_some() {
+            computed += 1;
         }
-        let compute_ms = start.elapsed().as_secs_f64() * 1e3 / f64::from(count);
+        let compute_ms = start.elapsed().as_secs_f64() * 1e3 / f64::from(computed);
         let bytes = encoded.bytes.len();
         let line_ms = bytes as f64 * LINE_BITS / baud * 1e3;
         let device_ms = process.layer_ms(layer, encoded.scan.map(|scan| scan.times));

@@ -1,18 +1,18 @@
-//! Divides patches where they may reach a plane. `slice/body/surface/slabs.rs` hands their facets on to be cut; `tests/relief/` prints them.
+//! Divides patches where they may reach some planes. `slice/body/surface/slabs.rs` hands their facets on to be cut; `tests/relief/` prints them.
 
 use glam::DVec3;
 
-use super::grid::{Grid, MOST_PIECES};
+use super::grid::{Grid, MAX_PIECES};
 use super::patch::{EDGES, Off, PatchShape, Point, largest_share};
 use crate::solid::mesh::Facet;
 
-/// Smallest part of an edge of a patch that is divided in its middle: 2⁻¹¹ of it. With [`MOST_PIECES`], the smallest facet of an edge of a
+/// Smallest part of an edge of a patch that is divided in its middle: 2⁻¹¹ of it. With [`MAX_PIECES`], the smallest facet of an edge of a
 /// third of a metre is 20 µm long.
 const SMALLEST_SHARE: f64 = 1.0 / 2048.0;
 
 /// How finely patches are divided.
 ///
-/// An edge longer than [`MOST_PIECES`] facets is divided in its middle, and the parts between such edges likewise. What is left of an edge
+/// An edge longer than [`MAX_PIECES`] facets is divided in its middle, and the parts between such edges likewise. What is left of an edge
 /// is divided into 1, 2, 4 … equal pieces: the fewest that are straight or short enough. That depends on the edge alone, so that neighbours
 /// agree. A part whose edges are all short is divided by a `Grid`.
 #[derive(Clone, Copy, Debug)]
@@ -36,7 +36,7 @@ impl Dicing {
 
     /// Whether an edge is divided in its middle.
     fn halves(&self, a: &Point, b: &Point) -> bool {
-        self.length(a, b) > MOST_PIECES as f64 && largest_share([a, b, b]) > SMALLEST_SHARE
+        self.length(a, b) > MAX_PIECES as f64 && largest_share([a, b, b]) > SMALLEST_SHARE
     }
 
     /// The number of pieces of an edge that is not divided in its middle.
@@ -49,7 +49,7 @@ impl Dicing {
     /// The number of pieces of a line of this length.
     fn pieces(&self, length: f64, off: &Off) -> usize {
         let mut count = 1;
-        while count < MOST_PIECES && length > count as f64 && off.of_pieces(count) > self.tolerance {
+        while count < MAX_PIECES && length > count as f64 && off.of_pieces(count) > self.tolerance {
             count *= 2;
         }
         count

@@ -1,10 +1,10 @@
 //! A triangular grid, whose edges may have fewer pieces than its inside. `dice` divides parts of patches with it.
 
 /// Most pieces along an edge of a grid. With more, a grid would reach beyond what most layers need of it.
-pub(super) const MOST_PIECES: usize = 8;
+pub(super) const MAX_PIECES: usize = 8;
 
 /// Points of the largest grid.
-const MOST_POINTS: usize = (MOST_PIECES + 1) * (MOST_PIECES + 2) / 2;
+const MAX_POINTS: usize = (MAX_PIECES + 1) * (MAX_PIECES + 2) / 2;
 
 /// Points with the shares `[i, j, k] / pieces` of three corners, where `i + j + k = pieces`. On an edge that has fewer pieces, each is moved to
 /// the nearest end of such a piece. Facets between points that are one then vanish, and the others still cover the grid once.
@@ -15,11 +15,11 @@ pub(super) struct Grid {
 }
 
 /// The points of a grid, and for each point the number of the one that it was moved to.
-pub(super) type Points<P> = ([P; MOST_POINTS], [u8; MOST_POINTS]);
+pub(super) type Points<P> = ([P; MAX_POINTS], [u8; MAX_POINTS]);
 
 impl Grid {
     /// A grid of so many pieces along each edge; `edge_pieces` are those that the edges from each corner to the next really have. All are
-    /// powers of two, and `pieces`, at most [`MOST_PIECES`], is the greatest of them.
+    /// powers of two, and `pieces`, at most [`MAX_PIECES`], is the greatest of them.
     pub(super) fn new(pieces: usize, edge_pieces: [usize; 3]) -> Self {
         Self { pieces, edge_pieces }
     }
@@ -46,8 +46,8 @@ impl Grid {
 
     /// The points. `point` takes shares of the corners, and is not called for these.
     pub(super) fn points<P: Copy>(&self, corners: [P; 3], point: impl Fn([f64; 3]) -> P) -> Points<P> {
-        let mut points = [corners[0]; MOST_POINTS];
-        let mut names = [0; MOST_POINTS];
+        let mut points = [corners[0]; MAX_POINTS];
+        let mut names = [0; MAX_POINTS];
         let share = 1.0 / self.pieces as f64;
         for row in 0..=self.pieces {
             for column in 0..=row {

@@ -181,7 +181,8 @@ impl<'a> PatchShape<'a> {
             (low, high) = (low + least, high + most);
         }
         if self.inset > 0.0 {
-            let [least, most] = directions(points.map(|point| self.inward(point.direction)));
+            let inward = points.map(|point| self.inward(point.direction));
+            let [least, most] = directions(inward, squared_chord(inward), DVec3::ONE);
             (low, high) = (low + least * self.inset, high + most * self.inset);
         }
         Part { bounds: [low - ROUNDING, high + ROUNDING], off }
@@ -205,11 +206,15 @@ impl<'a> PatchShape<'a> {
     }
 }
 
-/// The range of unit directions between three. They lie on the sphere among these. They rise above the highest by less than a quarter of the
-/// square of the longest chord.
-fn directions([a, b, c]: [DVec3; 3]) -> [DVec3; 2] {
-    let squared_chord = a.distance_squared(b).max(b.distance_squared(c)).max(c.distance_squared(a));
-    let bulge = DVec3::splat(squared_chord / 4.0);
+/// Square of the longest chord between three directions.
+fn squared_chord([a, b, c]: [DVec3; 3]) -> f64 {
+    a.distance_squared(b).max(b.distance_squared(c)).max(c.distance_squared(a))
+}
+
+/// The range of what lies between three directions of unit length, or of what a frame makes of them, whose reach it is. Directions between
+/// three lie on the sphere among them: they rise above the highest by less than a quarter of the square of the longest chord.
+fn directions([a, b, c]: [DVec3; 3], squared_chord: f64, reach: DVec3) -> [DVec3; 2] {
+    let bulge = reach * (squared_chord / 4.0);
     [a.min(b).min(c) - bulge, a.max(b).max(c) + bulge]
 }
 
@@ -288,7 +293,6 @@ impl Lift {
             heights = [heights[0].min(0.0), heights[1].max(0.0)];
         }
         let factors = [a.factor.min(b.factor).min(c.factor), a.factor.max(b.factor).max(c.factor)];
-        let [da, db, dc] = [a.direction, b.direction, c.direction];
         let always_off = match range.may_be_nothing {
             // Beyond the map there may be a step of any height but none.
             true if heights == [0.0; 2] => 0.0,
@@ -302,17 +306,14 @@ impl Lift {
             heights,
             factors,
             lengths: products(heights, factors),
-            squared_chord: da.distance_squared(db).max(db.distance_squared(dc)).max(dc.distance_squared(da)),
+            squared_chord: squared_chord([a, b, c].map(|point| point.direction)),
         }
     }
 
     /// Bounds of the displacement between three points, between which is `span`.
-    fn bounds(&self, [a, b, c]: [&Point; 3], span: &Span) -> (DVec3, DVec3) {
-        // Directions between three lie on the sphere among them. They rise above the highest by less than a quarter of the square of the
-        // longest chord.
-        let bulge = self.reach * (span.squared_chord / 4.0);
-        let [a, b, c] = [self.frame * a.direction, self.frame * b.direction, self.frame * c.direction];
-        let (low, high) = (a.min(b).min(c) - bulge, a.max(b).max(c) + bulge);
+    fn bounds(&self, points: [&Point; 3], span: &Span) -> (DVec3, DVec3) {
+        let framed = points.map(|point| self.frame * point.direction);
+        let [low, high] = directions(framed, span.squared_chord, self.reach);
         let [x, y, z] = [
             products(span.lengths, [low.x, high.x]),
             products(span.lengths, [low.y, high.y]),

@@ -77,7 +77,7 @@ pub(super) fn displacements(
         }
     }
     if all_there && has_maps && !missing.is_empty() {
-        let names: Vec<_> = missing.into_iter().take(MOST_NAMED).map(plain_line).collect();
+        let names: Vec<_> = missing.into_iter().take(MAX_NAMED).map(plain_line).collect();
         collector.note(format!(
             "{}: no material library defines {}; the faces that use it are not displaced",
             obj.display(),
@@ -118,7 +118,7 @@ fn displacement(
 }
 
 /// Most missing materials that a note names.
-const MOST_NAMED: usize = 5;
+const MAX_NAMED: usize = 5;
 
 /// What a library says of the materials in use.
 #[derive(Default)]

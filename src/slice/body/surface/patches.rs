@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use super::active::Active;
 use super::element::{Element, Extent};
-use super::slabs::Slabs;
+use super::slabs::{Patches, Slabs};
 use crate::buildfile::{MapHeader, Patch, Relief, ReliefShape, map_decoding_bytes};
 use crate::slice::body::source::ChunkSource;
 use crate::slice::{SliceError, SlicePlan};
@@ -78,6 +78,6 @@ impl Element for Patch {
     }
 
     fn facets(active: &Active<Self>, cutter: &Dicer, z: f64, rows: Range<i64>, take: impl FnMut(&Facet) -> bool) {
-        cutter.slabs.facets(active, cutter, z, rows, take);
+        cutter.slabs.facets(Patches { active, dicer: cutter }, z, rows, take);
     }
 }

@@ -6,7 +6,7 @@
 //! which too few are left has fewer layers; if there is no room for a single one, its patches are divided each time that they are drawn.
 
 use std::ops::Range;
-use std::sync::{Mutex, PoisonError, RwLock, RwLockReadGuard};
+use std::sync::{Mutex, MutexGuard, PoisonError, RwLock, RwLockReadGuard};
 
 use super::ROWS_PER_BAND;
 use super::active::Active;
@@ -26,7 +26,7 @@ const MAX_LAYERS: u32 = 16;
 const FACETS_PER_PX: usize = 96;
 
 /// Most facets: 16 MB, a quarter of what a print has by default.
-const MOST_FACETS: usize = 200_000;
+const MAX_FACETS: usize = 200_000;
 
 /// Facets of a page: so few that a block with a single facet does not take much.
 const FACETS_PER_PAGE: usize = 256;
@@ -83,6 +83,13 @@ pub(super) struct Slabs {
     layer: f64,
 }
 
+/// The patches that a plane may cut, and what divides them.
+#[derive(Clone, Copy)]
+pub(super) struct Patches<'a> {
+    pub(super) active: &'a Active<Patch>,
+    pub(super) dicer: &'a Dicer,
+}
+
 /// The slab of one block.
 struct Slab {
     /// The plane for which it was used last. Facets of all patches that begin at or below it are in the pages.
@@ -126,14 +133,7 @@ impl Slabs {
     }
 
     /// Hands on the facets that a plane at `z` may cut in some rows, each once, until `take` returns false.
-    pub(super) fn facets(
-        &self,
-        active: &Active<Patch>,
-        dicer: &Dicer,
-        z: f64,
-        rows: Range<i64>,
-        mut take: impl FnMut(&Facet) -> bool,
-    ) {
+    pub(super) fn facets(&self, patches: Patches<'_>, z: f64, rows: Range<i64>, mut take: impl FnMut(&Facet) -> bool) {
         let wanted = Window { y: self.ys(rows.clone()), z: [z, z] };
         let [first, last] = [self.block(rows.start), self.block(rows.end - 1)];
         for block in first..=last {
@@ -143,13 +143,13 @@ impl Slabs {
                 let is_new = wanted.meets(facet) && before.is_none_or(|before| !before.meets(facet));
                 !is_new || take(facet)
             };
-            let slab = self.slab(block, active, dicer, z);
+            let slab = self.slab(block, patches, z);
             let goes_on = if slab.is_too_full {
                 drop(slab);
                 // Of what is wanted, the part in this block.
                 let [ours, block_ys] = [wanted.y, self.block_ys(block)];
                 let window = Window { y: [ours[0].max(block_ys[0]), ours[1].min(block_ys[1])], z: [z, z] };
-                active.reaching(self.rows_of(block)).all(|patch| dicer.dice(patch, window, &mut take))
+                patches.active.reaching(self.rows_of(block)).all(|patch| patches.dicer.dice(patch, window, &mut take))
             } else {
                 slab.pages.iter().flat_map(|page| page.at(z)).all(take)
             };
@@ -160,7 +160,7 @@ impl Slabs {
     }
 
     /// The slab of a block, with all facets that a plane cuts.
-    fn slab(&self, block: usize, active: &Active<Patch>, dicer: &Dicer, z: f64) -> RwLockReadGuard<'_, Slab> {
+    fn slab(&self, block: usize, patches: Patches<'_>, z: f64) -> RwLockReadGuard<'_, Slab> {
         loop {
             let slab = self.blocks[block].read().unwrap_or_else(PoisonError::into_inner);
             if slab.plane == z {
@@ -170,20 +170,20 @@ impl Slabs {
             let mut slab = self.blocks[block].write().unwrap_or_else(PoisonError::into_inner);
             // Another thread may have been faster.
             if slab.plane != z {
-                self.move_up(block, &mut slab, active, dicer, z);
+                self.move_up(block, &mut slab, patches, z);
             }
         }
     }
 
     /// Moves the plane of a slab up to `z`.
-    fn move_up(&self, block: usize, slab: &mut Slab, active: &Active<Patch>, dicer: &Dicer, z: f64) {
-        let has_room = z <= slab.top && (slab.is_too_full || self.fill(block, slab, active, dicer, [z, slab.top]));
+    fn move_up(&self, block: usize, slab: &mut Slab, patches: Patches<'_>, z: f64) {
+        let has_room = z <= slab.top && (slab.is_too_full || self.fill(block, slab, patches, [z, slab.top]));
         if !has_room {
             // Of planes far apart, each needs a slab of its own.
             let is_next = z - slab.plane < 1.5 * self.layer;
             self.clear(slab);
             let layers = if is_next { self.layers(slab.layers) } else { 1 };
-            self.renew(block, slab, active, dicer, z, layers);
+            self.renew(block, slab, patches, z, layers);
         }
         slab.plane = z;
     }
@@ -191,7 +191,7 @@ impl Slabs {
     /// The number of layers of the next slab of a block: more as long as half of the pages are free, fewer when most are in use, so that other
     /// blocks get some.
     fn layers(&self, last: u32) -> u32 {
-        let free = self.free.lock().unwrap_or_else(PoisonError::into_inner).len();
+        let free = self.free().len();
         let layers = if 2 * free > self.page_count {
             2 * last
         } else if 8 * free < self.page_count {
@@ -203,20 +203,20 @@ impl Slabs {
     }
 
     /// Fills an empty slab from `z` on: with so many layers, or with as many as there is room for.
-    fn renew(&self, block: usize, slab: &mut Slab, active: &Active<Patch>, dicer: &Dicer, z: f64, layers: u32) {
+    fn renew(&self, block: usize, slab: &mut Slab, patches: Patches<'_>, z: f64, layers: u32) {
         // Half a layer more, because heights of planes are rounded.
         let top = |layers: u32| z + (f64::from(layers) - 0.5) * self.layer;
         slab.layers = layers;
         loop {
             slab.top = top(slab.layers);
-            if self.fill(block, slab, active, dicer, [z, slab.top]) {
+            if self.fill(block, slab, patches, [z, slab.top]) {
                 return;
             }
             self.clear(slab);
             if slab.layers == 1 {
                 slab.is_too_full = true;
                 // Trying again costs up to as much as drawing. There is a point in it if others took the room.
-                let free = self.free.lock().unwrap_or_else(PoisonError::into_inner).len();
+                let free = self.free().len();
                 slab.top = if 2 * free > self.page_count { top(MAX_LAYERS) } else { z };
                 return;
             }
@@ -225,17 +225,17 @@ impl Slabs {
     }
 
     /// Adds the facets of all patches that begin above the plane of the slab, from one height to another. Returns false if there is no room.
-    fn fill(&self, block: usize, slab: &mut Slab, active: &Active<Patch>, dicer: &Dicer, z: [f64; 2]) -> bool {
+    fn fill(&self, block: usize, slab: &mut Slab, patches: Patches<'_>, z: [f64; 2]) -> bool {
         let window = Window { y: self.block_ys(block), z };
         let plane = slab.plane;
-        let mut new = active.reaching(self.rows_of(block)).filter(|patch| f64::from(patch.z[0]) > plane);
-        new.all(|patch| dicer.dice(patch, window, |facet| self.add(&mut slab.pages, facet)))
+        let mut new = patches.active.reaching(self.rows_of(block)).filter(|patch| f64::from(patch.z[0]) > plane);
+        new.all(|patch| patches.dicer.dice(patch, window, |facet| self.add(&mut slab.pages, facet)))
     }
 
     /// Adds a facet to some pages. Returns false if there is no room.
     fn add(&self, pages: &mut Vec<Page>, facet: &Facet) -> bool {
         if pages.last().is_none_or(Page::is_full) {
-            let Some(page) = self.free.lock().unwrap_or_else(PoisonError::into_inner).pop() else { return false };
+            let Some(page) = self.free().pop() else { return false };
             pages.push(page);
         }
         pages.last_mut().is_some_and(|page| {
@@ -248,8 +248,13 @@ impl Slabs {
     fn clear(&self, slab: &mut Slab) {
         slab.pages.iter_mut().for_each(Page::clear);
         // Their list goes, too.
-        self.free.lock().unwrap_or_else(PoisonError::into_inner).extend(std::mem::take(&mut slab.pages));
+        self.free().extend(std::mem::take(&mut slab.pages));
         (slab.plane, slab.is_too_full) = (f64::NEG_INFINITY, false);
+    }
+
+    /// The pages that are not in use.
+    fn free(&self) -> MutexGuard<'_, Vec<Page>> {
+        self.free.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// The block of a row.
@@ -285,5 +290,5 @@ fn block_count(plan: &SlicePlan) -> usize {
 
 fn page_count(plan: &SlicePlan) -> usize {
     let px = plan.raster.width_px as usize + plan.raster.height_px as usize;
-    (px * FACETS_PER_PX).min(MOST_FACETS).div_ceil(FACETS_PER_PAGE)
+    (px * FACETS_PER_PX).min(MAX_FACETS).div_ceil(FACETS_PER_PAGE)
 }
