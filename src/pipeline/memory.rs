@@ -41,7 +41,7 @@ pub struct PrintMemory {
     /// Room for two layers: both in the queue, or one in the queue and one on the line.
     min_queue_bytes: u64,
     is_vectors: bool,
-    /// Memory of the check of the part's height maps before the print, when nothing else is held.
+    /// Memory of the check of how far the part's patches reach, before the print, when nothing else is held.
     check_bytes: u64,
 }
 

@@ -71,8 +71,8 @@ impl Part {
         self.plan.layer_count
     }
 
-    /// Reads and checks every byte of the file. Blocks. Height maps are decoded within `limit_bytes`, one at a time; with `None` they are not
-    /// decoded, and how far they displace is not checked: [`Part::verify_maps`] does it.
+    /// Reads and checks every byte of the file. Blocks. How far patches reach is found out within `limit_bytes`, with one height map
+    /// at a time; with `None` it is left out, and [`Part::verify_reach`] does it.
     ///
     /// # Errors
     /// [`PartError::File`] says what is damaged.
@@ -80,15 +80,15 @@ impl Part {
         let file = BuildFile::open(&self.path)?;
         match limit_bytes {
             Some(limit_bytes) => verify(&file, limit_bytes),
-            None => Ok(file.verify_without_maps()?),
+            None => Ok(file.verify_without_reach()?),
         }
     }
 
-    /// As [`Part::verify`], of a part with height maps. Of others, nothing is read.
+    /// As [`Part::verify`], of a part with patches. Of others, nothing is read.
     ///
     /// # Errors
     /// As [`Part::verify`].
-    pub fn verify_maps(&self, limit_bytes: u64) -> Result<(), PartError> {
+    pub fn verify_reach(&self, limit_bytes: u64) -> Result<(), PartError> {
         let file = BuildFile::open(&self.path)?;
         if file.verify_bytes() > 0 { verify(&file, limit_bytes) } else { Ok(()) }
     }
@@ -185,7 +185,7 @@ impl Part {
 }
 
 fn verify(file: &BuildFile, limit_bytes: u64) -> Result<(), PartError> {
-    let _map = MemoryBudget::new(limit_bytes).charge("the check of a height map", file.verify_bytes())?;
+    let _charge = MemoryBudget::new(limit_bytes).charge("the check of a height map", file.verify_bytes())?;
     Ok(file.verify()?)
 }
 

@@ -98,7 +98,7 @@ fn the_check_of_a_map_is_part_of_the_memory_that_a_job_needs() {
     let fits = placed().fit(1, need_bytes).expect("it is just enough");
     fits.verify(Some(need_bytes)).expect("it is whole");
     fits.verify(None).expect("nothing is decoded");
-    fits.verify_maps(need_bytes).expect("it is whole");
+    fits.verify_reach(need_bytes).expect("it is whole");
     let error = fits.verify(Some(need_bytes / 2)).expect_err("it is too little").to_string();
     assert!(error.contains("the check of a height map takes"), "{error}");
 }

@@ -73,8 +73,7 @@ impl ReliefBuilder {
             shape: relief.shape(maps, quantum_um)?,
             dicing: Dicing::new([BOUNDS_FACET_UM / quantum_um; 3], BOUNDS_TOLERANCE_UM / quantum_um),
             extent: Extent::new(MAX_PARTS),
-            // Room for all, so that it does not grow beyond.
-            candidates: Vec::with_capacity(MAX_CANDIDATES),
+            candidates: Vec::new(),
             full: MAX_CANDIDATES / 2,
         };
         Ok(Self { relief, profile: ProfileBuilder::default(), last: None, reach })
@@ -182,6 +181,8 @@ impl Reach {
             return Err(format!("{patch:?} reaches from {low} to {high} quanta"));
         }
         self.shape.sides(patch).for_each(|side| self.extent.extend_to_corners(&side));
+        // Room for all, so that it does not grow beyond.
+        self.candidates.reserve_exact(MAX_CANDIDATES - self.candidates.len());
         self.candidates.push((0.0, *patch));
         if self.candidates.len() == self.full {
             self.drop_candidates()?;

@@ -23,11 +23,11 @@ impl BuildFile {
         self.verify_bodies(true)
     }
 
-    /// As [`BuildFile::verify`], but no height map is decoded: only their CRCs are checked, and not how far maps displace what they displace.
+    /// As [`BuildFile::verify`], but not how far patches reach: no height map is decoded, only their CRCs are checked.
     ///
     /// # Errors
     /// As [`BuildFile::verify`].
-    pub(crate) fn verify_without_maps(&self) -> Result<(), BuildFileError> {
+    pub(crate) fn verify_without_reach(&self) -> Result<(), BuildFileError> {
         self.verify_bodies(false)
     }
 
@@ -41,7 +41,7 @@ impl BuildFile {
         map.max().unwrap_or(0) + if has_patches { ReliefBuilder::BYTES } else { 0 }
     }
 
-    fn verify_bodies(&self, decodes_maps: bool) -> Result<(), BuildFileError> {
+    fn verify_bodies(&self, finds_reach: bool) -> Result<(), BuildFileError> {
         let mut lowest = Lowest::default();
         for (body, header) in self.header().bodies.iter().enumerate() {
             match header {
@@ -49,11 +49,11 @@ impl BuildFile {
                 BodyHeader::Surface(surface) | BodyHeader::Clip(Clip { surface, .. }) => {
                     self.verify_surface(body, surface, &mut lowest)?;
                 }
-                BodyHeader::Relief(relief) => self.verify_relief(body, relief, decodes_maps, &mut lowest)?,
+                BodyHeader::Relief(relief) => self.verify_relief(body, relief, finds_reach, &mut lowest)?,
             }
         }
         let (stated_um, lowest_um) = (self.header().bottom_um, lowest.um(self.header().quantum_um));
-        let is_exact = |body: &BodyHeader| body.is_exact() && (decodes_maps || body.maps().is_empty());
+        let is_exact = |body: &BodyHeader| body.is_exact() && (finds_reach || !matches!(body, BodyHeader::Relief(_)));
         if self.header().bodies.iter().all(is_exact) && stated_um != lowest_um {
             return Err(self.contradiction(
                 "header",
@@ -117,7 +117,7 @@ impl BuildFile {
         &self,
         body: usize,
         relief: &Relief,
-        decodes_maps: bool,
+        finds_reach: bool,
         lowest: &mut Lowest,
     ) -> Result<(), BuildFileError> {
         let wrong = |problem| self.contradiction("height map", problem);
@@ -129,7 +129,7 @@ impl BuildFile {
             return Err(self.contradiction("header", problem));
         }
         self.verify_peak(body, found.profile())?;
-        if !decodes_maps && !relief.maps.is_empty() {
+        if !finds_reach {
             return (0..relief.maps.len()).try_for_each(|number| self.read_map_bytes(body, number, |_| {}));
         }
         // Patches without a map go with those of the first.

@@ -81,7 +81,7 @@ impl Opened {
                 ));
             }
             if matches!(take_up, TakeUp::Print(_)) && start.next_layer == 0 && !start.touched {
-                part.verify_maps(limit_bytes).map_err(|error| spool_text(&error))?;
+                part.verify_reach(limit_bytes).map_err(|error| spool_text(&error))?;
                 let footing = part.footing(&recipe, limit_bytes).map_err(|error| spool_text(&error))?;
                 footing.problem(part.layer_count()).map_or(Ok(()), Err)?;
             }

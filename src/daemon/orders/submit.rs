@@ -94,7 +94,7 @@ fn unprintable(submission: &Submission, text: &str) -> OrderError {
     OrderError::new(422, text.replace(&submission.part.display().to_string(), &submission.name))
 }
 
-/// Checks a new job, including its height maps and bottom layers if `checks_layers` is set, and puts it into the spool. Blocks.
+/// Checks a new job, including how far its patches reach and its bottom layers if `checks_layers` is set, and puts it into the spool. Blocks.
 fn accept(
     setting: &Setting,
     spool: &Mutex<Spool>,
