@@ -53,6 +53,7 @@ fn written(path: &Path, rings: u32) -> Arc<BuildFile> {
     }
     triangles.sort_by_key(|triangle| triangle.corners.map(|[x, y, z]| [z, y, x]));
     let settings = WriterSettings {
+        materials: None,
         quantum_um: 1.0,
         placement: Placement::Centred,
         source_digest: [0; 32],

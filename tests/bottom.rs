@@ -5,23 +5,30 @@ mod support;
 
 use std::path::Path;
 
-use layerd::buildfile::{Blend, Cap, Caps, Header, Strut};
+use layerd::buildfile::{Cap, Caps, Header, Joint, Shares, Strut};
 use layerd::solid::reference::beam_field;
 use layerd::solid::{self, Beam, ISOVALUE};
 use proptest::prelude::*;
 use support::part::write_part;
 
 /// Writes struts in that directory; the header read back.
-fn packed(directory: &Path, struts: &[Strut], blend: Blend) -> Header {
-    write_part(&directory.join("part.layerd"), struts, blend)
+fn packed(directory: &Path, struts: &[Strut], joint: Joint) -> Header {
+    write_part(&directory.join("part.layerd"), struts, joint)
 }
 
 fn strut(a: [i32; 3], b: [i32; 3], radius_a: u32, radius_b: u32, caps: Caps) -> Strut {
     let key = |[x, y, z]: [i32; 3]| [z, y, x];
     if key(a) <= key(b) {
-        Strut { a, b, radius_a, radius_b, caps }
+        Strut { a, b, radius_a, radius_b, caps, shares: Shares::default() }
     } else {
-        Strut { a: b, b: a, radius_a: radius_b, radius_b: radius_a, caps: Caps { a: caps.b, b: caps.a } }
+        Strut {
+            a: b,
+            b: a,
+            radius_a: radius_b,
+            radius_b: radius_a,
+            caps: Caps { a: caps.b, b: caps.a },
+            shares: Shares::default(),
+        }
     }
 }
 
@@ -89,7 +96,7 @@ proptest! {
     #[test]
     fn of_a_union_it_is_exact(struts in prop::collection::vec(any_strut(), 1..4)) {
         let directory = tempfile::tempdir().expect("temporary directory");
-        let header = packed(directory.path(), &struts, Blend::Union);
+        let header = packed(directory.path(), &struts, Joint::Union);
         let lowest = struts.iter().map(lowest_point).fold(f64::INFINITY, f64::min);
         // The points lie up to 2° and 0.1° apart.
         prop_assert!(header.bottom_um <= lowest + 1e-9, "{} is above {lowest}", header.bottom_um);
@@ -120,7 +127,7 @@ proptest! {
         let largest = struts.iter().map(|strut| strut.radius_a).max().expect("struts");
         let support_um = f64::from(largest) / share;
         let directory = tempfile::tempdir().expect("temporary directory");
-        let bottom_um = packed(directory.path(), &struts, Blend::Convolution { support_um }).bottom_um;
+        let bottom_um = packed(directory.path(), &struts, Joint::Convolution { support_um }).bottom_um;
         let solid = |z: f64| {
             let near: Vec<_> = struts.iter().filter(|strut| f64::from(strut.a[2]) - support_um < z).map(beam).collect();
             let at = |step: i32| f64::from(step) * 12.0 - support_um;
@@ -154,7 +161,7 @@ fn posts_stand_on_their_rounded_ends() {
     let table =
         [post(0, 0), post(4000, 0), post(0, 4000), strut([0, 0, 8000], [4000, 0, 8000], 500, 500, Caps::default())];
     for support_um in [550.0, 750.0, 2000.0] {
-        let header = packed(directory.path(), &table, Blend::Convolution { support_um });
+        let header = packed(directory.path(), &table, Joint::Convolution { support_um });
         let expected = root(&table, support_um);
         assert!(
             (-1.5..0.5).contains(&(expected - header.bottom_um)),
@@ -173,14 +180,14 @@ fn the_width_of_a_part_costs_nothing() {
         let at = [k * 35_000_000, k % 7 * 90_000_000, k * 1000];
         strut(at, [at[0], at[1], at[2] + 8000], 100, 100, Caps::default())
     };
-    let blend = Blend::Convolution { support_um: 150.0 };
-    let apart = packed(directory.path(), &(0..20).map(far).collect::<Vec<_>>(), blend);
-    let alone = packed(directory.path(), &[far(0)], blend);
+    let joint = Joint::Convolution { support_um: 150.0 };
+    let apart = packed(directory.path(), &(0..20).map(far).collect::<Vec<_>>(), joint);
+    let alone = packed(directory.path(), &[far(0)], joint);
     assert!((apart.bottom_um - alone.bottom_um).abs() < 1.5, "{} or {}", apart.bottom_um, alone.bottom_um);
     // One long strut across all tiles, lying lower by a fifth of its radius than the ball at one of them.
     let lying = strut([-400_000, 37, 0], [400_000, 1_234_567, 0], 100, 100, Caps::default());
     let ball = strut([0, 0, 20], [0, 0, 20], 100, 100, Caps::default());
-    let both = packed(directory.path(), &[lying, ball], blend);
+    let both = packed(directory.path(), &[lying, ball], joint);
     assert!((-101.0..-98.0).contains(&both.bottom_um), "{}", both.bottom_um);
 }
 
@@ -194,13 +201,13 @@ fn what_does_not_print_is_passed_over_however_high_it_reaches() {
     };
     let mut struts: Vec<_> = (0..9000).map(speck).collect();
     struts.push(post(0, 0));
-    let blend = Blend::Convolution { support_um: 750.0 };
-    let with_specks = packed(directory.path(), &struts, blend);
-    let alone = packed(directory.path(), &[post(0, 0)], blend);
+    let joint = Joint::Convolution { support_um: 750.0 };
+    let with_specks = packed(directory.path(), &struts, joint);
+    let alone = packed(directory.path(), &[post(0, 0)], joint);
     assert_eq!(with_specks.bounds.min[2], -9500);
     assert!((with_specks.bottom_um - alone.bottom_um).abs() < 1.5, "{} or {}", with_specks.bottom_um, alone.bottom_um);
     // Where nothing prints, the bounds are as good as anything.
     struts.pop();
-    let nothing = packed(directory.path(), &struts, blend);
+    let nothing = packed(directory.path(), &struts, joint);
     assert_eq!(nothing.bottom_um, -9500.0);
 }

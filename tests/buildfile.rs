@@ -4,7 +4,7 @@ mod buildfile_common;
 mod properties;
 
 use buildfile_common::{any_struts, key, lattice, only, read, settings, write};
-use layerd::buildfile::{Blend, BodySettings, BuildFile, Caps, Strut, Writer, WriterSettings};
+use layerd::buildfile::{BodySettings, BuildFile, Caps, Joint, Shares, Strut, Writer, WriterSettings};
 use proptest::prelude::*;
 
 proptest! {
@@ -67,13 +67,14 @@ fn a_part_of_several_bodies_is_read_body_by_body() {
             radius_a: radius,
             radius_b: radius,
             caps: Caps::default(),
+            shares: Shares::default(),
         };
         (0..count).map(post).collect()
     };
     let written = [posts(20_000, 100, 90), posts(30, 0, 50)];
-    let bodies = [(Blend::Union, 90), (Blend::Convolution { support_um: 75.0 }, 50)]
-        .map(|(blend, largest_radius)| BodySettings::Lattice { blend, largest_radius });
-    let settings = || WriterSettings { bodies: bodies.to_vec(), ..settings(Blend::Union) };
+    let bodies = [(Joint::Union, 90), (Joint::Convolution { support_um: 75.0 }, 50)]
+        .map(|(joint, largest_radius)| BodySettings::Lattice { joint, largest_radius });
+    let settings = || WriterSettings { bodies: bodies.to_vec(), ..settings(Joint::Union) };
     let mut writer = Writer::create(&path, settings()).expect("can be created");
     written[0].iter().for_each(|strut| writer.push(*strut).expect("in order"));
     writer.next_body().expect("one more");
@@ -112,8 +113,9 @@ fn a_writer_refuses_what_no_reader_would_take_and_leaves_nothing() {
         radius_a: radius,
         radius_b: radius,
         caps: Caps::default(),
+        shares: Shares::default(),
     };
-    let mut writer = Writer::create(&path, settings(Blend::Union)).expect("can be created");
+    let mut writer = Writer::create(&path, settings(Joint::Union)).expect("can be created");
     writer.push(strut(10, 5)).expect("is fine");
     assert!(writer.push(strut(9, 5)).is_err(), "out of order");
     assert!(writer.push(strut(11, 0)).is_err(), "no radius");
@@ -123,10 +125,10 @@ fn a_writer_refuses_what_no_reader_would_take_and_leaves_nothing() {
     assert!(writer.push(Strut { b: [700, 0, i32::MAX], ..strut(11, 5) }).is_err(), "beyond all coordinates");
     assert_eq!(writer.finish().expect("the first strut stands").bounds.max, [5, 5, 20], "the others left no mark");
     std::fs::remove_file(&path).expect("is there");
-    let empty = Writer::create(&path, settings(Blend::Union)).expect("can be created");
+    let empty = Writer::create(&path, settings(Joint::Union)).expect("can be created");
     assert!(empty.finish().is_err(), "nothing to print");
-    let singular = settings(Blend::Convolution { support_um: 3000.0 / 0.95 });
+    let singular = settings(Joint::Convolution { support_um: 3000.0 / 0.95 });
     assert!(Writer::create(&path, singular).is_err(), "radius is 0.95 R");
-    assert!(Writer::create(directory.path(), settings(Blend::Union)).is_err(), "a directory");
+    assert!(Writer::create(directory.path(), settings(Joint::Union)).is_err(), "a directory");
     assert_eq!(std::fs::read_dir(directory.path()).expect("is there").count(), 0, "nothing stays behind");
 }

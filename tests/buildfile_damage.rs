@@ -6,7 +6,7 @@ mod properties;
 use std::path::Path;
 
 use buildfile_common::{any_struts, lattice, only, read, settings, write};
-use layerd::buildfile::{Blend, BodySettings, BuildFile, Caps, Strut, Writer, WriterSettings};
+use layerd::buildfile::{BodySettings, BuildFile, Caps, Joint, Shares, Strut, Writer, WriterSettings};
 use proptest::prelude::*;
 
 proptest! {
@@ -163,8 +163,8 @@ struct HeaderLayout {
 impl HeaderLayout {
     fn of(bytes: &[u8]) -> Self {
         let length = u32::from_le_bytes(bytes[12..16].try_into().expect("4 bytes")) as usize;
-        // Behind prelude and quantum; and before radii and three counts.
-        Self { part: 20 + 8, body: 20 + length - 24 - 8 - 24 }
+        // Behind prelude and quantum; and before radii, three counts and whether it is graded.
+        Self { part: 20 + 8, body: 20 + length - 1 - 24 - 8 - 24 }
     }
 
     /// The file with another value in the bounds, of the part as well, or in the radii; its checksum is true.
@@ -183,7 +183,14 @@ impl HeaderLayout {
 fn a_lying_header_with_a_true_checksum_is_refused() {
     let directory = tempfile::tempdir().expect("temporary directory");
     let path = directory.path().join("part.layerd");
-    let strut = Strut { a: [0; 3], b: [0, 0, 500], radius_a: 77, radius_b: 99, caps: Caps::default() };
+    let strut = Strut {
+        a: [0; 3],
+        b: [0, 0, 500],
+        radius_a: 77,
+        radius_b: 99,
+        caps: Caps::default(),
+        shares: Shares::default(),
+    };
     write(&path, &[strut]);
     let good = std::fs::read(&path).expect("is there");
     let layout = HeaderLayout::of(&good);
@@ -208,7 +215,14 @@ fn a_lying_header_with_a_true_checksum_is_refused() {
 fn what_the_struts_contradict_is_found_by_verify() {
     let directory = tempfile::tempdir().expect("temporary directory");
     let path = directory.path().join("part.layerd");
-    let up = |x: i32| Strut { a: [x, 0, 0], b: [x, 0, 500], radius_a: 77, radius_b: 99, caps: Caps::default() };
+    let up = |x: i32| Strut {
+        a: [x, 0, 0],
+        b: [x, 0, 500],
+        radius_a: 77,
+        radius_b: 99,
+        caps: Caps::default(),
+        shares: Shares::default(),
+    };
     write(&path, &[up(0), up(9)]);
     let verified = || BuildFile::open(&path).and_then(|file| file.verify());
     verified().expect("as written");
@@ -245,16 +259,23 @@ fn another_version_is_refused_with_the_remedy() {
 fn a_bottom_that_the_struts_contradict_is_refused() {
     let directory = tempfile::tempdir().expect("temporary directory");
     let path = directory.path().join("part.layerd");
-    let up = Strut { a: [0; 3], b: [0, 0, 500], radius_a: 77, radius_b: 99, caps: Caps::default() };
-    for (blend, bottom_um, told) in [
-        (Blend::Union, -76.0, "it says that the lowest solid point lies at -76 µm, but it lies at -77 µm"),
-        (Blend::Union, -78.0, "bottom_um = -78: allowed is -77 to 599"),
-        (Blend::Union, f64::NAN, "bottom_um = NaN"),
-        (Blend::Convolution { support_um: 150.0 }, -151.0, "bottom_um = -151: allowed is -150 to 672"),
+    let up = Strut {
+        a: [0; 3],
+        b: [0, 0, 500],
+        radius_a: 77,
+        radius_b: 99,
+        caps: Caps::default(),
+        shares: Shares::default(),
+    };
+    for (joint, bottom_um, told) in [
+        (Joint::Union, -76.0, "it says that the lowest solid point lies at -76 µm, but it lies at -77 µm"),
+        (Joint::Union, -78.0, "bottom_um = -78: allowed is -77 to 599"),
+        (Joint::Union, f64::NAN, "bottom_um = NaN"),
+        (Joint::Convolution { support_um: 150.0 }, -151.0, "bottom_um = -151: allowed is -150 to 672"),
     ] {
         let mut writer = Writer::create(
             &path,
-            WriterSettings { bodies: vec![BodySettings::Lattice { blend, largest_radius: 99 }], ..settings(blend) },
+            WriterSettings { bodies: vec![BodySettings::Lattice { joint, largest_radius: 99 }], ..settings(joint) },
         )
         .expect("can be");
         writer.push(up).expect("in order");

@@ -29,7 +29,7 @@ fn wrong_usage_is_exit_code_2() {
         &["pack", "Cargo.toml", "-o", "x.3MF"],
         &["generate", "bcc", "--struts", "9", "-o", "/nonexistent/x.txt"],
         &["pack", "Cargo.toml", "-o", "x.layerd", "--scale", "-1"],
-        &["pack", "x.txt", "-o", "x.layerd", "--support", "1", "--blend", "union"],
+        &["pack", "x.txt", "-o", "x.layerd", "--support", "1", "--joint", "union"],
         &["generate", "bcc", "--struts", "0", "-o", "/nonexistent/x.layerd"],
         &["generate", "bcc", "--struts", "9", "--radius", "-1", "-o", "/nonexistent/x.layerd"],
         &[],

@@ -75,12 +75,11 @@ fn a_lattice_in_a_displacement_mesh_finds_its_vertices() {
 #[test]
 fn required_extensions_that_change_nothing_are_noted_and_others_refused() {
     let bench = Bench::new();
-    let materials = "xmlns:m='http://schemas.microsoft.com/3dmanufacturing/material/2015/02'";
-    let text = posts(&format!("{materials} requiredextensions='b m'"), &[0], ITEM)
-        .replace("<resources>", "<resources><m:colorgroup id='1'><m:color color='#FF0000'/></m:colorgroup>");
+    let sets = "xmlns:t='http://schemas.microsoft.com/3dmanufacturing/trianglesets/2021/07'";
+    let text = posts(&format!("{sets} requiredextensions='b t'"), &[0], ITEM);
     let (told, _) = notes(&bench, &text);
     assert!(
-        told.contains("`m`") && told.contains("material/2015/02") && told.contains("cannot change the shape"),
+        told.contains("`t`") && told.contains("trianglesets/2021/07") && told.contains("cannot change the shape"),
         "{told}"
     );
 

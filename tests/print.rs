@@ -47,7 +47,7 @@ fn a_hollow_solid_a_lattice_and_a_displaced_solid_print_as_sliced_through_kills(
     std::fs::write(bench.path("box.obj"), meshes::rough_box([7.0, 3.0, 0.5], [8.5, 5.0, 3.0])).expect("can be written");
     std::fs::write(bench.path("rough.mtl"), "newmtl rough\ndisp -bm 0.4 wavy.png\n").expect("can be written");
     std::fs::write(bench.path("wavy.png"), meshes::wavy_map()).expect("can be written");
-    bench.ok(&["pack", "ball.stl", "cross.txt", "box.obj", "--blend", "union", "-o", "part.layerd"]);
+    bench.ok(&["pack", "ball.stl", "cross.txt", "box.obj", "--joint", "union", "-o", "part.layerd"]);
     let told = bench.ok(&["info", "part.layerd"]);
     assert!(told.contains("struts        2") && told.contains("triangles     4608"), "{told}");
     assert!(told.contains("surface, displaced") && told.contains("triangles     12"), "{told}");

@@ -6,7 +6,7 @@ mod slice_part;
 use std::sync::Arc;
 
 use layerd::buildfile::{
-    Blend, BodySettings, Bounds, BuildFile, Cap, Header, Lattice, Placement, Strut, Writer, WriterSettings,
+    BodySettings, Bounds, BuildFile, Cap, Header, Joint, Lattice, Placement, Strut, Writer, WriterSettings,
 };
 use layerd::layer::{Bitmap, Depth, Mirror, Raster};
 use layerd::slice::{BodySource, Footing, MemoryStruts, PlanError, SliceError, SlicePlan, Slicer};
@@ -16,7 +16,7 @@ use proptest::prelude::*;
 use slice_part::{HEIGHT, PIXEL_UM, Part, WIDTH, any_strut, beam, body, header, lattice, lit, raster, strut};
 
 const SUPPORT_UM: f64 = 150.0;
-const CONVOLUTION: Blend = Blend::Convolution { support_um: SUPPORT_UM };
+const CONVOLUTION: Joint = Joint::Convolution { support_um: SUPPORT_UM };
 
 /// Exactly: is `p` in the beam? And by how much, for points too near the surface to decide.
 fn union_excess(strut: &Strut, p: [f64; 3]) -> f64 {
@@ -42,7 +42,7 @@ proptest! {
 
     #[test]
     fn a_union_is_exact(struts in prop::collection::vec(any_strut(), 1..10)) {
-        let part = Part::new(&struts, Blend::Union, Depth::Bit, Mirror { x: true, y: false }, 60.0);
+        let part = Part::new(&struts, Joint::Union, Depth::Bit, Mirror { x: true, y: false }, 60.0);
         for (layer, bitmap) in part.layers(2, 0).iter().enumerate() {
             for (x, y) in (0..HEIGHT).flat_map(|y| (0..WIDTH).map(move |x| (x, y))) {
                 let p = part.point(x, y, layer);
@@ -58,9 +58,9 @@ proptest! {
     fn neither_threads_nor_the_start_nor_the_instruction_set_change_a_layer(
         struts in prop::collection::vec(any_strut(), 1..40), union in any::<bool>(), grey in any::<bool>(), start in 1..4_u32,
     ) {
-        let blend = if union { Blend::Union } else { CONVOLUTION };
+        let joint = if union { Joint::Union } else { CONVOLUTION };
         let depth = if grey { Depth::Grey } else { Depth::Bit };
-        let part = Part::new(&struts, blend, depth, Mirror::default(), 40.0);
+        let part = Part::new(&struts, joint, depth, Mirror::default(), 40.0);
         let whole = part.layers(1, 0);
         prop_assert_eq!(&part.layers(3, 0), &whole);
         for instructions in InstructionSet::available() {
@@ -77,8 +77,8 @@ proptest! {
         let depth = if grey { Depth::Grey } else { Depth::Bit };
         let all = [one.clone(), other.clone()].concat();
         let plan = SlicePlan::new(&header(&all, CONVOLUTION), raster(Mirror::default()), depth, 60.0).expect("it fits");
-        let bodies = [(&one, CONVOLUTION), (&other, Blend::Union)]
-            .map(|(struts, blend)| (lattice(&header(struts, blend)), struts));
+        let bodies = [(&one, CONVOLUTION), (&other, Joint::Union)]
+            .map(|(struts, joint)| (lattice(&header(struts, joint)), struts));
         let layers = |chosen: &[usize], threads| {
             let sources = chosen.iter().flat_map(|at| body(bodies[*at].0.clone(), bodies[*at].1, 5)).collect();
             let mut slicer = Slicer::new(sources, plan.clone(), threads, 0, &MemoryBudget::new(64 << 20)).expect("a slicer");
@@ -101,9 +101,9 @@ proptest! {
 #[test]
 fn a_mirrored_layer_is_the_layer_flipped() {
     let struts = [strut([0, 0, 0], [1500, 900, 200], 60, 30), strut([300, 800, 0], [900, 100, 150], 90, 90)];
-    for blend in [CONVOLUTION, Blend::Union] {
-        let plain = Part::new(&struts, blend, Depth::Grey, Mirror::default(), 50.0).layers(1, 0);
-        let mirrored = Part::new(&struts, blend, Depth::Grey, Mirror { x: true, y: true }, 50.0).layers(1, 0);
+    for joint in [CONVOLUTION, Joint::Union] {
+        let plain = Part::new(&struts, joint, Depth::Grey, Mirror::default(), 50.0).layers(1, 0);
+        let mirrored = Part::new(&struts, joint, Depth::Grey, Mirror { x: true, y: true }, 50.0).layers(1, 0);
         assert!(plain.iter().any(|layer| layer.data().contains(&255)));
         for (plain, mirrored) in plain.iter().zip(&mirrored) {
             for (one, other) in plain.data().iter().zip(mirrored.data().iter().rev()) {
@@ -116,12 +116,12 @@ fn a_mirrored_layer_is_the_layer_flipped() {
 
 #[test]
 fn the_disc_of_a_long_strut_has_its_radius_and_grey_its_area() {
-    for (radius_um, blend) in [(100, CONVOLUTION), (60, CONVOLUTION), (100, Blend::Union), (60, Blend::Union)] {
+    for (radius_um, joint) in [(100, CONVOLUTION), (60, CONVOLUTION), (100, Joint::Union), (60, Joint::Union)] {
         let struts = [strut([7, 3, 0], [7, 3, 2000], radius_um, radius_um)];
         let pixel_area = PIXEL_UM[0] * PIXEL_UM[1];
         let area = std::f64::consts::PI * f64::from(radius_um).powi(2);
 
-        let bits = &Part::new(&struts, blend, Depth::Bit, Mirror::default(), 100.0).layers(1, 10)[0];
+        let bits = &Part::new(&struts, joint, Depth::Bit, Mirror::default(), 100.0).layers(1, 10)[0];
         let count = bits.data().iter().map(|byte| byte.count_ones()).sum::<u32>();
         let radius_measured = (f64::from(count) * pixel_area / std::f64::consts::PI).sqrt();
         assert!(
@@ -129,9 +129,9 @@ fn the_disc_of_a_long_strut_has_its_radius_and_grey_its_area() {
             "{radius_measured} of {radius_um}"
         );
 
-        let grey = &Part::new(&struts, blend, Depth::Grey, Mirror::default(), 100.0).layers(1, 10)[0];
+        let grey = &Part::new(&struts, joint, Depth::Grey, Mirror::default(), 100.0).layers(1, 10)[0];
         let covered = grey.data().iter().map(|grey| f64::from(*grey) / 255.0).sum::<f64>() * pixel_area;
-        assert!((covered / area - 1.0).abs() < 0.01, "{blend:?}, radius {radius_um}: {covered} of {area}");
+        assert!((covered / area - 1.0).abs() < 0.01, "{joint:?}, radius {radius_um}: {covered} of {area}");
 
         // Monotone outwards from the middle along a row.
         let middle = (HEIGHT / 2) as usize * WIDTH as usize;
@@ -151,7 +151,7 @@ fn grey_shows_the_area_of_small_discs_within_a_percent() {
             let long = strut([at[0], at[1], 0], [at[0], at[1], 3000], radius_um, radius_um);
             let part = Part::new(
                 &[corners[0], corners[1], long],
-                Blend::Convolution { support_um },
+                Joint::Convolution { support_um },
                 Depth::Grey,
                 Mirror::default(),
                 100.0,
@@ -171,7 +171,7 @@ fn grey_shows_the_area_of_small_discs_within_a_percent() {
 #[test]
 fn a_part_outside_the_volume_is_refused_with_axis_excess_and_remedy() {
     let refused = |struts: &[Strut]| match SlicePlan::new(
-        &header(struts, Blend::Union),
+        &header(struts, Joint::Union),
         raster(Mirror::default()),
         Depth::Bit,
         50.0,
@@ -193,7 +193,7 @@ fn a_part_outside_the_volume_is_refused_with_axis_excess_and_remedy() {
     }
     let text = refused(&[strut([0, 0, 0], [0, 0, 100_000_000], 10, 10)]);
     assert!(text.contains("more than a thousand times too large"), "{text}");
-    let mut placed = header(&[strut([0, 0, 0], [500, 0, 0], 10, 10)], Blend::Union);
+    let mut placed = header(&[strut([0, 0, 0], [500, 0, 0], 10, 10)], Joint::Union);
     placed.placement = Placement::At { x_mm: 0.2, y_mm: 0.5 };
     let error = SlicePlan::new(&placed, raster(Mirror::default()), Depth::Bit, 50.0).expect_err("outside").to_string();
     assert!(error.contains("0.060 mm at the low end of x"), "{error}");
@@ -204,8 +204,9 @@ fn a_part_outside_the_volume_is_refused_with_axis_excess_and_remedy() {
 fn a_ball_larger_than_all_pictures_fills_the_layer() {
     let small = [strut([0, 0, 0], [500, 0, 0], 90, 90)];
     let giant = strut([0; 3], [0; 3], (1 << 30) - 1, (1 << 30) - 1);
-    let honest = header(&small, Blend::Union);
-    let lying = Header { quantum_um: 1000.0, bounds: Bounds { min: [0; 3], max: [1; 3] }, ..honest.clone() };
+    let honest = header(&small, Joint::Union);
+    let lying =
+        Header { materials: None, quantum_um: 1000.0, bounds: Bounds { min: [0; 3], max: [1; 3] }, ..honest.clone() };
     let lattice = Lattice { radius_range: [1, giant.radius_a], ..lattice(&honest) };
     let plan = SlicePlan::new(&lying, raster(Mirror::default()), Depth::Bit, 500.0).expect("it fits");
     let budget = MemoryBudget::new(64 << 20);
@@ -219,7 +220,7 @@ fn a_ball_larger_than_all_pictures_fills_the_layer() {
 
 /// What the lowest layers of 50 µm show, of a part that begins at `bottom_um`.
 fn footing(struts: &[Strut], bottom_um: f64, bottom_layers: u32) -> Footing {
-    let header = Header { bottom_um, ..header(struts, Blend::Union) };
+    let header = Header { bottom_um, ..header(struts, Joint::Union) };
     let plan = SlicePlan::new(&header, raster(Mirror::default()), Depth::Bit, 50.0).expect("it fits");
     let budget = MemoryBudget::new(64 << 20);
     let bodies = body(lattice(&header), struts, 5);
@@ -257,13 +258,14 @@ fn bottom_layers_that_would_hold_to_nothing_are_found() {
 fn the_memory_of_a_build_file_is_counted_once_for_all_its_bodies() {
     let directory = tempfile::tempdir().expect("temporary directory");
     let path = directory.path().join("part.layerd");
-    let lattice = |blend| BodySettings::Lattice { blend, largest_radius: 90 };
+    let lattice = |joint| BodySettings::Lattice { joint, largest_radius: 90 };
     let settings = WriterSettings {
+        materials: None,
         quantum_um: 1.0,
         placement: Placement::Centred,
         source_digest: [0; 32],
         source_name: String::new(),
-        bodies: vec![lattice(Blend::Union), lattice(CONVOLUTION)],
+        bodies: vec![lattice(Joint::Union), lattice(CONVOLUTION)],
     };
     let mut writer = Writer::create(&path, settings).expect("can be created");
     let post = |x: i32| strut([x, 0, 0], [x, 0, 500], 90, 90);
@@ -308,7 +310,7 @@ fn what_cannot_be_sliced_is_an_error() {
     let mut slicer = Slicer::new(part.bodies(), part.plan.clone(), 1, 0, &budget).expect("a slicer");
     let mut wrong = Bitmap::new(WIDTH, HEIGHT, Depth::Grey);
     assert!(matches!(slicer.next_layer(&mut wrong), Err(SliceError::WrongBitmap)));
-    let thick = body(lattice(&header(&struts, Blend::Convolution { support_um: 94.0 })), &struts, 1);
+    let thick = body(lattice(&header(&struts, Joint::Convolution { support_um: 94.0 })), &struts, 1);
     assert!(matches!(Slicer::new(thick, part.plan.clone(), 1, 0, &budget), Err(SliceError::RadiusTooLarge { .. })));
     for raster in [
         Raster { width_px: 0, ..raster(Mirror::default()) },

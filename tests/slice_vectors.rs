@@ -26,7 +26,7 @@ fn post() -> (TempDir, String) {
     let [source, part] = ["post.txt", "post.layerd"].map(|name| directory.path().join(name));
     std::fs::write(&source, "1 1.0\n0 0 0 0 0 3\n").unwrap();
     let part = part.to_str().unwrap().to_owned();
-    done(&["pack", source.to_str().unwrap(), "--blend", "union", "-o", &part]);
+    done(&["pack", source.to_str().unwrap(), "--joint", "union", "-o", &part]);
     (directory, part)
 }
 

@@ -6,7 +6,7 @@ use std::f64::consts::PI;
 use std::fs;
 use std::sync::Arc;
 
-use layerd::buildfile::{Blend, BuildFile, Cap, Caps, Strut};
+use layerd::buildfile::{BuildFile, Cap, Caps, Joint, Shares, Strut};
 use layerd::slice::{Estimate, Volume};
 use layerd::solid::reference::beam_field;
 use layerd::solid::{self, Beam, ISOVALUE};
@@ -16,14 +16,14 @@ use support::{Bench, Setup, real_data};
 const FLAT: Caps = Caps { a: Cap::Butt, b: Cap::Butt };
 
 fn strut(a: [i32; 3], b: [i32; 3], radius_a: u32, radius_b: u32, caps: Caps) -> Strut {
-    Strut { a, b, radius_a, radius_b, caps }
+    Strut { a, b, radius_a, radius_b, caps, shares: Shares::default() }
 }
 
 /// Of struts in ascending order, micrometres.
-fn sampled(struts: &[Strut], blend: Blend, threads: usize) -> Volume {
+fn sampled(struts: &[Strut], joint: Joint, threads: usize) -> Volume {
     let directory = tempfile::tempdir().expect("temporary directory");
     let path = directory.path().join("part.layerd");
-    write_part(&path, struts, blend);
+    write_part(&path, struts, joint);
     Volume::sample(&Arc::new(BuildFile::open(&path).expect("is whole")), threads).expect("can be sampled")
 }
 
@@ -36,22 +36,22 @@ fn assert_near(what: &str, found: Estimate, truth: f64, most_error_share: f64) {
 
 #[test]
 fn bodies_of_known_volume() {
-    let ball = sampled(&[strut([0; 3], [0; 3], 1500, 1500, Caps::default())], Blend::Union, 1);
+    let ball = sampled(&[strut([0; 3], [0; 3], 1500, 1500, Caps::default())], Joint::Union, 1);
     assert_near("a ball", ball.solid_mm3, 4.0 / 3.0 * PI * 1.5f64.powi(3), 0.005);
     assert_eq!((ball.union_mm3, ball.excess_percent), (None, None), "it is the union");
-    let leaning = sampled(&[strut([0; 3], [3000, 0, 4000], 400, 400, FLAT)], Blend::Union, 1);
+    let leaning = sampled(&[strut([0; 3], [3000, 0, 4000], 400, 400, FLAT)], Joint::Union, 1);
     assert_near("a leaning cylinder", leaning.solid_mm3, PI * 0.16 * 5.0, 0.01);
-    let cone = sampled(&[strut([0; 3], [6000, 0, 0], 200, 800, FLAT)], Blend::Union, 1);
+    let cone = sampled(&[strut([0; 3], [6000, 0, 0], 200, 800, FLAT)], Joint::Union, 1);
     assert_near("a lying cone", cone.solid_mm3, PI * 2.0 * (0.04 + 0.16 + 0.64), 0.01);
-    let capsule = sampled(&[strut([0; 3], [0, 0, 5000], 300, 300, Caps::default())], Blend::Union, 1);
+    let capsule = sampled(&[strut([0; 3], [0, 0, 5000], 300, 300, Caps::default())], Joint::Union, 1);
     assert_near("a capsule", capsule.solid_mm3, PI * 0.09 * 5.0 + 4.0 / 3.0 * PI * 0.027, 0.01);
     // In step with each other, and with any raster of a whole number of pixels a millimetre.
     let posts: Vec<_> = (0..100).map(|k| [k % 10 * 1000, k / 10 * 1000, 0]).collect();
     let posts: Vec<_> = posts.iter().map(|&[x, y, z]| strut([x, y, z], [x, y, 4000], 150, 150, FLAT)).collect();
-    assert_near("100 posts", sampled(&posts, Blend::Union, 1).solid_mm3, 100.0 * PI * 0.0225 * 4.0, 0.02);
+    assert_near("100 posts", sampled(&posts, Joint::Union, 1).solid_mm3, 100.0 * PI * 0.0225 * 4.0, 0.02);
     // Floors at one distance.
     let floors: Vec<_> = (0..40).map(|k| strut([0, 0, k * 500], [8000, 0, k * 500], 100, 100, FLAT)).collect();
-    assert_near("40 floors", sampled(&floors, Blend::Union, 1).solid_mm3, 40.0 * PI * 0.01 * 8.0, 0.05);
+    assert_near("40 floors", sampled(&floors, Joint::Union, 1).solid_mm3, 40.0 * PI * 0.01 * 8.0, 0.05);
 }
 
 #[test]
@@ -60,7 +60,7 @@ fn slabs_add_up_from_the_bottom_and_keep_within_their_memory() {
     let directory = tempfile::tempdir().expect("temporary directory");
     let path = directory.path().join("part.layerd");
     let posts = [strut([0, 0, 0], [0, 0, 1000], 2000, 2000, FLAT), strut([0, 0, 1000], [0, 0, 5000], 1000, 1000, FLAT)];
-    write_part(&path, &posts, Blend::Union);
+    write_part(&path, &posts, Joint::Union);
     let file = Arc::new(BuildFile::open(&path).expect("is whole"));
     let mut rests = 0;
     let slabs = Volume::slabs(&file, 8 << 20, || rests += 1).expect("can be sampled");
@@ -101,7 +101,7 @@ fn a_convolution_and_how_far_it_exceeds_the_union() {
         strut([0, 0, 0], [0, 0, 2000], 300, 300, FLAT),
     ];
     let support_um = 900.0;
-    let found = sampled(&cross, Blend::Convolution { support_um }, 1);
+    let found = sampled(&cross, Joint::Convolution { support_um }, 1);
     let beams = cross.map(|strut| Beam {
         a: strut.a.map(f64::from),
         b: strut.b.map(f64::from),
@@ -135,14 +135,14 @@ fn a_convolution_and_how_far_it_exceeds_the_union() {
     let truth = (field_mm3 / union_mm3 - 1.0) * 100.0;
     eprintln!("excess {excess:?} for {truth} %");
     assert!((excess.value - truth).abs() <= 1.5 * excess.error + 0.1 && excess.error < 2.0, "{excess:?} for {truth}");
-    assert_eq!(found, sampled(&cross, Blend::Convolution { support_um }, 3), "threads change nothing");
+    assert_eq!(found, sampled(&cross, Joint::Convolution { support_um }, 3), "threads change nothing");
 }
 
 #[test]
 fn pack_and_info_tell_it() {
     let bench = Bench::prepare(Setup::default());
     fs::write(bench.path("part.txt"), "1 0.5 0 0\n0 0 0 0 0 20\n").expect("written");
-    let told = bench.ok(&["pack", "part.txt", "--blend", "union", "-o", "part.layerd"]);
+    let told = bench.ok(&["pack", "part.txt", "--joint", "union", "-o", "part.layerd"]);
     let info = bench.json(&["info", "part.layerd"]);
     let number = |key: &str| info[key].as_f64().unwrap_or_else(|| panic!("{key} in {info}"));
     let truth = PI * 0.25 * 20.0 + 4.0 / 3.0 * PI * 0.125;
@@ -161,7 +161,7 @@ fn pack_and_info_tell_it() {
     assert!((-5.0..0.0).contains(&excess) && told.contains("falls short of it by"), "{told}{info}");
     let Some(pyramid) = real_data("pyramid.3mf") else { return };
     let pyramid = pyramid.to_str().expect("UTF-8");
-    let told = bench.ok(&["pack", pyramid, "--blend", "convolution", "-o", "pyramid.layerd"]);
+    let told = bench.ok(&["pack", pyramid, "--joint", "convolution", "-o", "pyramid.layerd"]);
     let info = bench.json(&["info", "pyramid.layerd"]);
     let excess = info["excess_percent"].as_f64().expect("a number");
     eprintln!("the pyramid as a convolution exceeds the exact union by {excess} %");

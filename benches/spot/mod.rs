@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use layerd::buildfile::{Blend, BodyHeader, Bounds, Caps, Header, Lattice, Placement, Strut};
+use layerd::buildfile::{BodyHeader, Bounds, Caps, Header, Joint, Lattice, Placement, Shares, Strut};
 use layerd::slice::MemoryStruts;
 
 /// Header and struts, with points moved by `place`; `None`, and a message, where the file is not there. A convolution has a support of 1.5
@@ -34,18 +34,27 @@ pub(crate) fn lattice(convolution: bool, place: impl Fn([i32; 3]) -> [i32; 3]) -
         }
         let radius = r.unsigned_abs();
         radius_range = [radius_range[0].min(radius), radius_range[1].max(radius)];
-        struts.push(Strut { a, b, radius_a: radius, radius_b: radius, caps: Caps::default() });
+        struts.push(Strut {
+            a,
+            b,
+            radius_a: radius,
+            radius_b: radius,
+            caps: Caps::default(),
+            shares: Shares::default(),
+        });
     }
     let support_um = 1.5 * f64::from(radius_range[1]);
     let lattice = Lattice {
-        blend: if convolution { Blend::Convolution { support_um } } else { Blend::Union },
+        joint: if convolution { Joint::Convolution { support_um } } else { Joint::Union },
         bounds,
         radius_range,
         strut_count: struts.len() as u64,
         ball_count: 0,
         node_count: 0,
+        is_graded: false,
     };
     let header = Header {
+        materials: None,
         quantum_um: 1.0,
         bounds,
         bottom_um: f64::from(bounds.min[2]),

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use super::error::PackError;
 use super::import::{self, Collector, Rules, Source};
 use super::model::Bounds;
-use super::options::{BlendChoice, PackOptions, ReliefOptions};
+use super::options::{JointChoice, PackOptions, ReliefOptions};
 use super::progress::PackProgress;
 
 /// A source that has to be scaled by more than this is measured again once it is scaled: at first, it was rounded to few quanta.
@@ -19,7 +19,7 @@ const ROUGH_FACTOR: f64 = 2.0;
 pub(super) fn factor(
     inputs: &[PathBuf],
     sources: &[Source],
-    (options, blend, size_mm): (&PackOptions, BlendChoice, f64),
+    (options, joint, size_mm): (&PackOptions, JointChoice, f64),
     directory: &Path,
     progress: &mut dyn FnMut(PackProgress),
     total: u64,
@@ -33,7 +33,7 @@ pub(super) fn factor(
                 progress(PackProgress::Measuring { done, total });
             }
         };
-        let rules = Rules::new(&options, blend)?;
+        let rules = Rules::new(&options, joint)?;
         let mut collector = Collector::new(&rules, &options, import::kinds(sources, &options), directory);
         import::import_all(inputs, sources, &options, &mut collector, total, &mut reading).map_err(unscaled)?;
         // Packing says that there is nothing.

@@ -25,6 +25,7 @@
 mod error;
 mod generate;
 mod import;
+mod materials;
 mod measure;
 mod model;
 mod options;
@@ -37,11 +38,12 @@ mod store;
 
 pub use error::PackError;
 pub use generate::{GenerateOptions, Height, Kind, generate};
+pub use materials::{Materials, Shares, Split};
 pub use model::{
-    Blend, BodyHeader, Bounds, Cap, Caps, Clip, Header, Keeps, Lattice, Placement, QUANTUM_FRACTIONS, Strut, Surface,
+    BodyHeader, Bounds, Cap, Caps, Clip, Header, Joint, Keeps, Lattice, Placement, QUANTUM_FRACTIONS, Strut, Surface,
     Triangle,
 };
-pub use options::{BlendChoice, DisplacementOptions, PackOptions, ReliefOptions};
+pub use options::{DisplacementOptions, JointChoice, PackOptions, ReliefOptions};
 pub use pack::{PackReport, pack};
 pub use progress::PackProgress;
 pub(crate) use relief::ReliefShape;

@@ -3,11 +3,14 @@
 //! Coordinates are integers in units of [`Header::quantum_um`]. Comparing, sorting and sharing of nodes are therefore exact, and a file
 //! means the same on every machine. [`buildfile`](crate::buildfile) has an example.
 
+use std::ops::Range;
+
 use bincode::{Decode, Encode};
 
+use super::materials::{Materials, Shares};
 use super::relief::{MapHeader, Relief};
-use crate::solid::Beam;
 pub use crate::solid::Cap;
+use crate::solid::{Beam, Joining, Shape, StrutRecord};
 
 /// Allowed lengths of a quantum, micrometres: from finer than any printer to as coarse as any part allows. With the finest, 2³⁰ quanta
 /// are still 1 m.
@@ -18,7 +21,7 @@ pub(super) const SUPPORT_FACTOR: f64 = 1.5;
 
 /// How overlapping struts become one solid.
 #[derive(Clone, Copy, Debug, PartialEq, Encode, Decode)]
-pub enum Blend {
+pub enum Joint {
     /// Convolution surface (Liu et al. 2021, Eq. 6): a point is solid if the summed field is at least
     /// [`ISOVALUE`](crate::solid::ISOVALUE).
     Convolution {
@@ -27,6 +30,33 @@ pub enum Blend {
     },
     /// Exact union of beams and balls, as the 3MF beam lattice extension defines it.
     Union,
+    /// The struts of each material as a convolution surface; where materials meet, elliptic arcs join their fields (heterogeneous lattices,
+    /// Eq. 3.5, in the form for any number of materials that [`elliptic`](crate::solid::reference::elliptic) has).
+    Elliptic {
+        /// As that of a convolution.
+        support_um: f64,
+        /// The least field of the first and the second material, as a share of the other's, with which they take part in a blend: cot θ₂ and
+        /// tan θ₁, above 0 and below 1. They are equal if there are more than two materials.
+        least: [f64; 2],
+    },
+}
+
+impl Joint {
+    /// Support R of the kernel, micrometres; `None` of a union, which has none.
+    pub fn support_um(&self) -> Option<f64> {
+        match self {
+            Self::Convolution { support_um } | Self::Elliptic { support_um, .. } => Some(*support_um),
+            Self::Union => None,
+        }
+    }
+
+    /// How the fields of several materials become one.
+    pub(crate) fn joining(&self) -> Joining {
+        match self {
+            Self::Elliptic { least, .. } => Joining::elliptic(*least),
+            Self::Convolution { .. } | Self::Union => Joining::Sum,
+        }
+    }
 }
 
 /// The caps of a strut at `a` and `b`.
@@ -51,12 +81,21 @@ pub struct Strut {
     pub radius_b: u32,
     /// End shapes.
     pub caps: Caps,
+    /// How much of it is of the body's material; of a ball the same at both ends.
+    pub shares: Shares,
 }
 
 impl Strut {
     /// Whether this is a ball at a node (3MF balls): both nodes are the same, and so are both radii.
     pub fn is_ball(&self) -> bool {
         self.a == self.b
+    }
+
+    /// The strut as the active set holds it, for a shape whose unit of length has `1 / quantum` quanta.
+    pub(crate) fn record<S: Shape>(&self, quantum: f64) -> StrutRecord {
+        let Self { a, b, radius_a, radius_b, caps, shares } = *self;
+        let ends = S::ends([radius_a, radius_b], [caps.a, caps.b], self.is_ball(), quantum);
+        StrutRecord { a, b, ends, shares: [shares.a, shares.b] }
     }
 
     /// The strut as a [`Beam`], in quanta.
@@ -199,21 +238,30 @@ pub struct Header {
     pub source_digest: [u8; 32],
     /// Name of the source, for people; at most 255 bytes.
     pub source_name: String,
+    /// Its materials; `None` if it does not name any.
+    pub materials: Option<Materials>,
     /// The bodies, 1 to [`Header::MAX_BODIES`]. The part is their union, but for clips: each of them clips the lattice before it.
     pub bodies: Vec<BodyHeader>,
 }
 
 impl Header {
-    /// Most bodies in a part: the headers of so many lattices and clips take 1 KiB of the 16 that a header may have.
-    pub const MAX_BODIES: usize = 16;
+    /// Most bodies in a part: the headers of so many lattices and clips take 2 KiB of the 16 that a header may have.
+    pub const MAX_BODIES: usize = 22;
+
+    /// The first bodies, if they are lattices of different materials that are joined into one solid: two or more.
+    pub fn joined(&self) -> Option<Range<usize>> {
+        let is_whole = |number: usize| {
+            matches!(self.bodies[number], BodyHeader::Lattice(_))
+                && !matches!(self.bodies.get(number + 1), Some(BodyHeader::Clip(_)))
+        };
+        let end = (0..self.bodies.len()).take_while(|number| is_whole(*number)).count();
+        (self.materials.is_some() && end > 1).then_some(0..end)
+    }
 
     /// The lattices among the bodies, in order. A place here is not that of the body: to pair bodies with something else, go through
     /// [`Header::bodies`].
     pub fn lattices(&self) -> impl Iterator<Item = &Lattice> {
-        self.bodies.iter().filter_map(|body| match body {
-            BodyHeader::Lattice(lattice) => Some(lattice),
-            BodyHeader::Surface(_) | BodyHeader::Relief(_) | BodyHeader::Clip(_) => None,
-        })
+        self.bodies.iter().filter_map(BodyHeader::lattice)
     }
 }
 
@@ -227,7 +275,7 @@ pub(super) fn printed_bounds(bodies: &[BodyHeader]) -> Bounds {
 /// The header of one body, by kind.
 #[derive(Clone, Debug, PartialEq, Encode, Decode)]
 pub enum BodyHeader {
-    /// Struts and balls of one blend.
+    /// Struts and balls of one joint.
     Lattice(Lattice),
     /// What triangles enclose.
     Surface(Surface),
@@ -245,6 +293,14 @@ impl BodyHeader {
             Self::Surface(surface) => &surface.bounds,
             Self::Relief(relief) => &relief.bounds,
             Self::Clip(clip) => &clip.bounds,
+        }
+    }
+
+    /// The lattice, if it is one.
+    pub(crate) fn lattice(&self) -> Option<&Lattice> {
+        match self {
+            Self::Lattice(lattice) => Some(lattice),
+            Self::Surface(_) | Self::Relief(_) | Self::Clip(_) => None,
         }
     }
 
@@ -277,7 +333,11 @@ impl BodyHeader {
 
     /// Whether the lowest solid point is known exactly from the primitives alone.
     pub(super) fn is_exact(&self) -> bool {
-        !matches!(self, Self::Lattice(Lattice { blend: Blend::Convolution { .. }, .. }) | Self::Clip(_))
+        match self {
+            Self::Lattice(lattice) => lattice.joint == Joint::Union,
+            Self::Surface(_) | Self::Relief(_) => true,
+            Self::Clip(_) => false,
+        }
     }
 }
 
@@ -340,7 +400,7 @@ impl Clip {
 #[derive(Clone, Debug, PartialEq, Encode, Decode)]
 pub struct Lattice {
     /// How the struts are joined.
-    pub blend: Blend,
+    pub joint: Joint,
     /// Bounds of all struts, including their radii.
     pub bounds: Bounds,
     /// Smallest and largest radius, quanta.
@@ -351,23 +411,19 @@ pub struct Lattice {
     pub ball_count: u64,
     /// Number of distinct nodes, or 0 if the writer could not count them with limited memory.
     pub node_count: u64,
+    /// Whether any strut is less than whole of the body's material.
+    pub is_graded: bool,
 }
 
 impl Lattice {
     /// Greatest distance from its axis at which a strut has any effect, micrometres: the support, or the largest radius.
     pub fn reach_um(&self, quantum_um: f64) -> f64 {
-        match self.blend {
-            Blend::Convolution { support_um } => support_um,
-            Blend::Union => f64::from(self.radius_range[1]) * quantum_um,
-        }
+        self.joint.support_um().unwrap_or(f64::from(self.radius_range[1]) * quantum_um)
     }
 
     /// Upper limit of how far the solid extends beyond `bounds`, micrometres: the support minus the smallest radius, or 0 for a union.
     pub(crate) fn bulge_um(&self, quantum_um: f64) -> f64 {
-        match self.blend {
-            Blend::Convolution { support_um } => support_um - f64::from(self.radius_range[0]) * quantum_um,
-            Blend::Union => 0.0,
-        }
+        self.joint.support_um().map_or(0.0, |support_um| support_um - f64::from(self.radius_range[0]) * quantum_um)
     }
 
     /// Struts and balls together.

@@ -3,6 +3,8 @@
 use std::num::NonZero;
 use std::path::PathBuf;
 
+use super::error::PackError;
+use super::materials::Split;
 use super::model::Placement;
 use super::relief::Tile;
 
@@ -12,7 +14,12 @@ pub struct PackOptions {
     /// Leave out everything that is not a lattice, instead of refusing the source.
     pub lattice_only: bool,
     /// How struts are joined. `None` is the default of the source's format: union for 3MF, convolution for edge text.
-    pub blend: Option<BlendChoice>,
+    pub joint: Option<JointChoice>,
+    /// Names of materials in sources, and what they are to be in the build file. What has no material has the name
+    /// [`Materials::UNNAMED`](super::Materials::UNNAMED).
+    pub materials: Vec<(String, String)>,
+    /// Which material a pixel gets where several meet.
+    pub split: Split,
     /// What is done to the surfaces of solids.
     pub relief: ReliefOptions,
     /// Rotation about x, then y, then z, degrees.
@@ -34,11 +41,13 @@ pub struct PackOptions {
 }
 
 impl Default for PackOptions {
-    /// No rotation, no scale, the blend of the source's format, centred; a quantum of 1 µm, 256 MiB of memory, one thread.
+    /// No rotation, no scale, the joint of the source's format, centred; a quantum of 1 µm, 256 MiB of memory, one thread.
     fn default() -> Self {
         Self {
             lattice_only: false,
-            blend: None,
+            joint: None,
+            materials: Vec::new(),
+            split: Split::default(),
             relief: ReliefOptions::default(),
             rotate_deg: [0.0; 3],
             scale: [1.0; 3],
@@ -51,9 +60,9 @@ impl Default for PackOptions {
     }
 }
 
-/// A choice of blend.
+/// A choice of joint.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum BlendChoice {
+pub enum JointChoice {
     /// A convolution surface.
     Convolution {
         /// Support R, millimetres, not scaled. `None` is 1.5 times the largest radius.
@@ -61,6 +70,40 @@ pub enum BlendChoice {
     },
     /// The exact union.
     Union,
+    /// A convolution surface of each material, joined by elliptic arcs.
+    Elliptic {
+        /// As that of a convolution.
+        support_mm: Option<f64>,
+        /// The least field of the first and of the second material, as a share of the other's, with which they take part in a blend.
+        least: [f64; 2],
+    },
+}
+
+impl JointChoice {
+    /// Elliptic arcs that begin at these angles, degrees: θ₁ from 0.1 to 44.9, and θ₂ from 45.1 to 89.9, by default 90 − θ₁. The smaller θ₁, the wider is
+    /// the blend (heterogeneous lattices, Eq. 3.4).
+    ///
+    /// # Errors
+    /// [`PackError`] if an angle is out of range.
+    pub fn elliptic(support_mm: Option<f64>, theta1_deg: f64, theta2_deg: Option<f64>) -> Result<Self, PackError> {
+        let theta2_deg = theta2_deg.unwrap_or(90.0 - theta1_deg);
+        for (name, angle, range) in [("--theta1", theta1_deg, 0.1..=44.9), ("--theta2", theta2_deg, 45.1..=89.9)] {
+            if !range.contains(&angle) {
+                let (least, most) = range.into_inner();
+                return Err(PackError::Option(format!("{name} {angle}: allowed is {least} to {most} degrees")));
+            }
+        }
+        let [tangent, cotangent] = [theta1_deg, 90.0 - theta2_deg].map(|angle| angle.to_radians().tan());
+        Ok(Self::Elliptic { support_mm, least: [cotangent, tangent] })
+    }
+
+    /// The support that was asked for, millimetres.
+    pub(super) fn support_mm(self) -> Option<f64> {
+        match self {
+            Self::Convolution { support_mm } | Self::Elliptic { support_mm, .. } => support_mm,
+            Self::Union => None,
+        }
+    }
 }
 
 /// What is done to the surfaces of solids.

@@ -186,6 +186,9 @@ fn judge(
             );
             return Ok(Findings { fits: false, problems: vec![problem], size: Some(size), times: None });
         }
+        Err(error @ PartError::Materials(_)) => {
+            return Ok(Findings { fits: false, problems: vec![error.to_string()], size: Some(size), times: None });
+        }
         Err(error) => return Err(error.into()),
     };
     let (encoding, sample_budget) = match recipe {

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use serde::Serialize;
 
-use crate::buildfile::{BodyHeader, BuildFile, Placement};
+use crate::buildfile::{BodyHeader, BuildFile, Header, Placement};
 use crate::slice::{Estimate, Slicer, Volume};
 use crate::text::{count_text, size_text};
 
@@ -53,6 +53,9 @@ pub struct Summary {
     /// Volume of the solid.
     #[serde(flatten)]
     pub volume: VolumeFigures,
+    /// The materials that the part names.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub materials: Vec<MaterialSummary>,
     /// Length of a quantum, the resolution of coordinates and radii, micrometres.
     pub quantum_um: f64,
     /// Half a quantum: the largest rounding error of a coordinate along each axis, and of a radius, micrometres.
@@ -79,10 +82,13 @@ pub struct Summary {
 pub enum BodySummary {
     /// Struts and balls.
     Lattice {
-        /// `convolution` or `union`.
-        blend: &'static str,
+        /// `convolution`, `union` or `elliptic`.
+        joint: &'static str,
         /// Support R of the kernel, millimetres; absent for a union.
         support_mm: Option<f64>,
+        /// Name of its material, if the part names any.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        material: Option<String>,
         /// Number of struts, without balls.
         struts: u64,
         /// Number of balls.
@@ -118,13 +124,18 @@ pub enum BodySummary {
 }
 
 impl BodySummary {
-    fn of(body: &BodyHeader, quantum_um: f64) -> Self {
-        match body {
+    fn of(number: usize, header: &Header) -> Self {
+        let quantum_um = header.quantum_um;
+        match &header.bodies[number] {
             BodyHeader::Lattice(lattice) => {
-                let (blend, support_mm) = super::blend_figures(lattice.blend);
+                let (joint, support_mm) = super::joint_figures(lattice.joint);
                 Self::Lattice {
-                    blend,
+                    joint,
                     support_mm,
+                    material: header
+                        .materials
+                        .as_ref()
+                        .map(|some| some.names[usize::from(some.of_bodies[number])].clone()),
                     struts: lattice.strut_count,
                     balls: lattice.ball_count,
                     nodes: (lattice.node_count > 0).then_some(lattice.node_count),
@@ -148,12 +159,15 @@ impl BodySummary {
 impl fmt::Display for BodySummary {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Lattice { support_mm, struts, balls, nodes, radius_mm, .. } => {
+            Self::Lattice { joint, support_mm, struts, balls, nodes, radius_mm, material } => {
                 match support_mm {
                     Some(support_mm) => {
-                        writeln!(out, "kind          lattice, convolution, support R = {support_mm:.3} mm")?;
+                        writeln!(out, "kind          lattice, {joint}, support R = {support_mm:.3} mm")?;
                     }
                     None => writeln!(out, "kind          lattice, exact union")?,
+                }
+                if let Some(material) = material {
+                    writeln!(out, "material      {material}")?;
                 }
                 writeln!(out, "struts        {struts}")?;
                 writeln!(out, "balls         {balls}")?;
@@ -191,17 +205,21 @@ impl Summary {
     /// If the file cannot be read.
     pub fn of(file: BuildFile) -> anyhow::Result<Self> {
         let file = Arc::new(file);
-        let volume = Volume::sample(&file, Slicer::default_threads())?.into();
+        let volume = Volume::sample(&file, Slicer::default_threads())?;
         let header = file.header();
+        let names = header.materials.as_ref().map_or(&[][..], |materials| &materials.names);
+        let materials = MaterialSummary::all(names, &volume);
+        let volume = volume.into();
         let mm = |quanta: f64| quanta * header.quantum_um / 1000.0;
         let total: u64 = header.bodies.iter().map(BodyHeader::total).sum();
         Ok(Self {
             file: file.path().display().to_string(),
-            bodies: header.bodies.iter().map(|body| BodySummary::of(body, header.quantum_um)).collect(),
+            bodies: (0..header.bodies.len()).map(|number| BodySummary::of(number, header)).collect(),
             bounds_min_mm: header.bounds.min.map(|value| mm(f64::from(value))),
             bounds_max_mm: header.bounds.max.map(|value| mm(f64::from(value))),
             bottom_mm: header.bottom_um / 1000.0,
             volume,
+            materials,
             quantum_um: header.quantum_um,
             rounding_um: header.quantum_um / 2.0,
             file_bytes: file.file_bytes(),
@@ -242,8 +260,33 @@ pub struct VolumeFigures {
     pub volume_planes: u32,
 }
 
+/// A material of the part.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct MaterialSummary {
+    /// Its name.
+    pub name: String,
+    /// What of the volume is of it, mm³.
+    pub volume_mm3: f64,
+    /// Error of `volume_mm3`.
+    pub volume_error_mm3: f64,
+}
+
+impl MaterialSummary {
+    /// Those of these names. A single one has all of the volume.
+    fn all(names: &[String], volume: &Volume) -> Vec<Self> {
+        let volumes = match volume.materials_mm3.as_slice() {
+            [] => std::slice::from_ref(&volume.solid_mm3),
+            several => several,
+        };
+        let named = names.iter().zip(volumes);
+        named
+            .map(|(name, volume)| Self { name: name.clone(), volume_mm3: volume.value, volume_error_mm3: volume.error })
+            .collect()
+    }
+}
+
 impl From<Volume> for VolumeFigures {
-    fn from(Volume { solid_mm3, union_mm3, excess_percent, planes }: Volume) -> Self {
+    fn from(Volume { solid_mm3, union_mm3, excess_percent, planes, .. }: Volume) -> Self {
         let value = |estimate: Option<Estimate>| estimate.map(|estimate| estimate.value);
         let error = |estimate: Option<Estimate>| estimate.map(|estimate| estimate.error);
         Self {
@@ -341,6 +384,9 @@ impl fmt::Display for Summary {
         }
         writeln!(out, "stands on     z {:.3} mm, its lowest solid point", self.bottom_mm)?;
         write!(out, "{}", self.volume)?;
+        for MaterialSummary { name, volume_mm3, volume_error_mm3 } in &self.materials {
+            writeln!(out, "material      {name}, {} mm³", with_error(*volume_mm3, *volume_error_mm3))?;
+        }
         write!(out, "source        {}, SHA-256 {}", self.source, self.source_sha256)
     }
 }

@@ -36,7 +36,7 @@ use std::sync::OnceLock;
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use crate::buildfile::{Blend, Keeps, PackError};
+use crate::buildfile::{Joint, Keeps, PackError};
 use crate::config::{ConfigText, Folder, Machine, Recipe, find};
 use crate::text::{is_hidden, plain, shell_word};
 
@@ -326,11 +326,12 @@ fn progress_bar(template: &str) -> ProgressBar {
     bar.with_style(ProgressStyle::with_template(template).expect("our own templates are well-formed"))
 }
 
-/// A blend's name and, of a convolution, its support R in millimetres, as JSON has them.
-fn blend_figures(blend: Blend) -> (&'static str, Option<f64>) {
-    match blend {
-        Blend::Convolution { support_um } => ("convolution", Some(support_um / 1000.0)),
-        Blend::Union => ("union", None),
+/// A joint's name and, of a convolution, its support R in millimetres, as JSON has them.
+fn joint_figures(joint: Joint) -> (&'static str, Option<f64>) {
+    match joint {
+        Joint::Convolution { support_um } => ("convolution", Some(support_um / 1000.0)),
+        Joint::Elliptic { support_um, .. } => ("elliptic", Some(support_um / 1000.0)),
+        Joint::Union => ("union", None),
     }
 }
 

@@ -8,8 +8,8 @@ use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 
 use super::progress_bar;
 use crate::buildfile::{
-    self, BlendChoice, BuildFile, DisplacementOptions, PackError, PackOptions, PackProgress, Placement, ReliefOptions,
-    Tile,
+    self, BuildFile, DisplacementOptions, JointChoice, PackError, PackOptions, PackProgress, Placement, ReliefOptions,
+    Split, Tile,
 };
 use crate::config::byte_size;
 use crate::text::size_text;
@@ -34,10 +34,11 @@ Examples:
   layerctl pack lattice.3mf frame.stl -o part.layerd                      a lattice and a solid as one part
   layerctl pack edges.txt --rotate 0,0,90 --scale 0.5 -o half.layerd
   layerctl pack lattice.3mf --scale 1.002,1.002,1.01 -o lattice.layerd    compensates shrinkage
+  layerctl pack lattice.3mf --joint convolution --materials PLA=rigid,TPU=soft -o two.layerd    two materials
   layerctl pack huge.txt --memory 64MiB -o huge.layerd                    sorts on the disk what does not fit
 
 Edge text has a first line `COUNT RADIUS [CONVOLUTION_RADIUS [0]]`, whose third number is reported but not used (see --support), then \
-one strut per line, `x1 y1 z1 x2 y2 z2 [radius]`, in millimetres. Lines that begin with `#` or `//` are comments.
+one strut per line, `x1 y1 z1 x2 y2 z2 [radius [material [material2]]]`, in millimetres; of two materials, the strut passes from one into the other. Lines that begin with `#` or `//` are comments.
 
 The surface of a solid may have holes, as scans have: they are closed with flat triangles, and a note says how many and how wide they \
 are. A soup of triangles or a single sheet is refused. STL, OBJ and PLY are read in millimetres; colours \
@@ -52,11 +53,24 @@ pub struct PackArgs {
     /// Leave out everything that is not a lattice, also the meshes that clip lattices, which are then packed whole; report each case.
     #[arg(long)]
     lattice_only: bool,
-    /// How struts are joined: as a smooth convolution surface, or as the exact union of beams [default: union for 3MF, as the format
-    /// defines; convolution for edge text].
-    #[arg(long, value_enum)]
-    blend: Option<BlendArg>,
-    /// Support R of the kernel; implies --blend convolution [default: 1.5 times the largest radius].
+    /// How struts are joined: as a smooth convolution surface; as the exact union of beams; or each material as a convolution surface, and the materials
+    /// with elliptic arcs [default: union for 3MF, as the format defines; convolution for edge text].
+    #[arg(long, alias = "blend", value_enum)]
+    joint: Option<JointArg>,
+    /// Angle at which the elliptic arc between two materials begins, 0.1 to 44.9: the smaller, the wider is their blend.
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
+    theta1: Option<f64>,
+    /// Angle at which it ends, 45.1 to 89.9, if it is not to be symmetric; for two materials [default: 90 less theta1].
+    #[arg(long, value_name = "DEG", requires = "theta1", allow_negative_numbers = true)]
+    theta2: Option<f64>,
+    /// Names of materials in the sources, and what they are to be: those of the machine. What has no material is called default. Several may become
+    /// one.
+    #[arg(long, value_name = "NAME=NAME,..", value_delimiter = ',', value_parser = renamed)]
+    materials: Vec<(String, String)>,
+    /// Which material a pixel gets where several meet: each its share of the pixels, or the one with the greatest share.
+    #[arg(long, value_enum, default_value_t = SplitArg::Halftone)]
+    split: SplitArg,
+    /// Support R of the kernel; implies --joint convolution [default: 1.5 times the largest radius].
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     support: Option<f64>,
     /// Displace all solids along their normals by this height map, a PNG of 8 or 16 bits. It needs texture coordinates (UV), as OBJ has
@@ -103,9 +117,16 @@ pub struct PackArgs {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-enum BlendArg {
+enum JointArg {
     Convolution,
     Union,
+    Elliptic,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum SplitArg {
+    Halftone,
+    Max,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -136,7 +157,7 @@ impl From<TileArg> for Tile {
 /// # Errors
 /// Names the file, the place in it, what was found and what to do.
 pub fn run(args: PackArgs) -> anyhow::Result<()> {
-    let PackArgs { inputs, output, lattice_only, blend, support, rotate, scale, at, quantum, memory, .. } = args;
+    let PackArgs { inputs, output, lattice_only, joint, support, rotate, scale, at, quantum, memory, .. } = args;
     let relief = ReliefOptions {
         map: args.displacement.map(|map| DisplacementOptions { map, tile: args.tile.into() }),
         height_mm: args.height,
@@ -144,19 +165,16 @@ pub fn run(args: PackArgs) -> anyhow::Result<()> {
         is_curved: args.curved,
         shell_mm: args.shell,
     };
-    let blend = match (blend, support) {
-        (None, None) => None,
-        (Some(BlendArg::Convolution) | None, support_mm) => Some(BlendChoice::Convolution { support_mm }),
-        (Some(BlendArg::Union), None) => Some(BlendChoice::Union),
-        (Some(BlendArg::Union), Some(_)) => {
-            let text = "--support applies to --blend convolution; a union has no kernel";
-            return Err(PackError::Option(text.into()).into());
-        }
-    };
+    let joint = joint_choice(joint, support, args.theta1, args.theta2)?;
     check_output(&output)?;
     let options = PackOptions {
         lattice_only,
-        blend,
+        joint,
+        materials: args.materials,
+        split: match args.split {
+            SplitArg::Halftone => Split::Halftone,
+            SplitArg::Max => Split::Max,
+        },
         relief,
         rotate_deg: rotate,
         scale: scale.0,
@@ -181,6 +199,36 @@ pub fn run(args: PackArgs) -> anyhow::Result<()> {
         );
     }
     super::print(&summary.to_string())
+}
+
+/// How struts are joined; `None` is the default of the source's format.
+fn joint_choice(
+    joint: Option<JointArg>,
+    support_mm: Option<f64>,
+    theta1: Option<f64>,
+    theta2: Option<f64>,
+) -> Result<Option<JointChoice>, PackError> {
+    let refused = |text: &str| Err(PackError::Option(text.into()));
+    match (joint, support_mm, theta1) {
+        (Some(JointArg::Elliptic), support_mm, Some(theta1)) => {
+            JointChoice::elliptic(support_mm, theta1, theta2).map(Some)
+        }
+        (Some(JointArg::Elliptic), _, None) => {
+            refused("--joint elliptic needs --theta1, an angle from 0.1 to 44.9 degrees")
+        }
+        (_, _, Some(_)) => refused("--theta1 applies to --joint elliptic"),
+        (None, None, None) => Ok(None),
+        (Some(JointArg::Convolution) | None, support_mm, None) => Ok(Some(JointChoice::Convolution { support_mm })),
+        (Some(JointArg::Union), None, None) => Ok(Some(JointChoice::Union)),
+        (Some(JointArg::Union), Some(_), None) => {
+            refused("--support applies to --joint convolution and elliptic; a union has no kernel")
+        }
+    }
+}
+
+fn renamed(text: &str) -> Result<(String, String), String> {
+    let names = text.split_once('=').map(|(from, to)| (from.trim().to_owned(), to.trim().to_owned()));
+    names.filter(|(from, to)| !from.is_empty() && !to.is_empty()).ok_or_else(|| format!("`{text}`: write NAME=NAME"))
 }
 
 /// Refuses an output with the extension of a source: it could replace a source, and would later be mistaken for one.

@@ -32,7 +32,7 @@ share of the pixel that is inside the part.
 
 With sl1, the archive has the recipe's exposures, and an exposure that falls from the first layer on; the printer moves as its own \
 settings say. Its printer is a Prusa SL1 (1440 × 2560 pixels) or SL1S (1620 × 2560) if the machine has the size of that panel, \
-else one of the machine's name."))]
+else one of the machine's name. A part of several materials becomes an archive for each: lattice_1.sl1, lattice_2.sl1."))]
 pub struct SliceArgs {
     /// Build file (.layerd)
     pub file: PathBuf,
@@ -57,8 +57,8 @@ pub struct SliceArgs {
     /// What to write; by default png for machines with pixels, svg for machines with a laser
     #[arg(long, value_enum)]
     pub format: Option<Format>,
-    /// For png a directory for manifest.json and layer_000000.png, layer_000001.png, … (8 bits a pixel: 0 and 255, or grey), made if
-    /// missing; for svg a directory for layer_000000.svg, …; for sl1, cli and ovf a file
+    /// For png a directory for manifest.json and layer_000000.png, layer_000001.png, … (8 bits a pixel: 0 and 255, or grey; in colour, and one more
+    /// for each material, if there are several), made if missing; for svg a directory for layer_000000.svg, …; for sl1, cli and ovf a file
     #[arg(long, short)]
     pub output: PathBuf,
 }
@@ -135,7 +135,7 @@ pub fn run(args: SliceArgs) -> anyhow::Result<()> {
     let selection = Selection { part, range, threads };
     if let (Machine::Slm(machine), Recipe::Slm(recipe)) = (&machine, &recipe) {
         ensure!(!antialias, "--antialias is for pictures; machine `{}` marks vectors", machine.name);
-        return vectors::write(selection, format.unwrap_or(Format::Svg), machine, recipe, &output);
+        return vectors::write(&selection, format.unwrap_or(Format::Svg), machine, recipe, &output);
     }
     match format.unwrap_or(Format::Png) {
         Format::Png => pictures::write(selection, &output),
@@ -154,6 +154,28 @@ struct Selection {
 }
 
 impl Selection {
+    /// The names of the part's materials, if it has several.
+    fn materials(&self) -> Option<&[String]> {
+        let materials = self.part.header().materials.as_ref()?;
+        Some(&*materials.names).filter(|names| names.len() > 1)
+    }
+
+    /// Computes the masks of the layers one after the other, one for each material, and hands them to `write`, with the layer's number. Shows the
+    /// progress.
+    fn masks(self, mut write: impl FnMut(u32, &[Bitmap]) -> anyhow::Result<()>) -> anyhow::Result<()> {
+        let mut slicer = self.part.mask_slicer(self.threads, self.range.start)?;
+        let mut masks = slicer.dark_masks();
+        let bar = super::progress_bar("{bar:40} {pos}/{len} layers, {eta} left");
+        bar.set_length(u64::from(self.range.end - self.range.start));
+        for _ in self.range {
+            let Some(layer) = slicer.next_layer(&mut masks)? else { bail!("the layers ended too early") };
+            write(layer, &masks)?;
+            bar.inc(1);
+        }
+        bar.finish_and_clear();
+        Ok(())
+    }
+
     /// Computes the layers one after the other and hands each to `write`, with its number. Shows the progress.
     fn pictures(self, mut write: impl FnMut(u32, &Bitmap) -> anyhow::Result<()>) -> anyhow::Result<()> {
         let SlicePlan { raster, depth, .. } = *self.part.plan();

@@ -6,6 +6,7 @@ use crate::link::message::Encoding;
 use crate::slice::scan::FillError;
 use crate::slice::{PlanError, SliceError};
 use crate::stream::{BudgetExceeded, StreamError};
+use crate::text::shell_word;
 use layerd_wire::encoding::VectorEncodeError;
 
 /// Why a part cannot be printed on a machine, or a layer of it not be computed. Each text says what to do.
@@ -17,6 +18,13 @@ pub enum PartError {
     /// The part does not fit the machine.
     #[error(transparent)]
     Plan(#[from] PlanError),
+    /// It is of several materials, and machines print one.
+    #[error(
+        "the part is of {} materials ({}), and this machine prints one: pack it again with --materials {}, or write the layers of each material with \
+         `layerctl slice`",
+        .0.len(), .0.join(", "), together(.0)
+    )]
+    Materials(Vec<String>),
     /// It needs more memory than the budget.
     #[error(
         "this job needs {} of memory, but memory_budget is {}: raise it to at least {} in the daemon's configuration",
@@ -49,6 +57,13 @@ pub enum PartError {
     /// Layers could not be computed ahead.
     #[error(transparent)]
     Stream(#[from] StreamError),
+}
+
+/// Names that put all materials together, for a shell.
+fn together(names: &[String]) -> String {
+    let first = names.first().map_or("", String::as_str);
+    let pairs: Vec<_> = names.iter().map(|name| format!("{name}={first}")).collect();
+    shell_word(&pairs.join(",")).into_owned()
 }
 
 /// Rounded up, so that this budget is enough.

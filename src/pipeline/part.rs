@@ -12,7 +12,7 @@ use crate::device::{BYTES_PER_MARK, ScanClock, ScanTimes};
 use crate::layer::Bitmap;
 use crate::link::message::Encoding;
 use crate::slice::scan::ScanCounts;
-use crate::slice::{BodySource, Footing, Inspection, SlicePlan, Slicer, dark_top};
+use crate::slice::{BodySource, FieldSource, Footing, Inspection, SlicePlan, Slicer, dark_top};
 use crate::stream::{Ahead, Charge, MemoryBudget, StreamError};
 
 /// Most layers at the top that are looked at: as many as at the bottom.
@@ -152,7 +152,8 @@ impl Part {
                 Source::Pictures { slicer: self.slicer(first, budget)?, bitmap }
             }
             Some(scan) => {
-                let (bodies, plan) = (self.bodies()?, self.plan.clone());
+                let bodies = self.bodies()?.into_iter().map(FieldSource::Whole).collect();
+                let plan = self.plan.clone();
                 let layers = ScannedLayers::new(bodies, plan, &scan.settings, self.threads, first, budget)?;
                 Source::Vectors { layers: Box::new(layers), scan: Box::new(scan.clone()) }
             }

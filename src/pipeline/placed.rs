@@ -8,7 +8,7 @@ use crate::buildfile::{BuildFile, Header};
 use crate::config::{Machine, Recipe};
 use crate::layer::{Depth, Raster};
 use crate::slice::scan::Contours;
-use crate::slice::{BodySource, SlicePlan, Slicer};
+use crate::slice::{BodySource, FieldSource, MaskSlicer, MaskSources, SlicePlan, Slicer};
 use crate::stream::MemoryBudget;
 
 /// Memory for the crossings and regions of three layers outside a print, bytes: ten million crossings of the grid, which is more than
@@ -88,8 +88,9 @@ impl Placed {
     /// The part, to be printed with at most `max_threads` threads within `limit_bytes`.
     ///
     /// # Errors
-    /// [`PartError::Memory`] if the budget is too small.
+    /// [`PartError::Memory`] if the budget is too small, or [`PartError::Materials`].
     pub fn fit(self, max_threads: usize, limit_bytes: u64) -> Result<Part, PartError> {
+        self.check_materials()?;
         let memory = self.memory(max_threads, limit_bytes);
         let need_bytes = memory.need_bytes();
         if need_bytes > limit_bytes {
@@ -98,16 +99,46 @@ impl Placed {
         Ok(Part::new(self.path, self.plan, self.scan, &memory, limit_bytes))
     }
 
-    /// The layers from `first` on as scan vectors, outside a print; `None` if they are pictures.
+    /// Whether a machine can print its materials.
+    ///
+    /// # Errors
+    /// [`PartError::Materials`] if there are several.
+    pub fn check_materials(&self) -> Result<(), PartError> {
+        match &self.header().materials {
+            Some(materials) if materials.names.len() > 1 => Err(PartError::Materials(materials.names.clone())),
+            _ => Ok(()),
+        }
+    }
+
+    /// The layers from `first` on as scan vectors, outside a print; `None` if they are pictures. Of `material` alone, if one is given, by its place
+    /// in the list of the file.
     ///
     /// # Errors
     /// [`PartError`] if the settings contradict each other, or the first layers cannot be computed.
-    pub fn scanned(self, threads: usize, first: u32) -> Result<Option<ScannedLayers>, PartError> {
+    pub fn scanned(
+        &self,
+        material: Option<u8>,
+        threads: usize,
+        first: u32,
+    ) -> Result<Option<ScannedLayers>, PartError> {
         let Some(Scan { settings, .. }) = &self.scan else { return Ok(None) };
-        let bodies = BodySource::of(&self.file);
-        let fixed_bytes = Contours::memory_bytes(&bodies, &self.plan, threads);
+        let bodies = match material {
+            Some(material) => FieldSource::of_material(&self.file, material)?,
+            None => BodySource::of(&self.file).into_iter().map(FieldSource::Whole).collect(),
+        };
+        let fixed_bytes = Contours::memory_bytes_of_sources(&bodies, &self.plan, threads);
         let budget = MemoryBudget::new(fixed_bytes.saturating_add(MAX_LAYER_BYTES));
-        ScannedLayers::new(bodies, self.plan, settings, threads, first, &budget).map(Some)
+        ScannedLayers::new(bodies, self.plan.clone(), settings, threads, first, &budget).map(Some)
+    }
+
+    /// As [`Placed::slicer`], of masks, one for each material.
+    ///
+    /// # Errors
+    /// [`PartError::Slice`].
+    pub fn mask_slicer(self, threads: usize, first: u32) -> Result<MaskSlicer, PartError> {
+        let sources = MaskSources::of(&self.file);
+        let budget = MemoryBudget::new(MaskSlicer::memory_bytes(&sources, &self.plan, threads));
+        Ok(MaskSlicer::new(sources, self.plan, threads, first, &budget)?)
     }
 
     /// A slicer outside a print, which begins with layer `first`; its memory budget is its own estimate.

@@ -3,7 +3,7 @@
 use super::PartError;
 use crate::layer::Vectors;
 use crate::slice::scan::{self, Contours, Fill, LayerRegions, ScanCounts, ScanSettings};
-use crate::slice::{BodySource, SlicePlan};
+use crate::slice::{FieldSource, SlicePlan};
 use crate::stream::MemoryBudget;
 
 /// Computes the scan vectors of layers, in ascending order.
@@ -37,7 +37,7 @@ pub struct ScannedLayer<'a> {
 impl ScannedLayers {
     /// Layers from `first` on. What computing them takes is charged to `budget`.
     pub(super) fn new(
-        bodies: Vec<BodySource>,
+        bodies: Vec<FieldSource>,
         plan: SlicePlan,
         settings: &ScanSettings,
         threads: usize,
@@ -47,7 +47,7 @@ impl ScannedLayers {
         let has_skins = settings.has_skins();
         // The skins of the first layer depend on the layer below it.
         let begin = first.saturating_sub(u32::from(has_skins));
-        let mut contours = Contours::new(bodies, plan, settings.simplify_tolerance_um, threads, begin, budget)?;
+        let mut contours = Contours::of_sources(bodies, plan, settings.simplify_tolerance_um, threads, begin, budget)?;
         let fill = Fill::new(settings.clone(), threads, budget)?;
         let neighbours = match has_skins {
             true => {

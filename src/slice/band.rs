@@ -30,6 +30,26 @@ impl<'a> Band<'a> {
         }
     }
 
+    /// Bits a pixel.
+    pub(super) fn depth(&self) -> Depth {
+        match self {
+            Self::Bits(_) => Depth::Bit,
+            Self::Grey(_) => Depth::Grey,
+        }
+    }
+
+    /// The bytes.
+    pub(super) fn rows(&self) -> &Rows<'a> {
+        let (Self::Bits(rows) | Self::Grey(rows)) = self;
+        rows
+    }
+
+    /// The bytes, to write.
+    pub(super) fn rows_mut(&mut self) -> &mut Rows<'a> {
+        let (Self::Bits(rows) | Self::Grey(rows)) = self;
+        rows
+    }
+
     /// Clears the bits beyond `width_px` in the last byte of each row.
     pub(super) fn finish(self, width_px: usize) {
         if let Self::Bits(mut rows) = self
@@ -53,6 +73,11 @@ impl Rows<'_> {
     /// Bytes from one row to the next.
     pub(super) fn stride_bytes(&self) -> usize {
         self.stride_bytes
+    }
+
+    /// The bytes of a row, counted from the first one of the band.
+    pub(super) fn row_mut(&mut self, row: usize) -> &mut [u8] {
+        &mut self.bytes[row * self.stride_bytes..(row + 1) * self.stride_bytes]
     }
 
     /// The bytes of each row.

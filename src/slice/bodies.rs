@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::body::{Body, BodySource};
+use super::body::Body;
 use super::workers::Workers;
 use super::{SliceError, Slicer};
 use crate::buildfile::BuildFile;
@@ -17,21 +17,23 @@ pub(super) struct Bodies<B: Body + ?Sized> {
 }
 
 impl<B: Body + ?Sized> Bodies<B> {
-    /// The bodies that `body` makes of the sources, and `threads` threads. Their memory is charged to `budget`.
+    /// The bodies that `body` makes of the sources, and `threads` threads. Their memory is charged to `budget`, and `file_bytes` for the files
+    /// that they are read from.
     ///
     /// # Errors
     /// [`SliceError`] if the memory is not free, a body cannot be drawn or `threads` is out of range.
-    pub(super) fn new(
-        sources: Vec<BodySource>,
+    pub(super) fn new<S>(
+        sources: Vec<S>,
+        file_bytes: u64,
         threads: usize,
         budget: &MemoryBudget,
-        body: impl Fn(BodySource) -> Result<Box<B>, SliceError>,
+        mut body: impl FnMut(S) -> Result<Box<B>, SliceError>,
     ) -> Result<Self, SliceError> {
         if !(1..=Slicer::MAX_THREADS).contains(&threads) {
             return Err(SliceError::BadThreads { threads, max: Slicer::MAX_THREADS });
         }
-        let files = budget.charge("the open build file", file_bytes(&sources, threads))?;
-        let bodies: Result<_, _> = sources.into_iter().map(body).collect();
+        let files = budget.charge("the open build file", file_bytes)?;
+        let bodies: Result<_, _> = sources.into_iter().map(&mut body).collect();
         Ok(Self { bodies: bodies?, workers: Workers::new(threads)?, _files: files })
     }
 
@@ -65,9 +67,9 @@ impl<B: Body + ?Sized> Bodies<B> {
 }
 
 /// Memory of the open build files, each counted once, and of what `threads` threads need to read their chunks, bytes.
-pub(super) fn file_bytes(bodies: &[BodySource], threads: usize) -> u64 {
+pub(super) fn file_bytes<'a>(read: impl IntoIterator<Item = &'a Arc<BuildFile>>, threads: usize) -> u64 {
     let mut files: Vec<&Arc<BuildFile>> = Vec::new();
-    for file in bodies.iter().filter_map(BodySource::file) {
+    for file in read {
         if !files.iter().any(|known| Arc::ptr_eq(known, file)) {
             files.push(file);
         }

@@ -42,7 +42,7 @@ pub(super) fn enclosed_twice(body: BodySource) -> Option<BodySource> {
             let sides = sides(&bounds, z, room).map(patch).to_vec();
             BodySource::Relief(Box::new(InBox { source, sides }))
         }
-        BodySource::Lattice(_) | BodySource::Clipped { .. } => return None,
+        BodySource::Lattice(_) | BodySource::Joined(_) | BodySource::Clipped { .. } => return None,
     })
 }
 

@@ -26,6 +26,12 @@ pub enum SliceError {
         /// Support R.
         support_um: f64,
     },
+    /// A laser cannot mark the materials of a union whose struts change from one to another.
+    #[error(
+        "struts that change from one material to another can be divided for a laser only if they are a convolution: pack the part again with \
+         --joint convolution or elliptic"
+    )]
+    GradedUnion,
     /// The bitmap does not have the size and depth of the plan.
     #[error("the bitmap does not have the size and depth of the plan")]
     WrongBitmap,

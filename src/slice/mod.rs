@@ -5,23 +5,23 @@
 //! alone: not on the number of threads, the instruction set, or the layer that the slicer began with.
 //!
 //! ```
-//! use layerd::buildfile::{Blend, BodySettings, BuildFile, Caps, Placement, Strut, Writer, WriterSettings};
+//! use layerd::buildfile::{Joint, BodySettings, BuildFile, Caps, Placement, Strut, Writer, WriterSettings};
 //! use layerd::layer::{Bitmap, Depth, Mirror, Raster};
 //! use layerd::slice::{BodySource, SlicePlan, Slicer};
 //! use layerd::stream::MemoryBudget;
 //! # let directory = tempfile::tempdir()?;
 //! # let path = directory.path().join("post.layerd");
 //! // One post of 1 mm radius and 5 mm height, in quanta of 1 µm.
-//! let settings = WriterSettings {
+//! let settings = WriterSettings { materials: None,
 //!     quantum_um: 1.0,
 //!     placement: Placement::Centred,
 //!     source_digest: [0; 32],
 //!     source_name: "post".into(),
-//!     bodies: vec![BodySettings::Lattice { blend: Blend::Union, largest_radius: 1000 }],
+//!     bodies: vec![BodySettings::Lattice { joint: Joint::Union, largest_radius: 1000 }],
 //! };
 //! let mut writer = Writer::create(&path, settings)?;
 //! let caps = Caps::default();
-//! writer.push(Strut { a: [0, 0, 0], b: [0, 0, 5000], radius_a: 1000, radius_b: 1000, caps })?;
+//! writer.push(Strut { a: [0, 0, 0], b: [0, 0, 5000], radius_a: 1000, radius_b: 1000, caps, shares: Shares::default() })?;
 //! writer.finish()?;
 //!
 //! let file = std::sync::Arc::new(BuildFile::open(&path)?);
@@ -47,6 +47,7 @@ mod enclosed;
 mod error;
 mod footing;
 mod inspection;
+mod mask_slicer;
 mod plan;
 pub mod scan;
 mod slicer;
@@ -54,12 +55,14 @@ mod volume;
 mod walls;
 mod workers;
 
-pub use body::BodySource;
+pub use body::fields::FieldSource;
 pub use body::source::{BodyPrimitive, ChunkSource, ChunkSpan, MemoryChunks, MemoryStruts, MemoryTriangles};
+pub use body::{BodySource, JoinedLattice};
 pub use error::SliceError;
 pub use footing::Footing;
 pub(crate) use inspection::add_layers;
 pub use inspection::{Inspection, ThinWall, dark_top};
+pub use mask_slicer::{MaskSlicer, MaskSources};
 pub use plan::{PlanError, SlicePlan};
 pub use slicer::Slicer;
 pub use volume::{Estimate, Volume};

@@ -51,14 +51,16 @@ impl Slicer {
         budget: &MemoryBudget,
     ) -> Result<Self, SliceError> {
         let body = |source: BodySource| source.pixels(instructions, &plan, threads, budget);
-        let bodies = Bodies::new(bodies, threads, budget, body)?;
+        let file_bytes = bodies::file_bytes(bodies.iter().flat_map(BodySource::files), threads);
+        let bodies = Bodies::new(bodies, file_bytes, threads, budget, body)?;
         Ok(Self { plan, next_layer: first_layer, bodies })
     }
 
     /// Memory that a slicer will charge to its budget, bytes. It is known before a chunk is read.
     pub fn memory_bytes(bodies: &[BodySource], plan: &SlicePlan, threads: usize) -> u64 {
         let each = bodies.iter().map(|body| body.pixels_memory_bytes(plan, threads));
-        each.fold(bodies::file_bytes(bodies, threads), u64::saturating_add)
+        let files = bodies::file_bytes(bodies.iter().flat_map(BodySource::files), threads);
+        each.fold(files, u64::saturating_add)
     }
 
     /// Draws the next layer and returns its number; `None` after the last. Overwrites `bitmap`.
@@ -84,7 +86,7 @@ impl Slicer {
             return Err(SliceError::WrongBitmap);
         }
         self.bodies.advance(z_um)?;
-        self.draw_bands(&Cut { z_um, shift_px }, bitmap);
+        self.draw_bands(&Cut { z_um, shift_px, layer: self.next_layer }, bitmap);
         Ok(())
     }
 

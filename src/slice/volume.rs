@@ -6,8 +6,8 @@
 
 use std::sync::Arc;
 
-use super::{BodySource, SliceError, SlicePlan, Slicer};
-use crate::buildfile::{Blend, BuildFile, Header};
+use super::{BodySource, MaskSlicer, MaskSources, SliceError, SlicePlan, Slicer};
+use crate::buildfile::{BuildFile, Header, Joint};
 use crate::layer::{Bitmap, Depth, Mirror, Raster};
 use crate::stream::MemoryBudget;
 
@@ -44,10 +44,12 @@ pub struct Estimate {
 }
 
 /// The volume of a part.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Volume {
     /// The solid as it prints, mm³.
     pub solid_mm3: Estimate,
+    /// What of it is of each material, mm³; nothing if there are not several.
+    pub materials_mm3: Vec<Estimate>,
     /// The exact union of the same beams and balls, mm³; only if a body is a convolution.
     pub union_mm3: Option<Estimate>,
     /// By how much the convolution exceeds that union, per cent; negative if it is smaller. Both are sampled at the same points, so
@@ -69,14 +71,22 @@ impl Volume {
             let budget = MemoryBudget::new(Slicer::memory_bytes(&bodies, &plan, threads));
             self::areas(bodies, &plan, threads, &budget, || {})
         };
-        let is_union = file.header().lattices().all(|lattice| lattice.blend == Blend::Union);
+        let is_union = file.header().lattices().all(|lattice| lattice.joint == Joint::Union);
         let union = (!is_union).then(|| areas(BodySource::unions_of(file))).transpose()?;
-        let areas = areas(BodySource::of(file))?;
+        let of_materials = match &file.header().materials {
+            Some(materials) if materials.names.len() > 1 => areas_of_materials(file, &plan, threads)?,
+            _ => Vec::new(),
+        };
+        let areas = match of_materials.split_first() {
+            Some((first, others)) => others.iter().fold(first.clone(), |sum, one| added(&sum, one)),
+            None => areas(BodySource::of(file))?,
+        };
         let slab_mm3 = slab_mm3(&plan);
         let times =
             |estimate: Estimate| Estimate { value: estimate.value * slab_mm3, error: estimate.error * slab_mm3 };
         Ok(Self {
             solid_mm3: times(sum(&areas)),
+            materials_mm3: of_materials.iter().map(|areas| times(sum(areas))).collect(),
             union_mm3: union.as_deref().map(|areas| times(sum(areas))),
             excess_percent: union.as_deref().and_then(|union| excess_percent(&areas, union)),
             planes: plan.layer_count,
@@ -150,13 +160,41 @@ fn areas(
     let mut bitmap = Bitmap::new(plan.raster.width_px, plan.raster.height_px, plan.depth);
     let mut areas = Vec::with_capacity(plan.layer_count as usize);
     for plane in 0..plan.layer_count {
-        let [up, right, down] = EVEN.map(|step| (f64::from(plane) * step).fract());
-        let z_um = plan.z0_um + (f64::from(plane) + up) * plan.layer_height_um;
-        slicer.draw_plane(z_um, [right - 0.5, down - 0.5], &mut bitmap)?;
-        areas.push(f64::from(bitmap.data().iter().map(|byte| byte.count_ones()).sum::<u32>()));
+        let (z_um, shift_px) = place(plan, plane);
+        slicer.draw_plane(z_um, shift_px, &mut bitmap)?;
+        areas.push(lit(&bitmap));
         rest();
     }
     Ok(areas)
+}
+
+/// Number of lit pixels of each material in each plane.
+fn areas_of_materials(file: &Arc<BuildFile>, plan: &SlicePlan, threads: usize) -> Result<Vec<Vec<f64>>, SliceError> {
+    let sources = MaskSources::of(file);
+    let budget = MemoryBudget::new(MaskSlicer::memory_bytes(&sources, plan, threads));
+    let mut slicer = MaskSlicer::new(sources, plan.clone(), threads, 0, &budget)?;
+    let mut masks = slicer.dark_masks();
+    let mut areas = vec![Vec::with_capacity(plan.layer_count as usize); masks.len()];
+    for plane in 0..plan.layer_count {
+        let (z_um, shift_px) = place(plan, plane);
+        slicer.draw_plane(z_um, shift_px, &mut masks)?;
+        areas.iter_mut().zip(&masks).for_each(|(areas, mask)| areas.push(lit(mask)));
+    }
+    Ok(areas)
+}
+
+/// The height of a plane, micrometres, and by how much its pixels are shifted.
+fn place(plan: &SlicePlan, plane: u32) -> (f64, [f64; 2]) {
+    let [up, right, down] = EVEN.map(|step| (f64::from(plane) * step).fract());
+    (plan.z0_um + (f64::from(plane) + up) * plan.layer_height_um, [right - 0.5, down - 0.5])
+}
+
+fn lit(bitmap: &Bitmap) -> f64 {
+    f64::from(bitmap.data().iter().map(|byte| byte.count_ones()).sum::<u32>())
+}
+
+fn added(one: &[f64], other: &[f64]) -> Vec<f64> {
+    one.iter().zip(other).map(|(one, other)| one + other).collect()
 }
 
 fn sum(areas: &[f64]) -> Estimate {

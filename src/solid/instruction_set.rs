@@ -2,7 +2,7 @@
 //!
 //! The loops use only `+ − × ÷ √`, fused multiply-add, comparisons and selects, lane by lane in a fixed order. IEEE 754 defines each
 //! result to the last bit, so all instruction sets of a processor give equal bits. Products and sums are fused on all of them if the
-//! processor can fuse, and on none otherwise: emulating it would take longer than everything else. `tests/exact.rs` compares them.
+//! processor can fuse, and on none otherwise: emulating it would take longer than everything else. `tests/exact/` compares them.
 
 /// The instruction set that the kernels run on. All sets of one processor give equal bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

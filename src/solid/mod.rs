@@ -17,6 +17,7 @@ mod block;
 mod convolution;
 mod excess;
 mod instruction_set;
+mod joint;
 mod lowest;
 mod mesh;
 mod pixels;
@@ -28,13 +29,16 @@ mod union;
 mod vector;
 mod weight;
 
-pub(crate) use block::{Block, StrutRecord};
+pub(crate) use block::{Block, StrutRecord, WHOLE_SHARE};
 pub(crate) use convolution::Convolution;
 pub(crate) use excess::UnionExcess;
 pub use instruction_set::InstructionSet;
+pub(crate) use joint::{
+    FieldOfMaterial, Halftone, JoinedShape, JoinedStretch, Joining, MAX_MATERIALS, Rule, SharedUnion,
+};
 pub(crate) use lowest::lowest_z;
 pub(crate) use mesh::{Crossings, Facet, FieldRows, Resolution, SectionPlane, Segment, set_bits};
-pub(crate) use probe::{Cut as ProbeCut, PlaneProbe};
+pub(crate) use probe::{Cut as ProbeCut, PlaneProbe, ProbeRecord};
 pub(crate) use relief::{Dicing, Extent, Lift, PatchCorner, PatchShape, Window};
 pub use relief::{HeightMap, Tile};
 pub use strip::Effort;

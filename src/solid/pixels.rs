@@ -20,10 +20,10 @@ impl Work for PackBits<'_> {
     }
 }
 
-/// Eight pixels as a byte.
+/// Which of eight pixels' fields are at least the isovalue, as a byte.
 #[cfg(target_arch = "x86_64")]
 #[inline(always)]
-fn packed(cells: &[f32; 8]) -> u8 {
+pub(super) fn packed(cells: &[f32; 8]) -> u8 {
     #[allow(unsafe_code, reason = "calls code compiled for SSE; see the proof")]
     // SAFETY: every x86-64 processor has SSE.
     unsafe {
@@ -45,6 +45,34 @@ fn packed_sse(cells: &[f32; 8]) -> u8 {
     REVERSED[usize::from((first | last << 4) as u8)]
 }
 
+/// Which of eight numbers are negative, as a byte; the first is the highest bit.
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+pub(super) fn sign_bits(numbers: &[f32; 8]) -> u8 {
+    #[allow(unsafe_code, reason = "calls code compiled for SSE; see the proof")]
+    // SAFETY: every x86-64 processor has SSE.
+    unsafe {
+        sign_bits_sse(numbers)
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[inline]
+#[target_feature(enable = "sse")]
+fn sign_bits_sse(numbers: &[f32; 8]) -> u8 {
+    use std::arch::x86_64::{_mm_movemask_ps, _mm_setr_ps};
+    let [a, b, c, d, e, f, g, h] = *numbers;
+    let (first, last) = (_mm_movemask_ps(_mm_setr_ps(a, b, c, d)), _mm_movemask_ps(_mm_setr_ps(e, f, g, h)));
+    REVERSED[usize::from((first | last << 4) as u8)]
+}
+
+/// Which of eight numbers are negative, as a byte; the first is the highest bit.
+#[cfg(not(target_arch = "x86_64"))]
+#[inline(always)]
+pub(super) fn sign_bits(numbers: &[f32; 8]) -> u8 {
+    numbers.iter().fold(0, |bits, number| bits << 1 | u8::from(number.is_sign_negative()))
+}
+
 /// Every byte with its bits in reverse order.
 #[cfg(target_arch = "x86_64")]
 const REVERSED: [u8; 256] = {
@@ -57,10 +85,10 @@ const REVERSED: [u8; 256] = {
     reversed
 };
 
-/// Eight pixels as a byte.
+/// Which of eight pixels' fields are at least the isovalue, as a byte.
 #[cfg(not(target_arch = "x86_64"))]
 #[inline(always)]
-fn packed(cells: &[f32; 8]) -> u8 {
+pub(super) fn packed(cells: &[f32; 8]) -> u8 {
     let isovalue = super::ISOVALUE as f32;
     cells.iter().fold(0, |bits, field| bits << 1 | u8::from(*field >= isovalue))
 }

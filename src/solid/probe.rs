@@ -14,14 +14,26 @@ const TILE_ROWS: usize = 64;
 const TILE_COLUMNS: usize = 1024;
 
 /// Probes planes. Unit of length: that of the shape.
-#[derive(Debug)]
 pub(crate) struct PlaneProbe<S: PixelShape> {
     quantum: f64,
     /// The most that a strut reaches from its axis.
     reach: f64,
     pitch: f64,
     strip: Strip<S::Cell>,
+    /// Strips of the members and what makes one of them; none if there is one member.
+    members: Vec<Strip<S::Cell>>,
+    join: Join<S::Cell>,
     bits: [u8; TILE_COLUMNS / 8],
+}
+
+/// Makes cells of one strip of those of several members.
+type Join<Cell> = Box<dyn Fn(&[&[Cell]], &mut [Cell])>;
+
+/// A strut, and the member that it belongs to; 0 if nothing is joined.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ProbeRecord {
+    pub(crate) record: StrutRecord,
+    pub(crate) member: u8,
 }
 
 /// The range of one axis that a strut may reach, and the index of its record.
@@ -35,15 +47,22 @@ struct Span {
 impl<S: PixelShape> PlaneProbe<S> {
     /// A probe of points at distances of `pitch`, for struts that reach so far, and whose quantum has length `quantum`.
     pub(crate) fn new(quantum: f64, reach: f64, pitch: f64) -> Self {
-        let strip = Strip::new(TILE_COLUMNS, TILE_ROWS, 0);
-        Self { quantum, reach, pitch, strip, bits: [0; TILE_COLUMNS / 8] }
+        Self::joined(quantum, reach, pitch, 0, Box::new(|_, _| {}))
+    }
+
+    /// As [`PlaneProbe::new`], of struts of several members, each of which is drawn on its own before they are joined.
+    pub(crate) fn joined(quantum: f64, reach: f64, pitch: f64, members: usize, join: Join<S::Cell>) -> Self {
+        let strip = || Strip::new(TILE_COLUMNS, TILE_ROWS, 0);
+        let members = (0..members).map(|_| strip()).collect();
+        Self { quantum, reach, pitch, strip: strip(), members, join, bits: [0; TILE_COLUMNS / 8] }
     }
 
     /// Whether any point of the plane at height `z` is solid, and left by the cut of this plane. Allocates some 48 bytes for each record
     /// that may reach the plane.
-    pub(crate) fn is_solid(&mut self, records: &[StrutRecord], z: f64, mut cut: Option<&mut Cut>) -> bool {
+    pub(crate) fn is_solid(&mut self, records: &[ProbeRecord], z: f64, mut cut: Option<&mut Cut>) -> bool {
         let height = TILE_ROWS as f64 * self.pitch;
-        let seen = |at: usize| self.seen(&records[at], z, [f64::NEG_INFINITY, f64::INFINITY]).map(|[_, y]| (at, y));
+        let seen =
+            |at: usize| self.seen(&records[at].record, z, [f64::NEG_INFINITY, f64::INFINITY]).map(|[_, y]| (at, y));
         let mut waiting: Vec<Span> =
             (0..records.len()).filter_map(seen).map(|(at, [low, high])| Span { low, high, at }).collect();
         // The last one is the next to be taken.
@@ -70,7 +89,7 @@ impl<S: PixelShape> PlaneProbe<S> {
     /// [`PlaneProbe::is_solid`] within one band of rows.
     fn is_solid_in(
         &mut self,
-        records: &[StrutRecord],
+        records: &[ProbeRecord],
         active: &[Span],
         z: f64,
         band: [f64; 2],
@@ -80,7 +99,7 @@ impl<S: PixelShape> PlaneProbe<S> {
             cut.begin_band(band[0], self.pitch);
         }
         let seen = |span: &Span| {
-            let [[low, high], _] = self.seen(&records[span.at], z, band)?;
+            let [[low, high], _] = self.seen(&records[span.at].record, z, band)?;
             Some(Span { low, high, at: span.at })
         };
         let mut spans: Vec<Span> = active.iter().filter_map(seen).collect();
@@ -110,7 +129,7 @@ impl<S: PixelShape> PlaneProbe<S> {
     /// [`PlaneProbe::is_solid`] within the tile whose corner is given.
     fn is_solid_tile(
         &mut self,
-        records: &[StrutRecord],
+        records: &[ProbeRecord],
         tile: &[Span],
         [x0, y0, z]: [f64; 3],
         cut: Option<&Cut>,
@@ -118,13 +137,26 @@ impl<S: PixelShape> PlaneProbe<S> {
         let instructions = InstructionSet::detect();
         let grid = Grid { x0, dx: self.pitch, y0, dy: self.pitch, width: TILE_COLUMNS, samples: 1 };
         let plane = Plane { grid, z, quantum: self.quantum };
-        self.strip.begin(0, TILE_ROWS);
-        for some in tile.chunks(Block::LEN) {
+        let draw = |spans: &mut dyn Iterator<Item = &Span>, strip: &mut Strip<S::Cell>| {
+            strip.begin(0, TILE_ROWS);
             let mut block = Block::default();
-            some.iter().for_each(|span| {
-                block.push(records[span.at]);
-            });
-            S::draw(instructions, std::iter::once(&block), &plane, &mut self.strip);
+            for span in spans {
+                if !block.push(records[span.at].record) {
+                    S::draw(instructions, std::iter::once(&block), &plane, strip);
+                    block = Block::default();
+                    block.push(records[span.at].record);
+                }
+            }
+            S::draw(instructions, std::iter::once(&block), &plane, strip);
+        };
+        if self.members.is_empty() {
+            draw(&mut tile.iter(), &mut self.strip);
+        } else {
+            for (member, strip) in self.members.iter_mut().enumerate() {
+                draw(&mut tile.iter().filter(|span| usize::from(records[span.at].member) == member), strip);
+            }
+            let members: Vec<&Strip<S::Cell>> = self.members.iter().collect();
+            self.strip.join(&members, &self.join);
         }
         for pixels in self.strip.used_pixels(TILE_COLUMNS) {
             let bytes = pixels.start / 8..pixels.end.div_ceil(8);

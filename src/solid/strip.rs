@@ -4,6 +4,8 @@
 
 use std::ops::Range;
 
+use super::MAX_MATERIALS;
+
 /// Positions of pixel centres: column i at `x0 + i·dx`, row j at `y0 + j·dy`. Pitches are negative if the picture is mirrored.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Grid {
@@ -158,6 +160,32 @@ impl<Cell: Copy + Default> Strip<Cell> {
         (&mut self.cells[row * self.stride + column..], self.stride)
     }
 
+    /// Begins as one of `strips`, and fills each row of cells that any of them has touched with what `join` makes of theirs. All have the same size.
+    pub(crate) fn join<'a>(&mut self, strips: &[&'a Self], mut join: impl FnMut(&[&'a [Cell]], &mut [Cell])) {
+        let Some(first) = strips.first() else { return };
+        // Outside of what is written below, the cells must be those of an empty strip.
+        self.begin(0, first.rows - 2 * self.halo);
+        self.first_row = first.first_row;
+        for strip in strips {
+            self.touched.iter_mut().zip(&strip.touched).for_each(|(touched, other)| *touched |= other);
+        }
+        let mut cells: [&[Cell]; MAX_MATERIALS] = [&[]; MAX_MATERIALS];
+        for columns in runs(&self.touched[APART..], self.stride) {
+            for row in 0..self.rows {
+                let columns = row * self.stride + columns.start..row * self.stride + columns.end;
+                for (cells, strip) in cells.iter_mut().zip(strips) {
+                    *cells = &strip.cells[columns.clone()];
+                }
+                join(&cells[..strips.len()], &mut self.cells[columns]);
+            }
+        }
+    }
+
+    /// The cells of pixels of a row, a whole number of vectors, which may include spare ones. `row` is counted from the first row of the band.
+    pub(crate) fn some_pixels(&self, row: usize, pixels: Range<usize>) -> &[Cell] {
+        &self.pixels(row, pixels.start)[..pixels.len()]
+    }
+
     /// Marks a range of columns as written. The range is not empty.
     #[inline(always)]
     pub(super) fn touch(&mut self, cells: Range<usize>) {
@@ -192,6 +220,17 @@ impl<Cell: Copy + Default> Strip<Cell> {
         let before = 2 * self.halo;
         let pixels = runs(&self.touched[APART..], self.stride);
         pixels.map(move |cells| cells.start.saturating_sub(before).min(width)..cells.end.min(width))
+    }
+
+    /// As [`Strip::used_pixels`], of any of several strips of the same size.
+    pub(crate) fn used_together(strips: &[&Self], width: usize) -> Vec<Range<usize>> {
+        let Some(first) = strips.first() else { return Vec::new() };
+        let flags = &first.touched[APART..];
+        let together = |block: usize| strips.iter().any(|strip| strip.touched[APART + block]);
+        let touched: Vec<bool> = (0..flags.len()).map(together).collect();
+        let before = 2 * first.halo;
+        let pixels = runs(&touched, first.stride);
+        pixels.map(|cells| cells.start.saturating_sub(before).min(width)..cells.end.min(width)).collect()
     }
 
     /// The cells of a row from a pixel on, including the spare ones. `row` is counted from the first row of the band.

@@ -4,7 +4,7 @@
 //! sampled at the centres of 8 × 8 sub-pixels with eight such lines; sub-pixels inside several bodies count once. The quadratics are
 //! those of a cone, `|v − t u|² = (r + m t)²`, and of a sphere, with the line inserted.
 //!
-//! `slice/body/lattice` draws with it if the blend is a union.
+//! `slice/body/lattice` draws with it if the joint is a union.
 
 use super::block::StrutRecord;
 use super::{Block, Cap, Grid, InstructionSet, PixelShape, Plane, Shape, Strip};
@@ -72,13 +72,18 @@ impl PixelShape for Union {
 
     fn merge_coverage(_: InstructionSet, strip: &Strip<u64>, row: usize, first_pixel: usize, out: &mut [u8]) {
         for (grey, cell) in out.iter_mut().zip(strip.pixels(row, first_pixel)) {
-            *grey = (*grey).max(((cell.count_ones() * 255 + 32) / 64) as u8);
+            *grey = (*grey).max(coverage(*cell));
         }
     }
 }
 
+/// The grey value of a pixel with these of its 64 sub-pixels.
+pub(super) fn coverage(sub_pixels: u64) -> u8 {
+    ((sub_pixels.count_ones() * 255 + 32) / 64) as u8
+}
+
 /// Position of sample `index` of `samples` in a pixel, in pixels from its centre.
-fn sub_offset(index: u32, samples: u32) -> f64 {
+pub(super) fn sub_offset(index: u32, samples: u32) -> f64 {
     (f64::from(index) + 0.5) / f64::from(samples) - 0.5
 }
 
@@ -121,7 +126,7 @@ impl UnionStrut {
     }
 
     /// Intervals of x, measured from `a`, in which the line at (y, z), also from `a`, lies in the cone, the cap at `a` and the cap at `b`.
-    fn cut(&self, y: f64, z: f64) -> [Interval; 3] {
+    pub(super) fn cut(&self, y: f64, z: f64) -> [Interval; 3] {
         if self.length == 0.0 {
             return [ball(y, z, self.radius[0]), EMPTY, EMPTY];
         }
@@ -182,35 +187,39 @@ impl UnionStrut {
     }
 
     /// Sets the sub-pixels of one sub-row whose centres lie in the interval.
-    fn fill(&self, [from, to]: Interval, grid: &Grid, sub_row: u32, strip: &mut Strip<u64>, row: usize) {
-        if from > to {
-            return;
+    fn fill(&self, interval: Interval, grid: &Grid, sub_row: u32, strip: &mut Strip<u64>, row: usize) {
+        let Some([first, last]) = self.samples(interval, grid) else { return };
+        let pixels = first / grid.samples as usize..last / grid.samples as usize + 1;
+        for (cell, pixel) in strip.row_mut(row)[pixels.clone()].iter_mut().zip(pixels.clone()) {
+            *cell |= sub_pixels(pixel, [first, last], grid.samples as usize) << (sub_row * 8);
         }
-        // In samples, counted from the first of column 0.
+        strip.touch(pixels);
+    }
+
+    /// The first and the last sample of a row whose centres lie in the interval, counted from the first sample of column 0; `None` if there are none.
+    pub(super) fn samples(&self, [from, to]: Interval, grid: &Grid) -> Option<[usize; 2]> {
+        if from > to {
+            return None;
+        }
         let samples = f64::from(grid.samples);
         let sample = |x: f64| ((x + self.a[0] - grid.x0) / grid.dx + 0.5) * samples - 0.5;
         let (one, two) = (sample(from), sample(to));
         let last_sample = (grid.width * grid.samples as usize) as f64 - 1.0;
         let (first, last) = (one.min(two).max(0.0).ceil(), one.max(two).min(last_sample).floor());
-        if first > last {
-            return;
-        }
-        let (first, last, samples) = (first as usize, last as usize, grid.samples as usize);
-        let (first_pixel, last_pixel) = (first / samples, last / samples);
-        let full = (1_u64 << samples) - 1;
-        let shift = sub_row as usize * 8;
-        for (pixel, cell) in strip.row_mut(row)[first_pixel..=last_pixel].iter_mut().enumerate() {
-            let mut bits = full;
-            if pixel == 0 {
-                bits &= full << (first % samples);
-            }
-            if pixel == last_pixel - first_pixel {
-                bits &= full >> (samples - 1 - last % samples);
-            }
-            *cell |= bits << shift;
-        }
-        strip.touch(first_pixel..last_pixel + 1);
+        (first <= last).then_some([first as usize, last as usize])
     }
+}
+
+/// The samples of a pixel from `first` to `last`, counted from the first sample of column 0, as bits.
+pub(super) fn sub_pixels(pixel: usize, [first, last]: [usize; 2], samples: usize) -> u64 {
+    let mut bits = (1_u64 << samples) - 1;
+    if pixel == first / samples {
+        bits &= bits << (first % samples);
+    }
+    if pixel == last / samples {
+        bits &= ((1 << samples) - 1) >> (samples - 1 - last % samples);
+    }
+    bits
 }
 
 /// The two roots of `second·x² + 2·half_first·x + zeroth` in ascending order. One root is computed without subtracting nearly equal

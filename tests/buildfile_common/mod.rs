@@ -4,18 +4,19 @@
 use std::path::Path;
 
 use layerd::buildfile::{
-    Blend, BodySettings, BuildFile, BuildFileError, Cap, Caps, GenerateOptions, Header, Height, Kind, Lattice,
-    Placement, Strut, Writer, WriterSettings, generate,
+    BodySettings, BuildFile, BuildFileError, Cap, Caps, GenerateOptions, Header, Height, Joint, Kind, Lattice,
+    Placement, Shares, Strut, Writer, WriterSettings, generate,
 };
 use proptest::prelude::*;
 
-pub fn settings(blend: Blend) -> WriterSettings {
+pub fn settings(joint: Joint) -> WriterSettings {
     WriterSettings {
+        materials: None,
         quantum_um: 1.0,
         placement: Placement::At { x_mm: 3.0, y_mm: 4.5 },
         source_digest: [7; 32],
         source_name: "test".into(),
-        bodies: vec![BodySettings::Lattice { blend, largest_radius: 3000 }],
+        bodies: vec![BodySettings::Lattice { joint, largest_radius: 3000 }],
     }
 }
 
@@ -25,7 +26,7 @@ pub fn only(header: &Header) -> &Lattice {
 }
 
 pub fn write(path: &Path, struts: &[Strut]) -> Header {
-    let mut writer = Writer::create(path, settings(Blend::Union)).expect("can be created");
+    let mut writer = Writer::create(path, settings(Joint::Union)).expect("can be created");
     struts.iter().for_each(|strut| writer.push(*strut).expect("is in order"));
     writer.finish().expect("can be finished")
 }
@@ -56,7 +57,7 @@ pub fn any_strut() -> impl Strategy<Value = Strut> {
         |(p, q, radius_a, radius_b, cap_a, cap_b)| {
             let (a, b) = if key(p) <= key(q) { (p, q) } else { (q, p) };
             let radius_b = if a == b { radius_a } else { radius_b };
-            Strut { a, b, radius_a, radius_b, caps: Caps { a: cap_a, b: cap_b } }
+            Strut { a, b, radius_a, radius_b, caps: Caps { a: cap_a, b: cap_b }, shares: Shares::default() }
         },
     )
 }

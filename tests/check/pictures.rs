@@ -27,7 +27,7 @@ fn check_measures_the_bytes_that_a_print_sends() {
         text += &format!("{x} {y} 0 {x} {y} 0.5 0.02\n");
     }
     fs::write(dir.path().join("part.txt"), text).expect("written");
-    let packed = layerctl(dir.path(), &["pack", "part.txt", "--blend", "union", "-o", "part.layerd"]);
+    let packed = layerctl(dir.path(), &["pack", "part.txt", "--joint", "union", "-o", "part.layerd"]);
     assert!(packed.status.success(), "{}", stderr(&packed));
     assert!(slice(dir.path(), &["-o", "layers"]).status.success());
 

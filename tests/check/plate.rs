@@ -12,11 +12,11 @@ use crate::{bench, check, json, stderr};
 fn a_convolution_stands_on_its_lowest_solid_point() {
     let dir = bench("", &[]);
     fs::write(dir.path().join("part.txt"), "1 0.9\n2 2 0 2 2 6\n").expect("written");
-    for blend in ["convolution", "union"] {
-        assert!(layerctl(dir.path(), &["pack", "part.txt", "--blend", blend, "-o", "part.layerd"]).status.success());
+    for joint in ["convolution", "union"] {
+        assert!(layerctl(dir.path(), &["pack", "part.txt", "--joint", joint, "-o", "part.layerd"]).status.success());
         let checked = check(dir.path(), &["--json"]);
-        assert!(checked.status.success(), "{blend}: {}", stderr(&checked));
-        assert_eq!(json(&checked)["dark_bottom_layers"], 0, "{blend}");
+        assert!(checked.status.success(), "{joint}: {}", stderr(&checked));
+        assert_eq!(json(&checked)["dark_bottom_layers"], 0, "{joint}");
     }
 }
 
@@ -25,7 +25,7 @@ fn thin_struts_and_a_recipe_without_a_lift_are_warned_of() {
     let dir = bench("", &[]);
     // 40 µm thick, less than a pixel of 60 µm and a layer of 100 µm.
     fs::write(dir.path().join("part.txt"), "2 0.4\n0 0 0 0 0 2\n0 0 1.9 3 0 1.9 0.02\n").expect("written");
-    assert!(layerctl(dir.path(), &["pack", "part.txt", "--blend", "union", "-o", "part.layerd"]).status.success());
+    assert!(layerctl(dir.path(), &["pack", "part.txt", "--joint", "union", "-o", "part.layerd"]).status.success());
     let recipe = fs::read_to_string(dir.path().join("recipe.toml")).expect("a recipe");
     fs::write(dir.path().join("recipe.toml"), recipe.replace("lift_height_um = 3000", "lift_height_um = 0"))
         .expect("flat");
@@ -54,7 +54,7 @@ const ON_A_SPIKE: &str = "2 0.001\n0 0 0 0 0 2\n0 0 2 0 0 2.1 0.5\n";
 fn a_part_that_begins_dark_is_refused() {
     let dir = bench("", &[]);
     fs::write(dir.path().join("part.txt"), ON_A_SPIKE).expect("written");
-    assert!(layerctl(dir.path(), &["pack", "part.txt", "--blend", "union", "-o", "part.layerd"]).status.success());
+    assert!(layerctl(dir.path(), &["pack", "part.txt", "--joint", "union", "-o", "part.layerd"]).status.success());
     let refused = check(dir.path(), &["--json"]);
     let found = json(&refused);
     assert_eq!((refused.status.code(), &found["fits"]), (Some(1), &Value::from(false)), "{found}");
@@ -77,7 +77,7 @@ fn a_part_that_begins_dark_is_refused() {
 fn the_daemon_prints_onto_nothing_neither_when_asked_nor_when_the_jobs_turn_comes() {
     let bench = Bench::start(Setup { time_scale: 100, ..Setup::default() });
     fs::write(bench.path("spike.txt"), ON_A_SPIKE).expect("written");
-    bench.ok(&["pack", "spike.txt", "--blend", "union", "-o", "spike.layerd"]);
+    bench.ok(&["pack", "spike.txt", "--joint", "union", "-o", "spike.layerd"]);
     let refused = bench.layerctl(&["start", "spike.layerd"]);
     assert_eq!(refused.status.code(), Some(1));
     assert!(stderr(&refused).contains("the lowest 15 layers are dark"), "{}", stderr(&refused));

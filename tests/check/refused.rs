@@ -95,7 +95,7 @@ fn a_turn_is_proposed_only_where_the_part_then_fits() {
         let pack = |rotate: &str| {
             let output = layerctl(
                 dir.path(),
-                &["pack", "axes.txt", "--blend", "union", "--rotate", rotate, "-o", "axes.layerd"],
+                &["pack", "axes.txt", "--joint", "union", "--rotate", rotate, "-o", "axes.layerd"],
             );
             assert!(output.status.success(), "{}", stderr(&output));
             layerctl(dir.path(), &["check", "axes.layerd", "-m", "sim-dlp"])
@@ -112,4 +112,23 @@ fn a_turn_is_proposed_only_where_the_part_then_fits() {
             None => assert!(told.contains("--scale") && !told.contains("--rotate"), "{size:?}: {told}"),
         }
     }
+}
+
+#[test]
+fn a_part_of_several_materials_is_refused_by_a_machine_that_prints_one() {
+    let dir = bench("", &[]);
+    let part = "2 0.5 0 0\n0 0 0 2 2 4 0.5 soft\n2 2 4 4 0 8 0.5 rigid\n";
+    fs::write(dir.path().join("two.txt"), part).expect("written");
+    assert!(layerctl(dir.path(), &["pack", "two.txt", "-o", "part.layerd"]).status.success());
+    let output = check(dir.path(), &["--json"]);
+    let problem = json(&output)["problems"][0].as_str().expect("a problem").to_owned();
+    assert_eq!(output.status.code(), Some(1));
+    assert!(
+        problem.contains("2 materials (rigid, soft)") && problem.contains("--materials 'rigid=rigid,soft=rigid'"),
+        "{problem}"
+    );
+    let together = ["pack", "two.txt", "--materials", "rigid=rigid,soft=rigid", "-o", "part.layerd"];
+    assert!(layerctl(dir.path(), &together).status.success());
+    let fits = check(dir.path(), &["--json"]);
+    assert!(fits.status.success(), "{}", stderr(&fits));
 }

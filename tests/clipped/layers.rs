@@ -1,7 +1,7 @@
 //! Pixels of clipped lattices.
 
 use glam::DVec3;
-use layerd::buildfile::{Blend, Keeps};
+use layerd::buildfile::{Joint, Keeps};
 use layerd::layer::{Depth, Mirror};
 use layerd::slice::BodySource;
 use proptest::prelude::*;
@@ -33,8 +33,8 @@ fn any_keeps() -> impl Strategy<Value = Keeps> {
     prop_oneof![Just(Keeps::Inside), Just(Keeps::Outside)]
 }
 
-pub(crate) fn any_blend() -> impl Strategy<Value = Blend> {
-    prop_oneof![2 => Just(Blend::Union), 1 => Just(Blend::Convolution { support_um: 180.0 })]
+pub(crate) fn any_joint() -> impl Strategy<Value = Joint> {
+    prop_oneof![2 => Just(Joint::Union), 1 => Just(Joint::Convolution { support_um: 180.0 })]
 }
 
 proptest! {
@@ -42,10 +42,10 @@ proptest! {
 
     #[test]
     fn each_pixel_is_lit_where_the_lattice_is_and_the_clip_leaves_it(
-        struts in prop::collection::vec(any_strut(), 1..12), mesh in any_mesh(), keeps in any_keeps(), blend in any_blend(),
+        struts in prop::collection::vec(any_strut(), 1..12), mesh in any_mesh(), keeps in any_keeps(), joint in any_joint(),
         grey in any::<bool>(), x in any::<bool>(), y in any::<bool>(), start in 0..8_u32,
     ) {
-        let clipped = Clipped::new(&struts, blend, keeps, &mesh);
+        let clipped = Clipped::new(&struts, joint, keeps, &mesh);
         let Some(packed) = clipped.packed() else { return Ok(()) };
         let plan = packed.plan(if grey { Depth::Grey } else { Depth::Bit }, Mirror { x, y }, 30.0);
         let layers = packed.layers(&plan, 1, 0);
@@ -70,11 +70,11 @@ proptest! {
 fn other_bodies_are_printed_whole_beside_a_clipped_lattice() {
     let struts = [crate::slice_part::strut([0, 0, 0], [1600, 0, 0], 100, 100)];
     let mesh = cuboid([500.0, -500.0, -500.0], [900.0, 500.0, 500.0]);
-    let clipped = Clipped::new(&struts, Blend::Union, Keeps::Inside, &mesh);
+    let clipped = Clipped::new(&struts, Joint::Union, Keeps::Inside, &mesh);
     let packed = clipped.packed().expect("something is left");
     let plan = packed.plan(Depth::Grey, Mirror::default(), 20.0);
     let solid =
-        || Clipped::new(&struts, Blend::Union, Keeps::Inside, &cuboid([350.0, -60.0, -90.0], [700.0, 90.0, 90.0]));
+        || Clipped::new(&struts, Joint::Union, Keeps::Inside, &cuboid([350.0, -60.0, -90.0], [700.0, 90.0, 90.0]));
     let of_solid = || solid().alone().into_iter().nth(1).unwrap_or_default();
     let both = || BodySource::of(&packed.file).into_iter().chain(of_solid()).collect();
     let layers = [sliced(|| BodySource::of(&packed.file), &plan, 1, 0), sliced(of_solid, &plan, 1, 0)];

@@ -21,8 +21,8 @@ use std::sync::Arc;
 
 use glam::DVec3;
 use layerd::buildfile::{
-    Blend, BodySettings, BuildFile, Caps, Header, Keeps, Lattice, Placement, Strut, Surface, Triangle, WriteError,
-    Writer, WriterSettings,
+    BodySettings, BuildFile, Caps, Header, Joint, Keeps, Lattice, Placement, Shares, Strut, Surface, Triangle,
+    WriteError, Writer, WriterSettings,
 };
 use layerd::layer::{Bitmap, Depth, Mirror, Raster};
 use layerd::slice::{BodySource, MemoryStruts, MemoryTriangles, SlicePlan};
@@ -34,26 +34,33 @@ const PIXEL_UM: [f64; 2] = [20.0, 24.0];
 /// A lattice, and what clips it.
 struct Clipped {
     struts: Vec<Strut>,
-    blend: Blend,
+    joint: Joint,
     keeps: Keeps,
     triangles: Vec<Triangle>,
 }
 
 impl Clipped {
-    fn new(struts: &[Strut], blend: Blend, keeps: Keeps, mesh: &Mesh) -> Self {
+    fn new(struts: &[Strut], joint: Joint, keeps: Keeps, mesh: &Mesh) -> Self {
         let upwards = |strut: &Strut| {
-            let Strut { a, b, radius_a, radius_b, caps } = *strut;
+            let Strut { a, b, radius_a, radius_b, caps, .. } = *strut;
             let key = |[x, y, z]: [i32; 3]| [z, y, x];
             if key(a) <= key(b) {
                 return *strut;
             }
-            Strut { a: b, b: a, radius_a: radius_b, radius_b: radius_a, caps: Caps { a: caps.b, b: caps.a } }
+            Strut {
+                a: b,
+                b: a,
+                radius_a: radius_b,
+                radius_b: radius_a,
+                caps: Caps { a: caps.b, b: caps.a },
+                shares: Shares::default(),
+            }
         };
         let mut struts: Vec<_> = struts.iter().map(upwards).collect();
         struts.sort_by_key(|strut| [strut.a, strut.b].map(|[x, y, z]| [z, y, x]));
         let mut triangles: Vec<_> = mesh.triangles().collect();
         triangles.sort_by_key(|triangle| triangle.corners.map(|[x, y, z]| [z, y, x]));
-        Self { struts, blend, keeps, triangles }
+        Self { struts, joint, keeps, triangles }
     }
 
     /// Writes it, at a quantum of 1 µm.
@@ -61,12 +68,13 @@ impl Clipped {
         let radii = self.struts.iter().flat_map(|strut| [strut.radius_a, strut.radius_b]);
         let largest_radius = radii.max().expect("struts");
         let settings = WriterSettings {
+            materials: None,
             quantum_um: 1.0,
             placement: Placement::Centred,
             source_digest: [0; 32],
             source_name: "test".into(),
             bodies: vec![
-                BodySettings::Lattice { blend: self.blend, largest_radius },
+                BodySettings::Lattice { joint: self.joint, largest_radius },
                 BodySettings::Clip { keeps: self.keeps },
             ],
         };
@@ -97,7 +105,7 @@ impl Clipped {
 
     /// The lattice and the surface, each alone.
     fn alone(&self) -> [Vec<BodySource>; 2] {
-        let lattice: Lattice = slice_part::lattice(&slice_part::header(&self.struts, self.blend));
+        let lattice: Lattice = slice_part::lattice(&slice_part::header(&self.struts, self.joint));
         let surface = Surface::of(&self.triangles);
         [
             vec![BodySource::Lattice(Box::new(MemoryStruts::new(1.0, lattice, self.struts.clone(), 5)))],

@@ -1,6 +1,6 @@
 //! Clipped lattices as regions, for lasers.
 
-use layerd::buildfile::{Blend, Keeps};
+use layerd::buildfile::{Joint, Keeps};
 use layerd::layer::{Depth, Mirror};
 use layerd::slice::BodySource;
 use layerd::slice::scan::Contours;
@@ -28,7 +28,7 @@ fn the_border_of_a_clipped_strut_lies_on_strut_and_clip() {
     let (centre, radius_um) = ([700.0, 600.0, 500.0], 500.0);
     let lying = [strut([0, 650, 520], [1500, 650, 520], 250, 250)];
     for keeps in [Keeps::Inside, Keeps::Outside] {
-        let packed = Clipped::new(&lying, Blend::Union, keeps, &ball(centre, radius_um, 5)).packed().expect("some");
+        let packed = Clipped::new(&lying, Joint::Union, keeps, &ball(centre, radius_um, 5)).packed().expect("some");
         let plan = packed.plan(Depth::Bit, Mirror::default(), 60.0);
         let corner_um = [0, 1].map(|axis| plan.origin_um[axis] - plan.raster.pixel_um[axis] / 2.0);
         let layers = rings(&packed, 1);

@@ -1,6 +1,6 @@
 //! Clips in build files that do not make sense, and what damage does to them.
 
-use layerd::buildfile::{Blend, BodySettings, Keeps, Placement, WriteError, Writer, WriterSettings};
+use layerd::buildfile::{BodySettings, Joint, Keeps, Placement, WriteError, Writer, WriterSettings};
 use layerd::layer::{Depth, Mirror};
 
 use crate::Clipped;
@@ -10,7 +10,7 @@ use crate::slice_part::{drawn, strut};
 #[test]
 fn damage_never_crashes_and_lies_are_refused() {
     let struts = [strut([0, 0, 0], [900, 0, 400], 100, 60)];
-    let whole = Clipped::new(&struts, Blend::Union, Keeps::Inside, &ball([400.0, 0.0, 200.0], 300.0, 2)).packed();
+    let whole = Clipped::new(&struts, Joint::Union, Keeps::Inside, &ball([400.0, 0.0, 200.0], 300.0, 2)).packed();
     let whole = whole.expect("something is left");
     let bytes = std::fs::read(whole.file.path()).expect("it is there");
     let path = whole.file.path().with_file_name("damaged.layerd");
@@ -47,10 +47,11 @@ fn damage_never_crashes_and_lies_are_refused() {
 #[test]
 fn a_clip_follows_a_lattice() {
     let directory = tempfile::tempdir().expect("temporary directory");
-    let lattice = || BodySettings::Lattice { blend: Blend::Union, largest_radius: 9 };
+    let lattice = || BodySettings::Lattice { joint: Joint::Union, largest_radius: 9 };
     let clip = || BodySettings::Clip { keeps: Keeps::Inside };
     for bodies in [vec![clip()], vec![BodySettings::Surface, clip()], vec![lattice(), clip(), clip()]] {
         let settings = WriterSettings {
+            materials: None,
             quantum_um: 1.0,
             placement: Placement::Centred,
             source_digest: [0; 32],

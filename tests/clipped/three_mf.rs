@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::sync::Arc;
 
 use glam::{DAffine3, DMat3, DVec3};
-use layerd::buildfile::{Blend, BlendChoice, BodyHeader, BuildFile, Keeps, PackError, PackReport, Strut};
+use layerd::buildfile::{BodyHeader, BuildFile, Joint, JointChoice, Keeps, PackError, PackReport, Strut};
 use layerd::layer::{Bitmap, Depth, Mirror};
 use proptest::prelude::*;
 
@@ -67,7 +67,7 @@ fn placed(keeps: Keeps, mesh: &Mesh, place: &DAffine3) -> Clipped {
     if place.matrix3.determinant() < 0.0 {
         mesh = mesh.reversed();
     }
-    Clipped::new(&struts, Blend::Union, keeps, &mesh)
+    Clipped::new(&struts, Joint::Union, keeps, &mesh)
 }
 
 fn packed(bench: &Bench, text: &str) -> Result<(Packed, PackReport), PackError> {
@@ -161,9 +161,9 @@ proptest! {
 
 #[test]
 fn lattices_that_the_same_mesh_clips_share_bodies() {
-    for blend in [None, Some(BlendChoice::Convolution { support_mm: Some(0.5) })] {
+    for joint in [None, Some(JointChoice::Convolution { support_mm: Some(0.5) })] {
         let mut bench = Bench::new();
-        bench.options.blend = blend;
+        bench.options.joint = joint;
         let lattice = format!(r#"<b:beamlattice radius="0.3" minlength="0" {}>{BEAMS}"#, attributes(Keeps::Inside));
         let object = |number: u32| {
             format!(
@@ -317,10 +317,10 @@ fn too_many_lattices_within_one_another_are_counted() {
     );
     let (apart, _) = packed(&bench, &build(10.0)).unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(apart.header().bodies.len(), 2);
-    bench.options.blend = Some(BlendChoice::Convolution { support_mm: None });
+    bench.options.joint = Some(JointChoice::Convolution { support_mm: None });
     let found = said(bench.model(&build(10.0)));
     assert!(
-        found.contains("8 lattices are clipped by meshes of their own") && found.contains("--blend union"),
+        found.contains("8 lattices are clipped by meshes of their own") && found.contains("--joint union"),
         "{found}"
     );
 }

@@ -1,6 +1,6 @@
 //! Random small lattices: topology, orientation, no crossings, the tolerance, and all that must not change a region.
 
-use layerd::buildfile::{Blend, Cap, Strut};
+use layerd::buildfile::{Cap, Joint, Strut};
 use layerd::layer::{Depth, Mirror, Raster};
 use layerd::solid::InstructionSet;
 use layerd::solid::reference::beam_field;
@@ -17,8 +17,8 @@ const SUPPORT_UM: f64 = 150.0;
 const PIXEL_UM: [f64; 2] = [19.973, 24.031];
 
 fn part(struts: &[Strut], union: bool, mirror: Mirror) -> Part {
-    let blend = if union { Blend::Union } else { Blend::Convolution { support_um: SUPPORT_UM } };
-    Part::on(Raster { pixel_um: PIXEL_UM, ..raster(mirror) }, struts, blend, Depth::Bit, 61.7)
+    let joint = if union { Joint::Union } else { Joint::Convolution { support_um: SUPPORT_UM } };
+    Part::on(Raster { pixel_um: PIXEL_UM, ..raster(mirror) }, struts, joint, Depth::Bit, 61.7)
 }
 
 /// By how far a point lies within a strut, micrometres, as `solid/excess.rs` defines it.

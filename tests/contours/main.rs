@@ -13,7 +13,7 @@ mod spot;
 mod topology;
 
 use layerd::slice::scan::{Contours, LayerRegions, Region};
-use layerd::slice::{BodySource, SlicePlan};
+use layerd::slice::{BodySource, FieldSource, SlicePlan};
 use layerd::solid::InstructionSet;
 use layerd::stream::MemoryBudget;
 
@@ -38,9 +38,10 @@ impl Way {
 /// The regions of all layers.
 fn layers(bodies: impl Fn() -> Vec<BodySource>, plan: &SlicePlan, way: Way) -> Vec<Vec<Region>> {
     let Way { tolerance_um, threads, first, instructions } = way;
+    let sources = || bodies().into_iter().map(FieldSource::Whole).collect();
     let budget = MemoryBudget::new(BUDGET_BYTES);
     let mut contours =
-        Contours::with_instructions(instructions, bodies(), plan.clone(), tolerance_um, threads, first, &budget)
+        Contours::with_instructions(instructions, sources(), plan.clone(), tolerance_um, threads, first, &budget)
             .expect("contours");
     assert_eq!(budget.used_bytes(), Contours::memory_bytes(&bodies(), plan, threads), "what was stated is charged");
     let mut layers = Vec::new();

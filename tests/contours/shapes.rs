@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use layerd::buildfile::{Blend, Cap, Caps, Strut};
+use layerd::buildfile::{Cap, Caps, Joint, Strut};
 use layerd::layer::{Depth, Mirror, Raster};
 use layerd::slice::scan::{Contours, Region};
 use layerd::slice::{BodySource, SliceError, SlicePlan};
@@ -13,9 +13,9 @@ use crate::slice_part::{Part, body, header, lattice, raster, strut};
 use crate::{Way, layers};
 
 /// The only region of a layer in the middle of a part.
-fn middle(struts: &[Strut], blend: Blend, pixel_um: f64, tolerance_um: f64) -> Vec<Region> {
+fn middle(struts: &[Strut], joint: Joint, pixel_um: f64, tolerance_um: f64) -> Vec<Region> {
     let raster = Raster { pixel_um: [pixel_um; 2], width_px: 400, height_px: 400, ..raster(Mirror::default()) };
-    let part = Part::on(raster, struts, blend, Depth::Bit, 50.0);
+    let part = Part::on(raster, struts, joint, Depth::Bit, 50.0);
     let all = layers(|| part.bodies(), &part.plan, Way::with_tolerance(tolerance_um));
     all[all.len() / 2].clone()
 }
@@ -29,18 +29,18 @@ fn only(regions: &[Region]) -> &Region {
 #[test]
 fn a_disc_has_the_area_of_its_radius() {
     for radius_um in [80, 150, 400, 1500] {
-        for blend in [Blend::Union, Blend::Convolution { support_um: 1.5 * f64::from(radius_um) }] {
+        for joint in [Joint::Union, Joint::Convolution { support_um: 1.5 * f64::from(radius_um) }] {
             let post = [strut([11, 5, 0], [11, 5, 6 * radius_um], radius_um as u32, radius_um as u32)];
             let area_um2 = PI * f64::from(radius_um).powi(2);
             let mut counts = Vec::new();
             for tolerance_um in [0.0, 2.0, 5.0] {
-                let regions = middle(&post, blend, 30.0, tolerance_um);
+                let regions = middle(&post, joint, 30.0, tolerance_um);
                 let disc = only(&regions);
                 let share = disc.area_um2() / area_um2 - 1.0;
                 // A chord of a pixel's length lies 30²/12r µm inside the arc in the mean, and linear interpolation of a curved field is
                 // about as far off.
                 let bound = 0.002 + 3.0 * 900.0 / 12.0 / f64::from(radius_um).powi(2);
-                assert!(share.abs() < bound, "{radius_um} µm {blend:?} {tolerance_um} µm: {share}");
+                assert!(share.abs() < bound, "{radius_um} µm {joint:?} {tolerance_um} µm: {share}");
                 counts.push(disc.outer.len());
             }
             assert!(counts[2] * 2 < counts[0] && counts[2] <= counts[1], "{counts:?}");
@@ -61,7 +61,7 @@ fn a_torus_is_a_ring_with_a_hole_or_two_discs() {
         let struts: Vec<_> =
             (0..180).map(|number| strut(at(number, upright), at(number + 1, upright), 200, 200)).collect();
         for tolerance_um in [0.0, 5.0] {
-            let regions = middle(&struts, Blend::Union, 20.0, tolerance_um);
+            let regions = middle(&struts, Joint::Union, 20.0, tolerance_um);
             if upright {
                 // The layer's middle may lie half a layer from the torus's: the discs are wider by a thousandth.
                 assert_eq!(regions.iter().map(|region| region.holes.len()).collect::<Vec<_>>(), [0, 0]);
@@ -102,7 +102,7 @@ fn islands_in_holes_are_regions_of_their_own() {
         [Mirror::default(), Mirror { x: true, y: false }, Mirror { x: false, y: true }, Mirror { x: true, y: true }]
     {
         let raster = Raster { pixel_um: [20.0; 2], height_px: 100, ..raster(mirror) };
-        let part = Part::on(raster, &struts, Blend::Union, Depth::Bit, 120.0);
+        let part = Part::on(raster, &struts, Joint::Union, Depth::Bit, 120.0);
         let all = layers(|| part.bodies(), &part.plan, Way::with_tolerance(5.0));
         let [regions] = &all[..] else { panic!("{} layers", all.len()) };
         let mut holes: Vec<_> = regions.iter().map(|region| (region.outer.len() > 2, region.holes.len())).collect();
@@ -123,8 +123,8 @@ fn islands_in_holes_are_regions_of_their_own() {
 fn the_edge_of_the_picture_closes_rings() {
     let struts = [strut([0, 0, 0], [1000, 0, 0], 100, 100)];
     let giant = [strut([0; 3], [0; 3], 1 << 20, 1 << 20)];
-    let part = Part::new(&struts, Blend::Union, Depth::Bit, Mirror::default(), 50.0);
-    let large = lattice(&header(&giant, Blend::Union));
+    let part = Part::new(&struts, Joint::Union, Depth::Bit, Mirror::default(), 50.0);
+    let large = lattice(&header(&giant, Joint::Union));
     for tolerance_um in [0.0, 5.0] {
         let all = layers(|| body(large.clone(), &giant, 5), &part.plan, Way::with_tolerance(tolerance_um));
         for regions in &all {
@@ -147,9 +147,9 @@ fn many_bands_give_the_regions_of_one() {
         .map(|number| strut([number * 2500, 0, 0], [number * 2500 + 900 - number * 18, 2000, 40], 100, 130))
         .collect();
     let of = |width_px: u32, union: bool| {
-        let blend = if union { Blend::Union } else { Blend::Convolution { support_um: 200.0 } };
+        let joint = if union { Joint::Union } else { Joint::Convolution { support_um: 200.0 } };
         let raster = Raster { width_px, height_px: 120, pixel_um: [20.0; 2], ..raster(Mirror::default()) };
-        let part = Part::on(raster, &struts, blend, Depth::Bit, 120.0);
+        let part = Part::on(raster, &struts, joint, Depth::Bit, 120.0);
         (layers(|| part.bodies(), &part.plan, Way { threads: 2, ..Way::with_tolerance(5.0) }), part)
     };
     for union in [false, true] {
@@ -164,18 +164,18 @@ fn many_bands_give_the_regions_of_one() {
     }
 }
 
-/// Regions of two bodies of different blends are those of their union.
+/// Regions of two bodies of different joints are those of their union.
 #[test]
 fn bodies_are_united() {
     let post = [strut([0, 0, 0], [0, 0, 2000], 300, 300)];
     let bar = [strut([-500, 0, 1000], [900, 0, 1000], 150, 150)];
     let all = [&post[..], &bar].concat();
     let raster = Raster { pixel_um: [20.0; 2], ..raster(Mirror::default()) };
-    let plan = SlicePlan::new(&header(&all, Blend::Union), raster, Depth::Bit, 100.0).expect("it fits");
-    let convolution = Blend::Convolution { support_um: 450.0 };
+    let plan = SlicePlan::new(&header(&all, Joint::Union), raster, Depth::Bit, 100.0).expect("it fits");
+    let convolution = Joint::Convolution { support_um: 450.0 };
     let bodies = || -> Vec<BodySource> {
         let one = body(lattice(&header(&post, convolution)), &post, 5);
-        let other = body(lattice(&header(&bar, Blend::Union)), &bar, 5);
+        let other = body(lattice(&header(&bar, Joint::Union)), &bar, 5);
         one.into_iter().chain(other).collect()
     };
     let layers = layers(bodies, &plan, Way::with_tolerance(5.0));
@@ -197,7 +197,7 @@ fn area(regions: &[Region]) -> f64 {
 fn a_flat_end_is_where_it_is() {
     let caps = Caps { a: Cap::Butt, b: Cap::Butt };
     let flat = [Strut { caps, ..strut([0, 0, 0], [1500, 0, 0], 300, 300) }];
-    let regions = middle(&flat, Blend::Union, 20.0, 5.0);
+    let regions = middle(&flat, Joint::Union, 20.0, 5.0);
     let region = only(&regions);
     let width_um = 2.0 * (300.0_f64.powi(2) - 25.0_f64.powi(2)).sqrt();
     assert!((region.area_um2() / (1500.0 * width_um) - 1.0).abs() < 0.005, "{}", region.area_um2());
@@ -211,7 +211,7 @@ fn a_layer_that_is_too_complex_for_the_budget_is_an_error_that_says_so() {
         })
         .collect();
     let raster = Raster { width_px: 900, height_px: 800, pixel_um: [10.0; 2], ..raster(Mirror::default()) };
-    let part = Part::on(raster, &struts, Blend::Union, Depth::Bit, 50.0);
+    let part = Part::on(raster, &struts, Joint::Union, Depth::Bit, 50.0);
     let fixed_bytes = Contours::memory_bytes(&part.bodies(), &part.plan, 1);
     let contours = |more: u64| {
         let budget = MemoryBudget::new(fixed_bytes + more);
@@ -239,7 +239,7 @@ fn a_layer_that_is_too_complex_for_the_budget_is_an_error_that_says_so() {
 #[test]
 fn what_cannot_be_cut_is_an_error() {
     let struts = [strut([0, 0, 0], [500, 0, 0], 90, 90)];
-    let part = Part::new(&struts, Blend::Union, Depth::Bit, Mirror::default(), 50.0);
+    let part = Part::new(&struts, Joint::Union, Depth::Bit, Mirror::default(), 50.0);
     let budget = MemoryBudget::new(64 << 20);
     for tolerance_um in [-1.0, f64::NAN, f64::INFINITY] {
         let made = Contours::new(part.bodies(), part.plan.clone(), tolerance_um, 1, 0, &budget);

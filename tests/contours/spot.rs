@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use layerd::buildfile::{Blend, Strut};
+use layerd::buildfile::{Joint, Strut};
 use layerd::layer::{Bitmap, Depth, Mirror, Raster};
 use layerd::slice::scan::{Contours, Region};
 use layerd::slice::{SlicePlan, Slicer};
@@ -120,7 +120,7 @@ fn contours_follow_the_field_and_keep_its_area() {
         build_height_um: 100_000.0,
         mirror: Mirror::default(),
     };
-    let part = Part::on(raster, &struts, Blend::Convolution { support_um }, Depth::Bit, PITCH_UM);
+    let part = Part::on(raster, &struts, Joint::Convolution { support_um }, Depth::Bit, PITCH_UM);
     let corner_um = part.plan.origin_um.map(|um| um - PITCH_UM / 2.0);
     for z_um in [12_000.0, 30_000.0] {
         let layer = (z_um / PITCH_UM) as u32;

@@ -7,7 +7,7 @@ use std::io::Write as _;
 use std::num::NonZero;
 use std::path::{Path, PathBuf};
 
-use layerd::buildfile::{BlendChoice, BodyHeader, BuildFile, Lattice, PackError, PackOptions, PackReport, Strut, pack};
+use layerd::buildfile::{BodyHeader, BuildFile, JointChoice, Lattice, PackError, PackOptions, PackReport, Strut, pack};
 use zip::write::SimpleFileOptions;
 
 /// Names `3D/odd name.model` as the model.
@@ -28,7 +28,7 @@ pub(crate) struct Bench {
 impl Bench {
     pub(crate) fn new() -> Self {
         let threads = NonZero::<usize>::MIN.saturating_add(1);
-        let options = PackOptions { blend: Some(BlendChoice::Union), threads, ..PackOptions::default() };
+        let options = PackOptions { joint: Some(JointChoice::Union), threads, ..PackOptions::default() };
         Self { directory: tempfile::tempdir().expect("temporary directory"), options }
     }
 

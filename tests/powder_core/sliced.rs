@@ -1,6 +1,6 @@
 //! A part that is sliced, filled, encoded, sent and marked: what is melted is what `slice` draws of the same layer.
 
-use layerd::buildfile::Blend;
+use layerd::buildfile::Joint;
 use layerd::device::sim::MeltSettings;
 use layerd::layer::{Depth, Mirror, Raster, Vectors};
 use layerd::link::message::Encoding;
@@ -29,7 +29,7 @@ fn what_is_melted_is_the_picture_of_the_layer() {
         strut([500, 400, 0], [700, 1600, 200], 250, 150),
         strut([2300, 700, 200], [1500, 1100, 0], 200, 300),
     ];
-    let part = Part::on(raster, &struts, Blend::Union, Depth::Bit, 50.0);
+    let part = Part::on(raster, &struts, Joint::Union, Depth::Bit, 50.0);
     let budget = MemoryBudget::new(BUDGET_BYTES);
     let mut contours = Contours::new(part.bodies(), part.plan.clone(), 5.0, 1, 0, &budget).expect("contours");
     let mut fill = Fill::new(settings(HatchStrategy::Zigzag), 1, &budget).expect("good settings");

@@ -4,7 +4,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use layerd::buildfile::{Blend, BodyHeader, Bounds, BuildFile, Cap, Caps, Header, Lattice, Placement, Strut};
+use layerd::buildfile::{BodyHeader, Bounds, BuildFile, Cap, Caps, Header, Joint, Lattice, Placement, Shares, Strut};
 use layerd::layer::{Bitmap, Depth, Mirror, Raster};
 use layerd::slice::{BodySource, MemoryStruts, SlicePlan, Slicer};
 use layerd::solid::{Beam, InstructionSet};
@@ -22,9 +22,9 @@ pub fn raster(mirror: Mirror) -> Raster {
 pub fn strut(a: [i32; 3], b: [i32; 3], radius_a: u32, radius_b: u32) -> Strut {
     let caps = Caps::default();
     if a[2] <= b[2] {
-        Strut { a, b, radius_a, radius_b, caps }
+        Strut { a, b, radius_a, radius_b, caps, shares: Shares::default() }
     } else {
-        Strut { a: b, b: a, radius_a: radius_b, radius_b: radius_a, caps }
+        Strut { a: b, b: a, radius_a: radius_b, radius_b: radius_a, caps, shares: Shares::default() }
     }
 }
 
@@ -50,7 +50,7 @@ pub fn any_strut() -> impl Strategy<Value = Strut> {
     )
 }
 
-pub fn header(struts: &[Strut], blend: Blend) -> Header {
+pub fn header(struts: &[Strut], joint: Joint) -> Header {
     let mut bounds = Bounds { min: [i32::MAX; 3], max: [i32::MIN; 3] };
     let mut radius_range = [u32::MAX, 0];
     for strut in struts {
@@ -63,8 +63,9 @@ pub fn header(struts: &[Strut], blend: Blend) -> Header {
         }
     }
     let strut_count = struts.len() as u64;
-    let lattice = Lattice { blend, bounds, radius_range, strut_count, ball_count: 0, node_count: 0 };
+    let lattice = Lattice { joint, bounds, radius_range, strut_count, ball_count: 0, node_count: 0, is_graded: false };
     Header {
+        materials: None,
         quantum_um: 1.0,
         bounds,
         bottom_um: f64::from(bounds.min[2]),
@@ -93,13 +94,13 @@ pub struct Part {
 }
 
 impl Part {
-    pub fn new(struts: &[Strut], blend: Blend, depth: Depth, mirror: Mirror, layer_height_um: f64) -> Self {
-        Self::on(raster(mirror), struts, blend, depth, layer_height_um)
+    pub fn new(struts: &[Strut], joint: Joint, depth: Depth, mirror: Mirror, layer_height_um: f64) -> Self {
+        Self::on(raster(mirror), struts, joint, depth, layer_height_um)
     }
 
     /// On a raster of [`WIDTH`] by [`HEIGHT`] pixels of another pitch.
-    pub fn on(raster: Raster, struts: &[Strut], blend: Blend, depth: Depth, layer_height_um: f64) -> Self {
-        let header = header(struts, blend);
+    pub fn on(raster: Raster, struts: &[Strut], joint: Joint, depth: Depth, layer_height_um: f64) -> Self {
+        let header = header(struts, joint);
         let plan = SlicePlan::new(&header, raster, depth, layer_height_um).expect("it fits");
         Self { header, struts: struts.to_vec(), plan }
     }

@@ -34,6 +34,7 @@ impl Part {
         let surface = Surface::of(&triangles);
         let bounds = surface.bounds;
         let header = Header {
+            materials: None,
             quantum_um: 1.0,
             bounds,
             bottom_um: mesh.lowest_um(),

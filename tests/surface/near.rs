@@ -1,7 +1,7 @@
 //! Thin, near and nested: what must neither vanish, nor merge, nor leave traces.
 
 use glam::{DMat3, DVec3};
-use layerd::buildfile::Blend;
+use layerd::buildfile::Joint;
 use layerd::layer::Depth;
 use layerd::slice::scan::Contours;
 use layerd::stream::MemoryBudget;
@@ -114,7 +114,7 @@ fn twenty_cylinders_or_struts_at_one_place_lose_no_pixel() {
     for depth in [Depth::Bit, Depth::Grey] {
         let one = strut([300, 400, 0], [1500, 900, 700], 120, 80);
         let [one, twenty] =
-            [1, 20].map(|count| Struts::new(&vec![one; count], Blend::Union, depth, UPRIGHT, 60.0).layers(1, 0));
+            [1, 20].map(|count| Struts::new(&vec![one; count], Joint::Union, depth, UPRIGHT, 60.0).layers(1, 0));
         assert!(one == twenty, "{depth:?}");
     }
 }

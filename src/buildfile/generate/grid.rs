@@ -2,6 +2,7 @@
 //! `fit` chooses its size; `tests/generate.rs` tests it.
 
 use super::Kind;
+use crate::buildfile::materials::Shares;
 use crate::buildfile::model::{Caps, SUPPORT_FACTOR, Strut, node_key};
 use crate::random::mix;
 
@@ -136,7 +137,14 @@ impl Grid {
                     ends.sort_unstable_by_key(|&node| node_key(node));
                     let [a, b] = ends;
                     let radius = radii.of(unit(mix(chance)));
-                    emit(Strut { a, b, radius_a: radius, radius_b: radius, caps: Caps::default() });
+                    emit(Strut {
+                        a,
+                        b,
+                        radius_a: radius,
+                        radius_b: radius,
+                        caps: Caps::default(),
+                        shares: Shares::default(),
+                    });
                 }
             }
         }

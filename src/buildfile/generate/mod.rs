@@ -23,7 +23,7 @@ use sha2::{Digest, Sha256};
 
 use self::fit::fit;
 use super::error::PackError;
-use super::model::{Blend, Header, Placement};
+use super::model::{Header, Joint, Placement};
 use super::sort::Sorter;
 use super::store::{BodySettings, Writer, WriterSettings};
 use crate::output;
@@ -82,13 +82,14 @@ pub fn generate(
     progress: &mut dyn FnMut(u64, u64),
 ) -> Result<Header, PackError> {
     let (grid, radii) = fit(options)?;
-    let blend = Blend::Convolution { support_um: radii.support() * QUANTUM_UM };
+    let joint = Joint::Convolution { support_um: radii.support() * QUANTUM_UM };
     let settings = WriterSettings {
+        materials: None,
         quantum_um: QUANTUM_UM,
         placement: Placement::Centred,
         source_digest: Sha256::digest(format!("{options:?}").as_bytes()).into(),
         source_name: format!("generated {:?}, seed {}", options.kind, options.seed).to_lowercase(),
-        bodies: vec![BodySettings::Lattice { blend, largest_radius: radii.largest() }],
+        bodies: vec![BodySettings::Lattice { joint, largest_radius: radii.largest() }],
     };
     let mut writer = Writer::create(output, settings)?;
     let directory = output::directory_of(output);

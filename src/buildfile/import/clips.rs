@@ -7,15 +7,18 @@ use glam::{DAffine3, DVec3};
 
 use super::collect::CollectedLattice;
 use super::lane::{Lane, Tally};
+use super::materials::Mixture;
 use super::rules::Rules;
+use super::struts::Struts;
 use super::surface::{CollectedSurface, SurfaceLane};
 use crate::buildfile::error::PackError;
-use crate::buildfile::model::{Blend, Header, Keeps, Strut, Triangle};
-use crate::buildfile::options::{BlendChoice, PackOptions};
+use crate::buildfile::materials::Materials;
+use crate::buildfile::model::{Header, Joint, Keeps, Strut, Triangle};
+use crate::buildfile::options::{JointChoice, PackOptions};
 use crate::buildfile::sort::{self, Sorter};
 
-/// Most pairs of bodies: others may be an unclipped lattice, a surface and a relief.
-const MAX_PAIRS: usize = (Header::MAX_BODIES - 3) / 2;
+/// Most pairs of bodies: others may be an unclipped lattice of each material, a surface and a relief.
+const MAX_PAIRS: usize = (Header::MAX_BODIES - Materials::MAX_COUNT - 2) / 2;
 
 /// Most clipped lattices: the boxes of each are compared with those of all others.
 const MAX_PLACES: usize = 4096;
@@ -76,6 +79,8 @@ struct ClipLane<'a> {
     keeps: Keeps,
     /// Names the first lattice in errors.
     place: String,
+    /// That of its first strut.
+    material: Option<Option<Mixture>>,
     lattice: Lane<'a>,
     surface: SurfaceLane<'a>,
     taken: Vec<Taken>,
@@ -104,7 +109,7 @@ impl<'a> Clips<'a> {
         let most = options.scale.into_iter().fold(0.0, f64::max);
         Self {
             rules,
-            shares: rules.blend() == BlendChoice::Union,
+            shares: rules.joint() == JointChoice::Union,
             unevenness: most / least,
             rounding_mm: 2.0 * options.quantum_um / 1000.0 / least,
             lane_bytes: memory_bytes / (2 * MAX_PAIRS as u64),
@@ -150,7 +155,8 @@ impl<'a> Clips<'a> {
             self.lanes.push(ClipLane {
                 keeps,
                 place: named.to_owned(),
-                lattice: Lane::new(self.rules, sorter, &self.directory),
+                material: None,
+                lattice: Lane::new(self.rules, sorter, Vec::new(), &self.directory),
                 surface: SurfaceLane::new(self.rules, self.lane_bytes, &self.directory),
                 taken: Vec::new(),
             });
@@ -175,7 +181,7 @@ impl<'a> Clips<'a> {
             )
         } else {
             format!(
-                "{count} lattices are clipped by meshes of their own; as convolutions, at most {MAX_PAIRS} can be. Pack them with --blend union, or some of \
+                "{count} lattices are clipped by meshes of their own; as convolutions, at most {MAX_PAIRS} can be. Pack them with --joint union, or some of \
                  them as another part"
             )
         };
@@ -201,9 +207,23 @@ impl<'a> Clips<'a> {
         self.expected
     }
 
-    /// The lattice of a lane.
-    pub(super) fn lattice(&mut self, lane: u16) -> &mut Lane<'a> {
-        &mut self.lanes[usize::from(lane)].lattice
+    /// The lattice of a lane, for a strut that consists of this.
+    ///
+    /// # Errors
+    /// If its struts are of several materials: they would have to be joined before they are clipped.
+    pub(super) fn lattice(
+        &mut self,
+        lane: u16,
+        mixture: Option<Mixture>,
+        place: &dyn Fn() -> String,
+    ) -> Result<&mut Lane<'a>, PackError> {
+        let lane = &mut self.lanes[usize::from(lane)];
+        let first = *lane.material.get_or_insert(mixture);
+        if first != mixture || mixture.is_some_and(|mixture| mixture.pure().is_none()) {
+            let problem = "lattices that meshes clip have one material each, but this beam is of another, or of several; pack the lattice                            without its clipping mesh (--lattice-only), or give all its beams one material (--materials)";
+            return Err(PackError::input(place(), problem));
+        }
+        Ok(&mut lane.lattice)
     }
 
     /// The mesh of a lane.
@@ -216,12 +236,14 @@ impl<'a> Clips<'a> {
         self.lanes.iter().fold(Tally::default(), |sum, lane| sum.joined(lane.lattice.tally()))
     }
 
-    /// All pairs, of a lattice of this blend and largest radius. Adds notes for the operator.
-    pub(super) fn finish(self, blend: Blend, largest_radius: u32, notes: &mut Vec<String>) -> Vec<CollectedClip> {
+    /// All pairs, of a lattice of this joint and largest radius. Adds notes for the operator.
+    pub(super) fn finish(self, joint: Joint, largest_radius: u32, notes: &mut Vec<String>) -> Vec<CollectedClip> {
         let collected = |lane: ClipLane<'_>| {
-            let ClipLane { keeps, place, lattice, surface, .. } = lane;
+            let ClipLane { keeps, place, lattice, surface, material, .. } = lane;
+            let material = material.flatten().and_then(|mixture| mixture.pure());
             let count = lattice.tally().count;
-            let lattice = CollectedLattice { sorters: vec![lattice.sorter], blend, largest_radius, count };
+            let struts = Struts { whole: vec![lattice.sorter], shared: Vec::new() };
+            let lattice = CollectedLattice { struts, joint, largest_radius, count, material };
             // All beams may have been too short.
             let surface = surface.finish(notes).filter(|_| count > 0)?;
             Some(CollectedClip { keeps, place, lattice, surface })

@@ -7,14 +7,17 @@ use sha2::{Digest, Sha256};
 
 use super::clips::{Clips, CollectedClip};
 use super::lane::{Beam, Lane, Tally};
+use super::materials::{MaterialNames, Mixture};
 use super::meshes::Meshes;
 use super::relief::CollectedRelief;
 use super::rules::Rules;
 use super::stretch::{ROUND_TOLERANCE_UM, Stretch};
+use super::struts::Struts;
 use super::surface::CollectedSurface;
 use crate::buildfile::error::PackError;
-use crate::buildfile::model::{Blend, Bounds, SUPPORT_FACTOR, Strut, Triangle};
-use crate::buildfile::options::{BlendChoice, PackOptions};
+use crate::buildfile::materials::Materials;
+use crate::buildfile::model::{Bounds, Joint, SUPPORT_FACTOR, Strut, Triangle};
+use crate::buildfile::options::{JointChoice, PackOptions};
 use crate::buildfile::primitive::{EXPECTED_STRUT_BYTES, EXPECTED_TRIANGLE_BYTES};
 use crate::buildfile::progress::PackProgress;
 use crate::buildfile::sort::{self, Sorter};
@@ -45,17 +48,19 @@ pub(in crate::buildfile) struct Collector<'a> {
     turn: usize,
 }
 
-/// The struts of all sources.
+/// The struts of one material, or of none.
 pub(in crate::buildfile) struct CollectedLattice {
-    pub(in crate::buildfile) sorters: Vec<Sorter<Strut>>,
-    pub(in crate::buildfile) blend: Blend,
+    pub(in crate::buildfile) struts: Struts,
+    pub(in crate::buildfile) joint: Joint,
     pub(in crate::buildfile) largest_radius: u32,
     pub(in crate::buildfile) count: u64,
+    /// The number of its material, as sources named them.
+    pub(in crate::buildfile) material: Option<u8>,
 }
 
 /// Everything that a build file is written from. There is at least one body.
 pub(in crate::buildfile) struct Collected {
-    pub(in crate::buildfile) lattice: Option<CollectedLattice>,
+    pub(in crate::buildfile) lattices: Vec<CollectedLattice>,
     pub(in crate::buildfile) clips: Vec<CollectedClip>,
     pub(in crate::buildfile) surface: Option<CollectedSurface>,
     pub(in crate::buildfile) relief: Option<CollectedRelief>,
@@ -68,10 +73,16 @@ impl<'a> Collector<'a> {
     /// `kinds` kinds of primitives, which share the memory.
     pub(in crate::buildfile) fn new(rules: &'a Rules, options: &PackOptions, kinds: u64, directory: &Path) -> Self {
         let memory_bytes = options.memory_bytes / kinds;
-        let sorters = Sorter::team(directory, memory_bytes, options.threads.get());
+        let threads = options.threads.get();
+        let sorters = Sorter::team(directory, memory_bytes, threads);
+        let shared = Lane::shared_sorters(directory, memory_bytes, threads);
         Self {
             rules,
-            lanes: sorters.into_iter().map(|sorter| Lane::new(rules, sorter, directory)).collect(),
+            lanes: sorters
+                .into_iter()
+                .zip(shared)
+                .map(|(sorter, shared)| Lane::new(rules, sorter, shared, directory))
+                .collect(),
             meshes: Meshes::new(rules, options, memory_bytes, directory),
             clips: Clips::new(rules, options, memory_bytes, directory),
             hasher: Sha256::new(),
@@ -163,7 +174,9 @@ impl<'a> Collector<'a> {
         clip: Option<u16>,
         place: &dyn Fn() -> String,
     ) -> Result<(), PackError> {
-        self.lane_of(clip).stretched_beam(beam, stretch, place)
+        // A clipped lattice has one material, which its body has.
+        let whole = Beam { mixture: beam.mixture.filter(|_| clip.is_none()), ..*beam };
+        self.lane_of(clip, beam.mixture, place)?.stretched_beam(&whole, stretch, place)
     }
 
     /// As [`Lane::ball`], for a source that one thread reads. With `clip` as in [`Collector::beam`].
@@ -174,20 +187,32 @@ impl<'a> Collector<'a> {
         &mut self,
         centre: DVec3,
         radius_mm: f64,
+        mixture: Option<Mixture>,
         stretch: Stretch,
         clip: Option<u16>,
         place: &dyn Fn() -> String,
     ) -> Result<(), PackError> {
-        self.lane_of(clip).ball(centre, radius_mm, stretch, place)
+        let lane = self.lane_of(clip, mixture, place)?;
+        lane.ball(centre, radius_mm, mixture.filter(|_| clip.is_none()), stretch, place)
     }
 
     /// The lane of a clipped lattice, or else the lanes in turn, because each has only its share of the memory.
-    fn lane_of(&mut self, clip: Option<u16>) -> &mut Lane<'a> {
+    fn lane_of(
+        &mut self,
+        clip: Option<u16>,
+        mixture: Option<Mixture>,
+        place: &dyn Fn() -> String,
+    ) -> Result<&mut Lane<'a>, PackError> {
         if let Some(lane) = clip {
-            return self.clips.lattice(lane);
+            return self.clips.lattice(lane, mixture, place);
         }
         self.turn = (self.turn + 1) % self.lanes.len();
-        &mut self.lanes[self.turn]
+        Ok(&mut self.lanes[self.turn])
+    }
+
+    /// The materials of the sources.
+    pub(super) fn materials(&self) -> &'a MaterialNames {
+        self.rules.materials()
     }
 
     /// The files that were read beside the sources.
@@ -202,7 +227,7 @@ impl<'a> Collector<'a> {
         (bounds.min[0] <= bounds.max[0]).then_some(bounds)
     }
 
-    /// Decides the blend and adds the notes that need all sources.
+    /// Decides the joint and adds the notes that need all sources.
     ///
     /// # Errors
     /// If there is nothing to print, or a displaced triangle reaches too far.
@@ -212,26 +237,30 @@ impl<'a> Collector<'a> {
         if tally.count == 0 && self.meshes.count() == 0 {
             return Err(self.nothing(inputs, tally.short_count));
         }
-        let blend = match self.rules.blend() {
+        let joint = match self.rules.joint() {
             _ if tally.count == 0 => None,
-            BlendChoice::Union => Some(Blend::Union),
-            BlendChoice::Convolution { support_mm } => Some(self.convolution(support_mm, &tally)),
+            JointChoice::Union => Some(Joint::Union),
+            JointChoice::Convolution { support_mm } => {
+                Some(Joint::Convolution { support_um: self.support_um(support_mm, &tally) })
+            }
+            JointChoice::Elliptic { support_mm, least } => {
+                Some(Joint::Elliptic { support_um: self.support_um(support_mm, &tally), least })
+            }
         };
-        if let Some(blend) = blend {
-            self.note_tally(&tally, blend);
+        self.rules.materials().check_renamed()?;
+        if let Some(joint) = joint {
+            self.note_tally(&tally, joint);
         }
         let Self { lanes, meshes, clips, mut notes, hasher, .. } = self;
         let largest_radius = tally.largest_radius;
-        let clips = blend.map(|blend| clips.finish(blend, largest_radius, &mut notes)).unwrap_or_default();
-        let (sorters, count) = (lanes.into_iter().map(|lane| lane.sorter).collect(), unclipped.count);
-        let lattice = blend.filter(|_| count > 0);
-        let lattice = lattice.map(|blend| CollectedLattice { sorters, blend, largest_radius, count });
+        let clips = joint.map(|joint| clips.finish(joint, largest_radius, &mut notes)).unwrap_or_default();
+        let lattices = joint.map(|joint| lattices(lanes, &unclipped, joint, largest_radius)).unwrap_or_default();
         let (surface, relief) = meshes.finish(&mut notes)?;
-        Ok(Collected { lattice, clips, surface, relief, source_digest: hasher.finalize().into(), notes })
+        Ok(Collected { lattices, clips, surface, relief, source_digest: hasher.finalize().into(), notes })
     }
 
-    /// The convolution of the given or the default support, with notes on that support.
-    fn convolution(&mut self, support_mm: Option<f64>, tally: &Tally) -> Blend {
+    /// The given or the default support of a convolution, with notes on it.
+    fn support_um(&mut self, support_mm: Option<f64>, tally: &Tally) -> f64 {
         let quantum_um = self.rules.quantum_um();
         let default_um = SUPPORT_FACTOR * f64::from(tally.largest_radius) * quantum_um;
         let support_um = support_mm.map_or(default_um, |support_mm| support_mm * 1000.0);
@@ -241,16 +270,16 @@ impl<'a> Collector<'a> {
             self.notes.push(format!(
                 "R = {} mm is {:.0} times the mean radius: struts within R of one another swell into one body, and short ones \
                  print thin or not at all. Check it with `layerctl slice`; choose another R with --support, above the largest \
-                 radius of {} mm, or use --blend union",
+                 radius of {} mm, or use --joint union",
                 support_um / 1000.0,
                 support_um / mean_radius_um,
                 f64::from(tally.largest_radius) * quantum_um / 1000.0
             ));
         }
-        Blend::Convolution { support_um }
+        support_um
     }
 
-    fn note_tally(&mut self, tally: &Tally, blend: Blend) {
+    fn note_tally(&mut self, tally: &Tally, joint: Joint) {
         let quantum_um = self.rules.quantum_um();
         let quantum_mm = quantum_um / 1000.0;
         if let Some(smallest) = tally.smallest_radius.filter(|radius| *radius < COARSE_RADIUS) {
@@ -266,9 +295,9 @@ impl<'a> Collector<'a> {
                 count_text(tally.short_count, "strut")
             ));
         }
-        if tally.capped_count > 0 && blend != Blend::Union {
+        if tally.capped_count > 0 && joint != Joint::Union {
             self.notes.push(format!(
-                "the caps of {} do not apply: a convolution surface rounds all ends; --blend union applies them",
+                "the caps of {} do not apply: a convolution surface rounds all ends; --joint union applies them",
                 count_text(tally.capped_count, "beam")
             ));
         }
@@ -309,6 +338,24 @@ impl<'a> Collector<'a> {
     }
 }
 
+/// The lattices that are not clipped: one without a material, if there are such struts, and one of each material.
+fn lattices(lanes: Vec<Lane<'_>>, tally: &Tally, joint: Joint, largest_radius: u32) -> Vec<CollectedLattice> {
+    let mut whole = Vec::new();
+    let mut shared: Vec<_> = (0..Materials::MAX_COUNT).map(|_| Vec::new()).collect();
+    for lane in lanes {
+        whole.push(lane.sorter);
+        lane.shared.into_iter().zip(&mut shared).for_each(|(sorter, team)| team.push(sorter));
+    }
+    let lattice = |struts, count, material| CollectedLattice { struts, joint, largest_radius, count, material };
+    let without = lattice(Struts { whole, shared: Vec::new() }, tally.whole_count, None);
+    let with = shared
+        .into_iter()
+        .zip(tally.counts)
+        .zip(0..)
+        .map(|((shared, count), material)| lattice(Struts { whole: Vec::new(), shared }, count, Some(material)));
+    std::iter::once(without).chain(with).filter(|lattice| lattice.count > 0).collect()
+}
+
 fn names(inputs: &[PathBuf]) -> String {
     inputs.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ")
 }
@@ -322,13 +369,13 @@ mod tests {
     fn one_reading_thread_fills_the_memory_of_all_lanes() {
         let threads = std::num::NonZero::<usize>::MIN.saturating_add(3);
         let options = PackOptions { memory_bytes: 2 << 20, threads, ..PackOptions::default() };
-        let rules = Rules::new(&options, BlendChoice::Union).expect("in range");
+        let rules = Rules::new(&options, JointChoice::Union).expect("in range");
         let directory = tempfile::tempdir().expect("temporary directory");
         let mut collector = Collector::new(&rules, &options, 1, directory.path());
         // 2 MiB hold 65,536 of them.
         for number in 0..60_000 {
             let (a, b) = (DVec3::new(f64::from(number), 0.0, 0.0), DVec3::new(0.0, 0.0, 9.0));
-            let beam = Beam { a, b, radius_a: 1.0, radius_b: 1.0, caps: Caps::default() };
+            let beam = Beam { a, b, radius_a: 1.0, radius_b: 1.0, caps: Caps::default(), mixture: None };
             collector.beam(&beam, rules.stretch(), None, &|| "the test".into()).expect("is fine");
         }
         assert_eq!(collector.lanes[0].sorter.spilled_bytes(), 0);

@@ -6,6 +6,7 @@ mod edge_text;
 mod height_map;
 mod holes;
 mod lane;
+mod materials;
 mod mesh;
 mod meshes;
 mod normals;
@@ -16,6 +17,7 @@ mod rules;
 mod seams;
 mod solid_check;
 mod stretch;
+mod struts;
 mod surface;
 mod three_mf;
 
@@ -26,12 +28,13 @@ use std::path::{Path, PathBuf};
 use sha2::Digest;
 
 use super::error::PackError;
-use super::options::{BlendChoice, PackOptions};
+use super::options::{JointChoice, PackOptions};
 use super::progress::PackProgress;
 pub(super) use clips::CollectedClip;
 pub(super) use collect::{CollectedLattice, Collector};
 pub(super) use relief::CollectedRelief;
 pub(super) use rules::{Rules, check_options};
+pub(super) use struts::Struts;
 pub(super) use surface::CollectedSurface;
 
 /// Refuses what is no file. A pipe that a source names would keep its reader waiting.
@@ -102,7 +105,7 @@ pub(super) fn kinds(sources: &[Source], options: &PackOptions) -> u64 {
     let any = |has: fn(Source) -> bool| sources.iter().any(|source| has(*source));
     let is_relief = options.relief.applies();
     let kinds = [
-        any(|source| source.blend().is_some()),
+        any(|source| source.joint().is_some()),
         any(Source::has_triangles) && !is_relief,
         any(Source::has_triangles) && is_relief || any(Source::has_relief),
         any(Source::has_clips) && !options.lattice_only,
@@ -140,12 +143,12 @@ impl Source {
         }
     }
 
-    /// The blend that the format means; `None` if it holds no struts.
-    pub(super) fn blend(self) -> Option<BlendChoice> {
+    /// The joint that the format means; `None` if it holds no struts.
+    pub(super) fn joint(self) -> Option<JointChoice> {
         match self {
-            Self::EdgeText => Some(BlendChoice::Convolution { support_mm: None }),
+            Self::EdgeText => Some(JointChoice::Convolution { support_mm: None }),
             Self::Obj | Self::Ply | Self::Stl => None,
-            Self::ThreeMf => Some(BlendChoice::Union),
+            Self::ThreeMf => Some(JointChoice::Union),
         }
     }
 

@@ -3,10 +3,11 @@
 
 use glam::{DMat3, DVec3};
 
+use super::materials::MaterialNames;
 use super::stretch::{ROUND_TOLERANCE_UM, Stretch};
 use crate::buildfile::error::PackError;
 use crate::buildfile::model::{QUANTA_UM, QUANTUM_FRACTIONS, SUPPORT_FACTOR, Triangle};
-use crate::buildfile::options::{BlendChoice, PackOptions, ReliefOptions};
+use crate::buildfile::options::{JointChoice, PackOptions, ReliefOptions};
 use crate::solid::{MAX_RADIUS, MAX_RADIUS_SHARE};
 
 /// Largest coordinate of a node, quanta: half the range, which leaves room for adding a radius.
@@ -15,18 +16,19 @@ const MAX_COORDINATE: f64 = (i32::MAX / 2) as f64;
 /// What is done to every beam and ball of a pack. All threads share it.
 pub(in crate::buildfile) struct Rules {
     quantum_um: f64,
-    blend: BlendChoice,
+    joint: JointChoice,
     /// Rotation and scale.
     map: DMat3,
     stretch: Stretch,
     /// `map`, from millimetres to quanta.
     to_quanta: DMat3,
+    materials: MaterialNames,
 }
 
 impl Rules {
     /// # Errors
-    /// If the factors flatten the part.
-    pub(in crate::buildfile) fn new(options: &PackOptions, blend: BlendChoice) -> Result<Self, PackError> {
+    /// If the factors flatten the part, or materials cannot be renamed as the options say.
+    pub(in crate::buildfile) fn new(options: &PackOptions, joint: JointChoice) -> Result<Self, PackError> {
         let PackOptions { quantum_um, scale, rotate_deg, .. } = *options;
         let to_quanta = DMat3::from_diagonal(DVec3::from(scale.map(|factor| factor * 1000.0 / quantum_um)));
         let turn = turn(rotate_deg);
@@ -35,7 +37,8 @@ impl Rules {
         let stretch = uniform
             .or_else(|| Stretch::of(map))
             .ok_or_else(|| PackError::Option(format!("--scale {}: it flattens the part", factors(scale))))?;
-        Ok(Self { quantum_um, blend, map, stretch, to_quanta: to_quanta * turn })
+        let materials = MaterialNames::new(&options.materials)?;
+        Ok(Self { quantum_um, joint, map, stretch, to_quanta: to_quanta * turn, materials })
     }
 
     /// Length of a quantum, micrometres.
@@ -43,9 +46,14 @@ impl Rules {
         self.quantum_um
     }
 
+    /// The materials of the sources.
+    pub(in crate::buildfile) fn materials(&self) -> &MaterialNames {
+        &self.materials
+    }
+
     /// How the pack was asked to join struts.
-    pub(super) fn blend(&self) -> BlendChoice {
-        self.blend
+    pub(super) fn joint(&self) -> JointChoice {
+        self.joint
     }
 
     /// What the options alone do to radii.
@@ -170,7 +178,7 @@ impl Rules {
     }
 
     fn check_support(&self, radius: i32, place: &dyn Fn() -> String) -> Result<(), PackError> {
-        let BlendChoice::Convolution { support_mm: Some(support_mm) } = self.blend else { return Ok(()) };
+        let JointChoice::Convolution { support_mm: Some(support_mm) } = self.joint else { return Ok(()) };
         let radius_mm = f64::from(radius) * self.quantum_um / 1000.0;
         if radius_mm < MAX_RADIUS_SHARE * support_mm {
             return Ok(());
@@ -217,7 +225,7 @@ pub(in crate::buildfile) fn check_options(options: &PackOptions) -> Result<(), P
         return Err(PackError::Option(format!("--rotate {x},{y},{z}: allowed are degrees from -3600 to 3600")));
     }
     check_relief(&options.relief)?;
-    if let Some(BlendChoice::Convolution { support_mm: Some(support_mm) }) = options.blend
+    if let Some(support_mm) = options.joint.and_then(JointChoice::support_mm)
         && !(1e-3..=1e3).contains(&support_mm)
     {
         return Err(PackError::Option(format!("--support {support_mm}: allowed is 0.001 to 1000 mm")));

@@ -35,10 +35,21 @@ impl Unpacked {
         self.column.clear();
         self.column.extend(values);
         let width = width_bytes(&self.column);
+        self.push(width);
+        width
+    }
+
+    /// Appends a column of the given width, which all values fit.
+    pub(super) fn add_wide(&mut self, values: impl Iterator<Item = u32>, width: u8) {
+        self.column.clear();
+        self.column.extend(values);
+        self.push(width);
+    }
+
+    fn push(&mut self, width: u8) {
         let first = self.bytes.len();
         push(&self.column, width, &mut self.bytes);
         self.planes.extend((0..usize::from(width)).map(|plane| first + plane * self.column.len()));
-        width
     }
 }
 

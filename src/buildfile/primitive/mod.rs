@@ -14,7 +14,7 @@ use std::fmt::Debug;
 
 pub(super) use columns::{Scratch, Unpacked};
 pub(super) use patch::EXPECTED_PATCH_BYTES;
-pub(super) use strut::EXPECTED_STRUT_BYTES;
+pub(super) use strut::{EXPECTED_STRUT_BYTES, SharedStrut};
 pub(super) use triangle::EXPECTED_TRIANGLE_BYTES;
 
 /// One element of a body, in quanta.
@@ -54,7 +54,7 @@ pub(super) trait Primitive: Copy + Debug + Send + 'static {
 }
 
 /// A primitive of which there may be more than fit memory.
-pub(super) trait Sortable: Primitive {
+pub(super) trait Sortable: Copy + Debug + Send + 'static {
     /// The primitive as the sort keeps it. Keys are ordered as the primitives are in a file: by lowest z first.
     type Key: Key;
 

@@ -56,6 +56,19 @@ impl<P: Sortable> Sorter<P> {
         self.spill.bytes()
     }
 
+    /// Halves its memory.
+    ///
+    /// # Errors
+    /// If a run cannot be written.
+    pub(super) fn halve(&mut self) -> io::Result<()> {
+        self.capacity = (self.capacity / 2).max(1);
+        if self.buffer.len() > self.capacity {
+            self.spill_run()?;
+        }
+        self.buffer.shrink_to(self.capacity);
+        Ok(())
+    }
+
     /// Adds one primitive.
     ///
     /// # Errors

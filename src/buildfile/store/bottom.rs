@@ -8,7 +8,7 @@ use std::ops::Range;
 use super::error::BuildFileError;
 use super::reader::BuildFile;
 use crate::buildfile::model::{Lattice, Strut};
-use crate::solid::{Convolution, PlaneProbe, Shape, StrutRecord};
+use crate::solid::{Convolution, InstructionSet, JoinedShape, Joining, PlaneProbe, ProbeRecord};
 
 /// Largest distance of planes and of points, as a share of R: over half of it the field changes by less than one per cent.
 const MAX_STEP_SHARE: f64 = 1.0 / 16.0;
@@ -24,24 +24,40 @@ const PATIENT_PLANES: u32 = 512;
 /// Bisections of the last step: to less than a thousandth of it.
 const HALVINGS: u32 = 10;
 
-/// The lowest solid point of a body that is a convolution of support R, micrometres; `None` if nothing is solid.
+/// The lowest solid point of bodies that are convolutions of the same support and are joined, or of one, micrometres; `None` if nothing is solid.
 ///
 /// # Errors
 /// If a chunk cannot be read.
 pub(super) fn lowest_of_convolution(
     file: &BuildFile,
-    body: usize,
-    lattice: &Lattice,
-    support_um: f64,
+    bodies: Range<usize>,
+    lattices: &[&Lattice],
 ) -> Result<Option<f64>, BuildFileError> {
     let quantum_um = file.header().quantum_um;
-    let smallest_radius_um = f64::from(lattice.radius_range[0]) * quantum_um;
-    let top_um = f64::from(lattice.bounds.max[2]) * quantum_um + lattice.bulge_um(quantum_um);
+    let Some((joint, support_um)) = lattices.first().and_then(|first| Some((first.joint, first.joint.support_um()?)))
+    else {
+        return Ok(None);
+    };
+    let smallest_radius = lattices.iter().map(|lattice| lattice.radius_range[0]).min().unwrap_or(1);
+    let smallest_radius_um = f64::from(smallest_radius) * quantum_um;
+    let tops_um =
+        lattices.iter().map(|lattice| f64::from(lattice.bounds.max[2]) * quantum_um + lattice.bulge_um(quantum_um));
+    let top_um = tops_um.fold(f64::NEG_INFINITY, f64::max);
     // So that no strut that prints at its radius can lie between two planes, nor its bottom between points.
     let mut step_um = (support_um * MAX_STEP_SHARE).min(smallest_radius_um);
     let pitch_um = (support_um * MAX_STEP_SHARE).min(2.0 * (smallest_radius_um * MISSED_UM).sqrt());
-    let mut probe = PlaneProbe::<Convolution>::new(quantum_um / support_um, 1.0, pitch_um / support_um);
-    let chunks = file.body_chunks(body);
+    let (quantum, pitch) = (quantum_um / support_um, pitch_um / support_um);
+    // A sum needs no members: all struts are drawn on one strip.
+    let mut probe = match joint.joining() {
+        joining @ Joining::Elliptic(_) if lattices.len() > 1 => {
+            let join = move |cells: &[&[f32]], out: &mut [f32]| {
+                Convolution::join(InstructionSet::detect(), &joining, cells, out);
+            };
+            PlaneProbe::<Convolution>::joined(quantum, 1.0, pitch, lattices.len(), Box::new(join))
+        }
+        Joining::Sum | Joining::Elliptic(_) => PlaneProbe::new(quantum, 1.0, pitch),
+    };
+    let chunks = bodies.clone().map(|body| file.body_chunks(body)).collect();
     let mut near = Near { file, chunks, support_um, records: Vec::new(), struts: Vec::new() };
     let (mut dark_um, mut planes) = (f64::NEG_INFINITY, 0);
     let mut solid_um = loop {
@@ -76,10 +92,10 @@ pub(super) fn lowest_of_convolution(
 /// The struts within reach of the planes that are probed.
 struct Near<'a> {
     file: &'a BuildFile,
-    /// Chunks of the body that are still to be read.
-    chunks: Range<usize>,
+    /// Chunks of each body that are still to be read.
+    chunks: Vec<Range<usize>>,
     support_um: f64,
-    records: Vec<StrutRecord>,
+    records: Vec<ProbeRecord>,
     struts: Vec<Strut>,
 }
 
@@ -88,28 +104,40 @@ impl Near<'_> {
     /// there is at least one strut. Returns the lowest plane that any of them reaches; `None` if there are no more struts.
     fn rise(&mut self, low_um: f64, high_um: f64) -> Result<Option<f64>, BuildFileError> {
         let header = self.file.header();
-        let quantum = header.quantum_um / self.support_um;
         // The cast saturates.
         let lowest_top = ((low_um - self.support_um) / header.quantum_um).floor() as i32;
         let highest_bottom = (high_um + self.support_um) / header.quantum_um;
-        self.records.retain(|record| record.b[2] >= lowest_top);
-        while let Some(chunk) = self.chunks.clone().next() {
+        self.records.retain(|held| held.record.b[2] >= lowest_top);
+        while let Some((member, chunk)) = self.next() {
             let entry = &self.file.chunks()[chunk];
             if f64::from(entry.z_low_min) > highest_bottom && !self.records.is_empty() {
                 break;
             }
             if entry.z_high_max >= lowest_top {
-                self.struts.clear();
-                self.file.read_chunk(chunk, &mut self.struts)?;
-                for strut in self.struts.iter().filter(|strut| strut.b[2] >= lowest_top) {
-                    let caps = [strut.caps.a, strut.caps.b];
-                    let ends = Convolution::ends([strut.radius_a, strut.radius_b], caps, strut.is_ball(), quantum);
-                    self.records.push(StrutRecord { a: strut.a, b: strut.b, ends });
-                }
+                self.read(member, chunk, lowest_top)?;
             }
-            self.chunks.start += 1;
+            self.chunks[member].start += 1;
         }
-        let lowest = self.records.iter().map(|record| record.a[2]).min();
+        let lowest = self.records.iter().map(|held| held.record.a[2]).min();
         Ok(lowest.map(|lowest| f64::from(lowest) * header.quantum_um - self.support_um))
+    }
+
+    /// The chunk that begins lowest of those still to be read, and its body.
+    fn next(&self) -> Option<(usize, usize)> {
+        let first = |(member, chunks): (usize, &Range<usize>)| chunks.clone().next().map(|chunk| (member, chunk));
+        let firsts = self.chunks.iter().enumerate().filter_map(first);
+        firsts.min_by_key(|(_, chunk)| self.file.chunks()[*chunk].z_low_min)
+    }
+
+    /// Reads the struts of a chunk that end at `lowest_top` or above.
+    fn read(&mut self, member: usize, chunk: usize, lowest_top: i32) -> Result<(), BuildFileError> {
+        let quantum = self.file.header().quantum_um / self.support_um;
+        self.struts.clear();
+        self.file.read_chunk(chunk, &mut self.struts)?;
+        let struts = self.struts.iter().filter(|strut| strut.b[2] >= lowest_top);
+        // There are at most `Header::MAX_BODIES` members.
+        let record = |strut: &Strut| ProbeRecord { record: strut.record::<Convolution>(quantum), member: member as u8 };
+        self.records.extend(struts.map(record));
+        Ok(())
     }
 }

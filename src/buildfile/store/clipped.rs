@@ -3,8 +3,8 @@
 
 use super::error::BuildFileError;
 use super::reader::BuildFile;
-use crate::buildfile::model::{Blend, Clip, Keeps, Lattice, QUANTUM_FRACTIONS, Strut, Triangle};
-use crate::solid::{Convolution, Facet, PixelShape, PlaneProbe, ProbeCut, StrutRecord, Union};
+use crate::buildfile::model::{Clip, Keeps, Lattice, QUANTUM_FRACTIONS, Triangle};
+use crate::solid::{Convolution, Facet, PixelShape, PlaneProbe, ProbeCut, ProbeRecord, Union};
 
 /// Largest distance of planes and of points, micrometres. No machine has smaller pixels and thinner layers, and before a print begins,
 /// nothing may be solid so far below the plate.
@@ -39,9 +39,9 @@ pub(super) fn range_of_clipped(
     lattice: &Lattice,
     clip: &Clip,
 ) -> Result<Option<[f64; 2]>, BuildFileError> {
-    match lattice.blend {
-        Blend::Union => Probing::<Union>::range(file, body, lattice, clip, 1.0),
-        Blend::Convolution { support_um } => Probing::<Convolution>::range(file, body, lattice, clip, support_um),
+    match lattice.joint.support_um() {
+        None => Probing::<Union>::range(file, body, lattice, clip, 1.0),
+        Some(support_um) => Probing::<Convolution>::range(file, body, lattice, clip, support_um),
     }
 }
 
@@ -51,9 +51,9 @@ trait Held: Sized {
     fn z(&self) -> [f64; 2];
 }
 
-impl Held for StrutRecord {
+impl Held for ProbeRecord {
     fn z(&self) -> [f64; 2] {
-        [f64::from(self.a[2]), f64::from(self.b[2])]
+        [f64::from(self.record.a[2]), f64::from(self.record.b[2])]
     }
 }
 
@@ -112,7 +112,7 @@ struct Probing<'a, S: PixelShape> {
     unit_um: f64,
     /// How far struts reach, micrometres.
     reach_um: f64,
-    struts: Near<StrutRecord>,
+    struts: Near<ProbeRecord>,
     facets: Near<Facet>,
     probe: PlaneProbe<S>,
     cut: ProbeCut,
@@ -198,7 +198,9 @@ impl<'a, S: PixelShape> Probing<'a, S> {
         self.struts.hold(file, reached, 1.0, |chunk, held| {
             let mut struts = Vec::new();
             file.read_chunk(chunk, &mut struts)?;
-            held.extend(struts.iter().map(|strut| record::<S>(strut, quantum_um / unit_um)));
+            held.extend(
+                struts.iter().map(|strut| ProbeRecord { record: strut.record::<S>(quantum_um / unit_um), member: 0 }),
+            );
             Ok(())
         })?;
         self.facets.hold(file, range_um.map(|um| um / unit_um), unit_um / quantum_um, |chunk, held| {
@@ -215,12 +217,6 @@ impl<'a, S: PixelShape> Probing<'a, S> {
         self.planes += 1;
         Ok(self.probe.is_solid(&self.struts.held, z, Some(&mut self.cut)))
     }
-}
-
-fn record<S: PixelShape>(strut: &Strut, quantum: f64) -> StrutRecord {
-    let caps = [strut.caps.a, strut.caps.b];
-    let ends = S::ends([strut.radius_a, strut.radius_b], caps, strut.is_ball(), quantum);
-    StrutRecord { a: strut.a, b: strut.b, ends }
 }
 
 fn facet(triangle: &Triangle, quantum: f64) -> Facet {

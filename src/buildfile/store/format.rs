@@ -2,8 +2,9 @@
 //! every byte. `reader` and `writer` use it.
 
 use super::maps;
+use crate::buildfile::materials::Materials;
 use crate::buildfile::model::{
-    Blend, BodyHeader, Bounds, Clip, Header, Lattice, Placement, QUANTA_UM, Surface, printed_bounds,
+    BodyHeader, Bounds, Clip, Header, Joint, Lattice, Placement, QUANTA_UM, Surface, printed_bounds,
 };
 use crate::buildfile::relief::{Displacement, MapHeader, Relief};
 use crate::codec;
@@ -16,7 +17,7 @@ pub(super) const MAGIC: [u8; 8] = *b"\x89LYD\r\n\x1a\n";
 pub(super) const END_MAGIC: [u8; 8] = *b"LYD-END\n";
 
 /// The version that this code writes and reads. Earlier ones were never released.
-pub(super) const VERSION: u32 = 3;
+pub(super) const VERSION: u32 = 4;
 
 /// Length of the prelude: magic, version, length and CRC of the header.
 pub(super) const PRELUDE_BYTES: usize = 20;
@@ -125,7 +126,7 @@ impl Footer {
 /// # Errors
 /// A text that names the field, what was found and what is allowed.
 pub(super) fn check_header(header: &Header) -> Result<(), String> {
-    let Header { quantum_um, bounds, bottom_um, placement, source_name, bodies, .. } = header;
+    let Header { quantum_um, bounds, bottom_um, placement, source_name, materials, bodies, .. } = header;
     if !QUANTA_UM.contains(quantum_um) {
         return Err(format!("quantum_um = {quantum_um}: allowed is 0.001 to 1000"));
     }
@@ -143,6 +144,9 @@ pub(super) fn check_header(header: &Header) -> Result<(), String> {
             BodyHeader::Relief(relief) => check_relief(relief, *quantum_um)?,
             BodyHeader::Clip(clip) => check_clip(clip, &bodies[..number], *quantum_um)?,
         }
+    }
+    if let Some(materials) = materials {
+        check_materials(materials, header)?;
     }
     let texel_count: u64 = bodies.iter().flat_map(BodyHeader::maps).map(MapHeader::texel_count).sum();
     if texel_count > Relief::MAX_TEXELS {
@@ -173,15 +177,20 @@ pub(super) fn check_header(header: &Header) -> Result<(), String> {
 }
 
 fn check_lattice(lattice: &Lattice, quantum_um: f64) -> Result<(), String> {
-    let Lattice { blend, bounds, radius_range: [least, most], strut_count, ball_count, node_count } = lattice;
+    let Lattice { joint, bounds, radius_range: [least, most], strut_count, ball_count, node_count, .. } = lattice;
     if *least == 0 || least > most || *most > MAX_RADIUS {
         return Err(format!(
             "radius_range = {least} to {most} quanta: allowed is 1 to {MAX_RADIUS}, in ascending order"
         ));
     }
-    if let Blend::Convolution { support_um } = blend {
+    if let Joint::Elliptic { least, .. } = joint
+        && !least.iter().all(|share| *share > 0.0 && *share < 1.0)
+    {
+        return Err(format!("a blend from {least:?} of the isovalue on: allowed is above 0 and below 1"));
+    }
+    if let Some(support_um) = joint.support_um() {
         let largest_um = f64::from(*most) * quantum_um;
-        if !(support_um.is_finite() && largest_um < MAX_RADIUS_SHARE * support_um) {
+        if !support_um.is_finite() || largest_um >= MAX_RADIUS_SHARE * support_um {
             return Err(format!(
                 "support R = {support_um} µm, but the largest radius, {largest_um} µm, must be below {MAX_RADIUS_SHARE} R"
             ));
@@ -203,6 +212,47 @@ fn check_lattice(lattice: &Lattice, quantum_um: f64) -> Result<(), String> {
     }
     if node_count / 2 > lattice.total() {
         return Err(format!("{node_count} nodes are more than its struts have ends"));
+    }
+    Ok(())
+}
+
+fn check_materials(materials: &Materials, header: &Header) -> Result<(), String> {
+    let Materials { names, of_bodies, .. } = materials;
+    if !(1..=Materials::MAX_COUNT).contains(&names.len()) {
+        return Err(format!("{} materials: allowed are 1 to {}", names.len(), Materials::MAX_COUNT));
+    }
+    for (number, name) in names.iter().enumerate() {
+        check_material_name(name)?;
+        if names[..number].contains(name) {
+            return Err(format!("two materials have the name `{name}`"));
+        }
+    }
+    if of_bodies.len() != header.bodies.len() || of_bodies.iter().any(|number| usize::from(*number) >= names.len()) {
+        return Err(format!("materials {of_bodies:?} of {} bodies, of {} materials", header.bodies.len(), names.len()));
+    }
+    let joined = header.joined().unwrap_or(0..0);
+    let lattices = || header.lattices().take(joined.len());
+    if lattices().zip(lattices().skip(1)).any(|(one, next)| one.joint != next.joint) {
+        return Err("lattices of different materials that are not joined in the same way".into());
+    }
+    if !of_bodies[joined.clone()].is_sorted_by(|one, next| one < next) {
+        return Err(format!("lattices of materials {:?}: each has one body, in ascending order", &of_bodies[joined]));
+    }
+    if let Some(Joint::Elliptic { least: [one, other], .. }) = lattices().next().map(|lattice| lattice.joint)
+        && joined.len() > 2
+        && one != other
+    {
+        return Err(format!("blends from {one} and {other} of the isovalue on, of {} materials", joined.len()));
+    }
+    Ok(())
+}
+
+/// # Errors
+/// A text if a material cannot have this name.
+pub(in crate::buildfile) fn check_material_name(name: &str) -> Result<(), String> {
+    if name.is_empty() || name.len() > Materials::MAX_NAME_BYTES || name.chars().any(char::is_control) {
+        let most = Materials::MAX_NAME_BYTES;
+        return Err(format!("a material named {name:?}: a name has 1 to {most} bytes, and no control characters"));
     }
     Ok(())
 }

@@ -26,6 +26,7 @@ mod writer;
 
 pub(crate) use chunk::MAX_CHUNK_PRIMITIVES;
 pub use error::BuildFileError;
+pub(in crate::buildfile) use format::check_material_name;
 pub(crate) use format::{BEGINNING_BYTES, check_beginning};
 pub use index::ChunkEntry;
 pub(crate) use maps::decoding_bytes as map_decoding_bytes;

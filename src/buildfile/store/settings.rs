@@ -5,8 +5,9 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use super::format::MAX_SOURCE_NAME_BYTES;
+use crate::buildfile::materials::Materials;
 use crate::buildfile::model::{
-    Blend, BodyHeader, Bounds, Clip, Header, Keeps, Lattice, Placement, Surface, printed_bounds,
+    BodyHeader, Bounds, Clip, Header, Joint, Keeps, Lattice, Placement, Surface, printed_bounds,
 };
 use crate::buildfile::relief::{Displacement, MapHeader, Relief};
 use crate::solid::MAX_RADIUS;
@@ -22,6 +23,8 @@ pub struct WriterSettings {
     pub source_digest: [u8; 32],
     /// Name of the source, cut to at most 255 bytes.
     pub source_name: String,
+    /// The materials of the bodies.
+    pub materials: Option<Materials>,
     /// The bodies of the part, in this order; 1 to [`Header::MAX_BODIES`].
     pub bodies: Vec<BodySettings>,
 }
@@ -32,7 +35,7 @@ pub enum BodySettings {
     /// Struts and balls.
     Lattice {
         /// How they are joined.
-        blend: Blend,
+        joint: Joint,
         /// Upper limit of all radii, quanta.
         largest_radius: u32,
     },
@@ -116,7 +119,7 @@ pub enum WriteError {
 impl WriterSettings {
     /// The header of a file without bodies.
     pub(super) fn header(self) -> Header {
-        let Self { quantum_um, placement, source_digest, mut source_name, .. } = self;
+        let Self { quantum_um, placement, source_digest, mut source_name, materials, .. } = self;
         let ends = (0..=MAX_SOURCE_NAME_BYTES.min(source_name.len())).rev();
         let end = ends.into_iter().find(|&end| source_name.is_char_boundary(end)).unwrap_or(0);
         source_name.truncate(end);
@@ -127,6 +130,7 @@ impl WriterSettings {
             placement,
             source_digest,
             source_name,
+            materials,
             bodies: Vec::new(),
         }
     }
@@ -146,7 +150,7 @@ impl BodySettings {
     fn smallest(&self) -> BodyHeader {
         let surface = Surface { bounds: Bounds { min: [0; 3], max: [1; 3] }, triangle_count: 1 };
         match self {
-            Self::Lattice { blend, largest_radius } => BodyHeader::Lattice(smallest_lattice(*blend, *largest_radius)),
+            Self::Lattice { joint, largest_radius } => BodyHeader::Lattice(smallest_lattice(*joint, *largest_radius)),
             Self::Surface => BodyHeader::Surface(surface),
             Self::Clip { keeps } => BodyHeader::Clip(Clip { keeps: *keeps, bounds: surface.bounds, surface }),
             Self::Relief(settings) => BodyHeader::Relief(Relief {
@@ -166,14 +170,15 @@ impl BodySettings {
 }
 
 /// The header of one ball.
-pub(super) fn smallest_lattice(blend: Blend, radius: u32) -> Lattice {
+pub(super) fn smallest_lattice(joint: Joint, radius: u32) -> Lattice {
     let reached = radius.min(MAX_RADIUS) as i32;
     Lattice {
-        blend,
+        joint,
         bounds: Bounds { min: [-reached; 3], max: [reached; 3] },
         radius_range: [radius; 2],
         strut_count: 0,
         ball_count: 1,
         node_count: 0,
+        is_graded: false,
     }
 }

@@ -3,6 +3,7 @@
 
 use std::io;
 use std::num::NonZero;
+use std::ops::Range;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
@@ -17,7 +18,7 @@ use super::reader::BuildFile;
 use super::relief::ReliefBuilder;
 use super::settings::{BodySettings, WriteError, WriterSettings};
 use super::surface::SurfaceBuilder;
-use crate::buildfile::model::{Blend, BodyHeader, Clip, Header, Keeps, Strut, Triangle, printed_bounds};
+use crate::buildfile::model::{BodyHeader, Clip, Header, Keeps, Strut, Triangle, printed_bounds};
 use crate::buildfile::relief::Patch;
 use crate::output::Output;
 
@@ -52,8 +53,8 @@ enum OpenBody {
 impl OpenBody {
     fn new(settings: BodySettings, quantum_um: f64, threads: NonZero<usize>) -> io::Result<Self> {
         Ok(match settings {
-            BodySettings::Lattice { blend, largest_radius } => {
-                Self::Lattice(LatticeBuilder::new(blend, largest_radius, quantum_um), Chunker::new(threads)?)
+            BodySettings::Lattice { joint, largest_radius } => {
+                Self::Lattice(LatticeBuilder::new(joint, largest_radius, quantum_um), Chunker::new(threads)?)
             }
             BodySettings::Surface => Self::Surface(SurfaceBuilder::new(), Chunker::new(threads)?),
             BodySettings::Clip { keeps } => Self::Clip(keeps, SurfaceBuilder::new(), Chunker::new(threads)?),
@@ -280,7 +281,11 @@ fn find_bottoms(
     bottoms_um: &mut [f64],
 ) -> Result<Option<usize>, BuildFileError> {
     let quantum_um = file.header().quantum_um;
-    for body in 0..bodies.len() {
+    let joined = file.header().joined().unwrap_or(0..0);
+    if let Some(found_um) = lowest_of_joined(file, joined.clone(), bodies)? {
+        bottoms_um[joined.clone()].fill(found_um);
+    }
+    for body in joined.end..bodies.len() {
         let Some((BodyHeader::Lattice(lattice), after)) = bodies[body..].split_first_mut() else { continue };
         if let Some(BodyHeader::Clip(clip)) = after.first_mut() {
             let Some([lowest_um, highest_um]) = range_of_clipped(file, body, lattice, clip)? else {
@@ -290,13 +295,21 @@ fn find_bottoms(
             clip.bounds.min[2] = (lowest_um / quantum_um).floor() as i32;
             clip.bounds.max[2] = (highest_um / quantum_um).ceil() as i32;
             bottoms_um[body + 1] = lowest_um;
-        } else if let Blend::Convolution { support_um } = lattice.blend
-            && let Some(found_um) = lowest_of_convolution(file, body, lattice, support_um)?
-        {
+        } else if let Some(found_um) = lowest_of_convolution(file, body..body + 1, &[lattice])? {
             bottoms_um[body] = found_um;
         }
     }
     Ok(None)
+}
+
+/// The lowest solid point of the bodies that are joined; `None` if there are none, or they are unions, whose lowest points are known.
+fn lowest_of_joined(
+    file: &BuildFile,
+    joined: Range<usize>,
+    bodies: &[BodyHeader],
+) -> Result<Option<f64>, BuildFileError> {
+    let lattices: Vec<_> = bodies[joined.clone()].iter().filter_map(BodyHeader::lattice).collect();
+    lowest_of_convolution(file, joined, &lattices)
 }
 
 fn lowest(heights_um: &[f64]) -> f64 {

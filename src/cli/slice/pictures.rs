@@ -10,8 +10,8 @@ use serde::Serialize;
 use super::{Selection, cannot_write};
 use crate::buildfile::{BodyHeader, Header};
 use crate::cli;
-use crate::layer::Mirror;
-use crate::layer::export::write_png;
+use crate::layer::export::{write_colours, write_png};
+use crate::layer::{Bitmap, Mirror};
 use crate::output::Output;
 use crate::slice::SlicePlan;
 use crate::solid::ISOVALUE;
@@ -31,13 +31,22 @@ pub(super) fn write(selection: Selection, output: &Path) -> anyhow::Result<()> {
     }
     let plan = selection.part.plan().clone();
     let mut manifest = Manifest::new(selection.part.header(), &plan);
-    selection.pictures(|layer, bitmap| {
-        let name = format!("layer_{layer:06}.png");
-        let path = output.join(&name);
-        write_png(&path, bitmap).with_context(|| cannot_write(&path))?;
-        manifest.layers.push(LayerEntry { file: name, z_mm: plan.layer_z_um(layer) / 1000.0 });
-        Ok(())
-    })?;
+    let z_mm = |layer: u32| plan.layer_z_um(layer) / 1000.0;
+    if let Some(names) = selection.materials() {
+        manifest.materials = names.to_vec();
+        selection.masks(|layer, masks| {
+            manifest.layers.push(write_masks(output, layer, masks, z_mm(layer))?);
+            Ok(())
+        })?;
+    } else {
+        selection.pictures(|layer, bitmap| {
+            let file = format!("layer_{layer:06}.png");
+            let path = output.join(&file);
+            write_png(&path, bitmap).with_context(|| cannot_write(&path))?;
+            manifest.layers.push(LayerEntry { file, masks: Vec::new(), z_mm: z_mm(layer) });
+            Ok(())
+        })?;
+    }
     manifest.write(&manifest_path)?;
     let others = manifest.other_pictures(output)?;
     if others > 0 {
@@ -54,6 +63,21 @@ pub(super) fn write(selection: Selection, output: &Path) -> anyhow::Result<()> {
     ))
 }
 
+/// Writes a layer in colour, and a picture of each of its materials.
+fn write_masks(directory: &Path, layer: u32, masks: &[Bitmap], z_mm: f64) -> anyhow::Result<LayerEntry> {
+    let file = format!("layer_{layer:06}.png");
+    let path = directory.join(&file);
+    write_colours(&path, masks).with_context(|| cannot_write(&path))?;
+    let mut names = Vec::new();
+    for (number, mask) in masks.iter().enumerate() {
+        let name = format!("layer_{layer:06}_material_{}.png", number + 1);
+        let path = directory.join(&name);
+        write_png(&path, mask).with_context(|| cannot_write(&path))?;
+        names.push(name);
+    }
+    Ok(LayerEntry { file, masks: names, z_mm })
+}
+
 /// `manifest.json`.
 #[derive(Debug, Serialize)]
 struct Manifest {
@@ -66,6 +90,9 @@ struct Manifest {
     layer_height_um: f64,
     isovalue: f64,
     bodies: Vec<BodyEntry>,
+    /// Names of the materials, if there are several, in the order of `masks`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    materials: Vec<String>,
     source_digest: String,
     layers: Vec<LayerEntry>,
 }
@@ -75,7 +102,7 @@ struct Manifest {
 #[serde(tag = "kind", rename_all = "lowercase")]
 enum BodyEntry {
     Lattice {
-        blend: &'static str,
+        joint: &'static str,
         /// R of a convolution surface; `null` for a union.
         support_mm: Option<f64>,
     },
@@ -90,7 +117,11 @@ enum BodyEntry {
 
 #[derive(Debug, Serialize)]
 struct LayerEntry {
+    /// The layer; in colour if there are several materials.
     file: String,
+    /// What is of each material.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    masks: Vec<String>,
     z_mm: f64,
 }
 
@@ -98,8 +129,8 @@ impl Manifest {
     fn new(header: &Header, plan: &SlicePlan) -> Self {
         let body = |body: &BodyHeader| match body {
             BodyHeader::Lattice(lattice) => {
-                let (blend, support_mm) = cli::blend_figures(lattice.blend);
-                BodyEntry::Lattice { blend, support_mm }
+                let (joint, support_mm) = cli::joint_figures(lattice.joint);
+                BodyEntry::Lattice { joint, support_mm }
             }
             BodyHeader::Surface(_) => BodyEntry::Surface,
             BodyHeader::Relief(_) => BodyEntry::Relief,
@@ -114,6 +145,7 @@ impl Manifest {
             layer_height_um: plan.layer_height_um,
             isovalue: ISOVALUE,
             bodies: header.bodies.iter().map(body).collect(),
+            materials: Vec::new(),
             source_digest: header.source_digest.iter().map(|byte| format!("{byte:02x}")).collect(),
             layers: Vec::new(),
         }
@@ -126,7 +158,8 @@ impl Manifest {
         for entry in std::fs::read_dir(directory).with_context(|| format!("cannot read {}", directory.display()))? {
             found += usize::from(entry?.file_name().to_str().is_some_and(is_picture));
         }
-        Ok(found.saturating_sub(self.layers.len()))
+        let named: usize = self.layers.iter().map(|layer| 1 + layer.masks.len()).sum();
+        Ok(found.saturating_sub(named))
     }
 
     fn write(&self, path: &Path) -> anyhow::Result<()> {

@@ -1,7 +1,7 @@
 //! `layerctl slice --format sl1`: the pictures as one archive for Prusa's SL1 and SL1S. `tests/slice_formats.rs` compares it with the
 //! pictures of `--format png`.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail, ensure};
 
@@ -21,10 +21,39 @@ pub(super) fn write(selection: Selection, machine: &Machine, recipe: &Recipe, ou
         output.display()
     );
     let print = describe(&selection, machine, recipe, output)?;
+    if let Some(names) = selection.materials() {
+        let names = names.to_vec();
+        return write_each(selection, &print, &names, output);
+    }
     let mut writer = Sl1Writer::create(output, &print).with_context(|| cannot_write(output))?;
     selection.pictures(|_, bitmap| writer.layer(bitmap).with_context(|| cannot_write(output)))?;
     writer.finish().with_context(|| cannot_write(output))?;
     cli::print(&format!("{} in {}", count_text(print.layer_count.into(), "layer"), output.display()))
+}
+
+/// Writes an archive for each material: `part.sl1` becomes `part_1.sl1`, `part_2.sl1` and so on.
+fn write_each(selection: Selection, print: &Sl1Print, names: &[String], output: &Path) -> anyhow::Result<()> {
+    let paths: Vec<_> = (1..=names.len()).map(|number| numbered(output, number)).collect();
+    let create = |path: &PathBuf| Sl1Writer::create(path, print).with_context(|| cannot_write(path));
+    let mut writers = paths.iter().map(create).collect::<anyhow::Result<Vec<_>>>()?;
+    selection.masks(|_, masks| {
+        let mut each = writers.iter_mut().zip(masks).zip(&paths);
+        each.try_for_each(|((writer, mask), path)| writer.layer(mask).with_context(|| cannot_write(path)))
+    })?;
+    for (writer, path) in writers.into_iter().zip(&paths) {
+        writer.finish().with_context(|| cannot_write(path))?;
+    }
+    let lines = paths.iter().zip(names).map(|(path, name)| format!("{name} in {}", path.display()));
+    let layers = count_text(print.layer_count.into(), "layer");
+    cli::print(&format!("{layers}: {}", lines.collect::<Vec<_>>().join(", ")))
+}
+
+/// The path of the file for the material of this number, counted from 1.
+pub(super) fn numbered(path: &Path, number: usize) -> PathBuf {
+    let mut name = path.file_stem().unwrap_or_default().to_os_string();
+    name.push(format!("_{number}."));
+    name.push(path.extension().unwrap_or_default());
+    path.with_file_name(name)
 }
 
 /// What the archive says of the print: exposures as the recipe has them for the layers that are written.

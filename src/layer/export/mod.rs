@@ -8,6 +8,6 @@ mod svg;
 
 pub use cli::CliWriter;
 pub use ovf::OvfWriter;
-pub use png::write_png;
+pub use png::{write_colours, write_png};
 pub use sl1::{Sl1Print, Sl1Writer};
 pub use svg::write_svg;

@@ -25,6 +25,44 @@ pub fn write_png(path: &Path, bitmap: &Bitmap) -> io::Result<()> {
     output.publish()
 }
 
+/// Colours of materials, which people with any kind of colour vision tell apart (Okabe and Ito 2008, without black).
+const COLOURS: [[u8; 3]; 8] = [
+    [230, 159, 0],
+    [86, 180, 233],
+    [0, 158, 115],
+    [240, 228, 66],
+    [0, 114, 178],
+    [213, 94, 0],
+    [204, 121, 167],
+    [255, 255, 255],
+];
+
+/// Writes the masks of a layer, of up to eight materials, as one picture in colour. The file appears whole or not at all.
+///
+/// # Errors
+/// As [`write_png`].
+pub fn write_colours(path: &Path, masks: &[Bitmap]) -> io::Result<()> {
+    let Some(first) = masks.first() else { return Ok(()) };
+    let mut pixels = vec![0; 3 * first.width_px() as usize * first.height_px() as usize];
+    for (mask, colour) in masks.iter().zip(COLOURS) {
+        let grey = match mask.depth() {
+            Depth::Grey => mask.data().to_vec(),
+            Depth::Bit => grey_of_bits(mask),
+        };
+        for (pixel, grey) in pixels.as_chunks_mut::<3>().0.iter_mut().zip(grey).filter(|(_, grey)| *grey > 0) {
+            *pixel = colour.map(|part| (u16::from(part) * u16::from(grey) / 255) as u8);
+        }
+    }
+    let output = Output::create(path)?;
+    let mut file = BufWriter::new(output.file());
+    let encoder = PngEncoder::new_with_quality(&mut file, CompressionType::Fast, FilterType::Up);
+    let (width_px, height_px) = (first.width_px(), first.height_px());
+    encoder.write_image(&pixels, width_px, height_px, ExtendedColorType::Rgb8).map_err(io_error)?;
+    file.flush()?;
+    drop(file);
+    output.publish()
+}
+
 /// Writes a layer's bytes.
 pub(super) fn encode(file: &mut impl Write, bitmap: &Bitmap) -> io::Result<()> {
     // Layers are long runs: the fast setting with the filter against the row above is both quick and small.
@@ -34,10 +72,14 @@ pub(super) fn encode(file: &mut impl Write, bitmap: &Bitmap) -> io::Result<()> {
         Depth::Grey => encoder.write_image(bitmap.data(), width_px, height_px, ExtendedColorType::L8),
         Depth::Bit => encoder.write_image(&grey_of_bits(bitmap), width_px, height_px, ExtendedColorType::L8),
     };
-    written.map_err(|error| match error {
+    written.map_err(io_error)
+}
+
+fn io_error(error: image::ImageError) -> io::Error {
+    match error {
         image::ImageError::IoError(error) => error,
         other => io::Error::other(other),
-    })
+    }
 }
 
 /// Grey values of the eight pixels of each byte.

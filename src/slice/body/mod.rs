@@ -6,7 +6,9 @@
 mod buckets;
 mod clipped;
 mod feed;
+pub(super) mod fields;
 mod lattice;
+pub(super) mod masks;
 pub(super) mod source;
 mod surface;
 
@@ -15,15 +17,19 @@ use std::sync::Arc;
 use super::band::{Band, FieldBand};
 use super::workers::Workers;
 use super::{SliceError, SlicePlan};
-use crate::buildfile::{Blend, BodyHeader, BuildFile, Clip, Keeps, Lattice, Patch, Strut, Triangle};
+use crate::buildfile::{BodyHeader, BuildFile, Clip, Joint, Keeps, Lattice, Patch, Split, Strut, Triangle};
 use crate::solid::{Effort, InstructionSet};
 use crate::stream::MemoryBudget;
+use lattice::joined;
+use masks::{MaskBody, OfMaterial};
 use source::{ChunkSource, Stored};
 
 /// Source of the primitives of one body.
 pub enum BodySource {
     /// Struts and balls.
     Lattice(Box<dyn ChunkSource<Strut>>),
+    /// Struts and balls of several materials, which are joined into one solid.
+    Joined(Vec<JoinedLattice>),
     /// Triangles.
     Surface(Box<dyn ChunkSource<Triangle>>),
     /// Patches.
@@ -39,26 +45,49 @@ pub enum BodySource {
     },
 }
 
+/// The struts of one material of a joined lattice.
+pub struct JoinedLattice {
+    /// The struts and balls.
+    pub lattice: Box<dyn ChunkSource<Strut>>,
+    /// Place in the list of materials.
+    pub material: u8,
+}
+
 impl BodySource {
     /// The bodies of a build file.
     pub fn of(file: &Arc<BuildFile>) -> Vec<Self> {
-        Self::drawn_as(file, Lattice::clone)
+        Self::drawn_as(file, Lattice::clone).map(|(source, _)| source).collect()
+    }
+
+    /// The bodies of a build file, and the material of each; 0 if the file names none.
+    pub(super) fn with_materials(file: &Arc<BuildFile>) -> Vec<(Self, u8)> {
+        Self::drawn_as(file, Lattice::clone).collect()
     }
 
     /// The bodies of a build file, each lattice drawn as the exact union of its struts.
     pub(super) fn unions_of(file: &Arc<BuildFile>) -> Vec<Self> {
         // A union reaches less far than a convolution, so the peak of active struts in the file is an upper bound for it, too.
-        Self::drawn_as(file, |lattice| Lattice { blend: Blend::Union, ..lattice.clone() })
+        let drawn = |lattice: &Lattice| Lattice { joint: Joint::Union, ..lattice.clone() };
+        Self::drawn_as(file, drawn).map(|(source, _)| source).collect()
     }
 
-    fn drawn_as(file: &Arc<BuildFile>, drawn: impl Fn(&Lattice) -> Lattice) -> Vec<Self> {
+    fn drawn_as(file: &Arc<BuildFile>, drawn: impl Fn(&Lattice) -> Lattice) -> impl Iterator<Item = (Self, u8)> {
         let bodies = &file.header().bodies;
-        let source = |(body, header): (usize, &BodyHeader)| {
+        let joined = file.header().joined().unwrap_or(0..0);
+        let material = |body: usize| file.header().materials.as_ref().map_or(0, |some| some.of_bodies[body]);
+        let stored =
+            |body: usize, lattice: &Lattice| Box::new(Stored { file: Arc::clone(file), body, header: drawn(lattice) });
+        let mut members = Vec::new();
+        let mut sources = Vec::new();
+        for (body, header) in bodies.iter().enumerate() {
             let file = Arc::clone(file);
-            Some(match header {
+            let source = match header {
+                BodyHeader::Lattice(lattice) if joined.contains(&body) => {
+                    members.push(JoinedLattice { lattice: stored(body, lattice), material: material(body) });
+                    continue;
+                }
                 BodyHeader::Lattice(lattice) => {
-                    let header = drawn(lattice);
-                    let lattice = Box::new(Stored { file: Arc::clone(&file), body, header });
+                    let lattice = stored(body, lattice);
                     match bodies.get(body + 1) {
                         Some(BodyHeader::Clip(Clip { keeps, surface, .. })) => {
                             let clip = Box::new(Stored { file, body: body + 1, header: surface.clone() });
@@ -69,18 +98,51 @@ impl BodySource {
                 }
                 BodyHeader::Surface(surface) => Self::Surface(Box::new(Stored { file, body, header: surface.clone() })),
                 BodyHeader::Relief(relief) => Self::Relief(Box::new(Stored { file, body, header: relief.clone() })),
-                BodyHeader::Clip(_) => return None,
-            })
-        };
-        bodies.iter().enumerate().filter_map(source).collect()
+                BodyHeader::Clip(_) => continue,
+            };
+            sources.push((source, material(body)));
+        }
+        let group = (!members.is_empty()).then_some((Self::Joined(members), 0));
+        group.into_iter().chain(sources)
     }
 
-    /// The open build file that the body is read from, if any.
-    pub(super) fn file(&self) -> Option<&Arc<BuildFile>> {
+    /// The open build files that the body is read from.
+    pub(super) fn files(&self) -> Vec<&Arc<BuildFile>> {
         match self {
-            Self::Lattice(source) | Self::Clipped { lattice: source, .. } => source.file(),
-            Self::Surface(source) => source.file(),
-            Self::Relief(source) => source.file(),
+            Self::Lattice(source) | Self::Clipped { lattice: source, .. } => source.file().into_iter().collect(),
+            Self::Joined(lattices) => lattices.iter().filter_map(|one| one.lattice.file()).collect(),
+            Self::Surface(source) => source.file().into_iter().collect(),
+            Self::Relief(source) => source.file().into_iter().collect(),
+        }
+    }
+
+    /// As [`BodySource::pixels_memory_bytes`], for [`BodySource::masks`].
+    pub(super) fn masks_memory_bytes(&self, plan: &SlicePlan, threads: usize) -> u64 {
+        match self {
+            Self::Joined(lattices) => joined::masks_memory_bytes(lattices, plan, threads),
+            _ => self.pixels_memory_bytes(plan, threads).saturating_add(OfMaterial::memory_bytes(plan, threads)),
+        }
+    }
+
+    /// As [`BodySource::pixels`], as masks: of its own materials if it is joined, else of the given one.
+    ///
+    /// # Errors
+    /// As [`BodySource::pixels`].
+    pub(super) fn masks(
+        self,
+        instructions: InstructionSet,
+        material: u8,
+        split: Split,
+        plan: &SlicePlan,
+        threads: usize,
+        budget: &MemoryBudget,
+    ) -> Result<Box<dyn MaskBody>, SliceError> {
+        match self {
+            Self::Joined(lattices) => joined::masks(instructions, lattices, split, plan, threads, budget),
+            other => {
+                let body = other.pixels(instructions, plan, threads, budget)?;
+                Ok(Box::new(OfMaterial::new(body, material.into(), plan, threads, budget)?))
+            }
         }
     }
 
@@ -89,6 +151,7 @@ impl BodySource {
     pub(super) fn pixels_memory_bytes(&self, plan: &SlicePlan, threads: usize) -> u64 {
         match self {
             Self::Lattice(source) => lattice::pixels_memory_bytes(&**source, plan, threads),
+            Self::Joined(lattices) => joined::pixels_memory_bytes(lattices, plan, threads),
             Self::Surface(source) => surface::pixels_memory_bytes(&**source, plan, threads),
             Self::Relief(source) => surface::pixels_memory_bytes(&**source, plan, threads),
             Self::Clipped { lattice, clip, .. } => lattice::pixels_memory_bytes(&**lattice, plan, threads)
@@ -101,6 +164,7 @@ impl BodySource {
     pub(super) fn field_memory_bytes(&self, plan: &SlicePlan, threads: usize) -> u64 {
         match self {
             Self::Lattice(source) => lattice::field_memory_bytes(&**source, plan, threads),
+            Self::Joined(lattices) => joined::field_memory_bytes(lattices, plan, threads),
             Self::Surface(source) => surface::field_memory_bytes(&**source, plan, threads),
             Self::Relief(source) => surface::field_memory_bytes(&**source, plan, threads),
             Self::Clipped { lattice, clip, .. } => lattice::field_memory_bytes(&**lattice, plan, threads)
@@ -122,6 +186,7 @@ impl BodySource {
     ) -> Result<Box<dyn PixelBody>, SliceError> {
         match self {
             Self::Lattice(source) => lattice::pixels(instructions, source, plan, threads, budget),
+            Self::Joined(lattices) => joined::pixels(instructions, lattices, plan, threads, budget),
             Self::Surface(source) => surface::pixels(source, plan, threads, budget),
             Self::Relief(source) => surface::pixels(source, plan, threads, budget),
             Self::Clipped { lattice, keeps, clip } => {
@@ -145,6 +210,7 @@ impl BodySource {
     ) -> Result<Box<dyn FieldBody>, SliceError> {
         match self {
             Self::Lattice(source) => lattice::field(instructions, source, plan, threads, budget),
+            Self::Joined(lattices) => joined::field(instructions, lattices, plan, threads, budget),
             Self::Surface(source) => surface::field(source, plan, threads, budget),
             Self::Relief(source) => surface::field(source, plan, threads, budget),
             Self::Clipped { lattice, keeps, clip } => {
@@ -163,6 +229,8 @@ pub(super) struct Cut {
     pub(super) z_um: f64,
     /// Offset of its pixels from those of the plan along x and y, pixels.
     pub(super) shift_px: [f64; 2],
+    /// The layer that is drawn.
+    pub(super) layer: u32,
 }
 
 /// One body of a part. It is called once per layer and once per band, never for single pixels. What is drawn of it is up to

@@ -134,7 +134,7 @@ pub trait ChunkSource<P: BodyPrimitive>: Send + Sync {
 pub(in crate::slice) struct Stored<P: BodyPrimitive> {
     pub(in crate::slice) file: Arc<BuildFile>,
     pub(in crate::slice) body: usize,
-    /// The header, with the blend to be drawn if it is a lattice.
+    /// The header, with the joint to be drawn if it is a lattice.
     pub(in crate::slice) header: P::Header,
 }
 

@@ -12,6 +12,7 @@ use super::join::{Join, Rings, Span};
 use super::nest::{self, Places};
 use super::simplify::{Kept, Simplifier};
 use crate::slice::bodies::{self, Bodies};
+use crate::slice::body::fields::FieldSource;
 use crate::slice::body::{BodySource, Cut, FieldBody, FieldBrush};
 use crate::slice::{SliceError, SlicePlan};
 use crate::solid::InstructionSet;
@@ -82,6 +83,22 @@ impl Contours {
         budget: &MemoryBudget,
     ) -> Result<Self, SliceError> {
         let instructions = InstructionSet::detect();
+        Self::with_instructions(instructions, whole(bodies), plan, simplify_tolerance_um, threads, first_layer, budget)
+    }
+
+    /// As [`Contours::new`], of a material, if the sources are [`FieldSource::of_material`].
+    ///
+    /// # Errors
+    /// As [`Contours::new`].
+    pub fn of_sources(
+        bodies: Vec<FieldSource>,
+        plan: SlicePlan,
+        simplify_tolerance_um: f64,
+        threads: usize,
+        first_layer: u32,
+        budget: &MemoryBudget,
+    ) -> Result<Self, SliceError> {
+        let instructions = InstructionSet::detect();
         Self::with_instructions(instructions, bodies, plan, simplify_tolerance_um, threads, first_layer, budget)
     }
 
@@ -91,7 +108,7 @@ impl Contours {
     /// As [`Contours::new`].
     pub fn with_instructions(
         instructions: InstructionSet,
-        bodies: Vec<BodySource>,
+        bodies: Vec<FieldSource>,
         plan: SlicePlan,
         simplify_tolerance_um: f64,
         threads: usize,
@@ -101,8 +118,9 @@ impl Contours {
         if !(simplify_tolerance_um >= 0.0 && simplify_tolerance_um.is_finite()) {
             return Err(SliceError::BadTolerance(simplify_tolerance_um));
         }
-        let body = |source: BodySource| source.field(instructions, &plan, threads, budget);
-        let bodies = Bodies::new(bodies, threads, budget, body)?;
+        let body = |source: FieldSource| source.field(instructions, &plan, threads, budget);
+        let file_bytes = bodies::file_bytes(bodies.iter().flat_map(FieldSource::files), threads);
+        let bodies = Bodies::new(bodies, file_bytes, threads, budget, body)?;
         let raster = &plan.raster;
         let width_px = raster.width_px as usize;
         let rows_per_band = bodies.rows_per_band().unwrap_or(MAX_ROWS).min(MAX_ROWS);
@@ -130,8 +148,15 @@ impl Contours {
     /// some 50 bytes more for each edge of the pixel grid that its border crosses, and its regions 16 bytes for each point.
     pub fn memory_bytes(bodies: &[BodySource], plan: &SlicePlan, threads: usize) -> u64 {
         let each = bodies.iter().map(|body| body.field_memory_bytes(plan, threads));
-        let fixed = bodies::file_bytes(bodies, threads).saturating_add(own_bytes(plan, threads));
-        each.fold(fixed, u64::saturating_add)
+        let files = bodies::file_bytes(bodies.iter().flat_map(BodySource::files), threads);
+        each.fold(files.saturating_add(own_bytes(plan, threads)), u64::saturating_add)
+    }
+
+    /// As [`Contours::memory_bytes`], for [`Contours::of_sources`].
+    pub fn memory_bytes_of_sources(bodies: &[FieldSource], plan: &SlicePlan, threads: usize) -> u64 {
+        let each = bodies.iter().map(|body| body.memory_bytes(plan, threads));
+        let files = bodies::file_bytes(bodies.iter().flat_map(FieldSource::files), threads);
+        each.fold(files.saturating_add(own_bytes(plan, threads)), u64::saturating_add)
     }
 
     /// The regions of the next layer; `None` after the last. Outer rings and holes lie on the border of the solid, without the
@@ -190,9 +215,10 @@ impl Contours {
         // With one axis mirrored, left and right are exchanged.
         let reversed = mirror.x != mirror.y;
         let (bodies, workers) = self.bodies.parts();
+        let cut = Cut { z_um, shift_px: [0.0; 2], layer: self.next_layer };
         let mut brushes: Vec<Vec<Box<dyn FieldBrush + '_>>> = self.fields.iter().map(|_| Vec::new()).collect();
         for body in bodies {
-            for (brushes, brush) in brushes.iter_mut().zip(body.brushes(&Cut { z_um, shift_px: [0.0; 2] })) {
+            for (brushes, brush) in brushes.iter_mut().zip(body.brushes(&cut)) {
                 brushes.push(brush);
             }
         }
@@ -264,4 +290,9 @@ fn own_bytes(plan: &SlicePlan, threads: usize) -> u64 {
     let width_px = plan.raster.width_px as usize;
     let per_thread = Field::bytes(width_px, MAX_ROWS) + BANDS_PER_THREAD as u64 * Piece::bytes(width_px);
     threads as u64 * per_thread + Join::bytes(width_px) + KeptRow::bytes(width_px)
+}
+
+/// Bodies of which all is drawn.
+fn whole(bodies: Vec<BodySource>) -> Vec<FieldSource> {
+    bodies.into_iter().map(FieldSource::Whole).collect()
 }

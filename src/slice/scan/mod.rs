@@ -5,7 +5,7 @@
 //! vectors of them.
 //!
 //! ```
-//! use layerd::buildfile::{Blend, BodySettings, BuildFile, Caps, Placement, Strut, Writer, WriterSettings};
+//! use layerd::buildfile::{Joint, BodySettings, BuildFile, Caps, Placement, Strut, Writer, WriterSettings};
 //! use layerd::layer::{Depth, Mirror, Raster};
 //! use layerd::slice::scan::Contours;
 //! use layerd::slice::{BodySource, SlicePlan};
@@ -13,16 +13,16 @@
 //! # let directory = tempfile::tempdir()?;
 //! # let path = directory.path().join("post.layerd");
 //! // One post of 1 mm radius and 5 mm height, in quanta of 1 µm.
-//! let settings = WriterSettings {
+//! let settings = WriterSettings { materials: None,
 //!     quantum_um: 1.0,
 //!     placement: Placement::Centred,
 //!     source_digest: [0; 32],
 //!     source_name: "post".into(),
-//!     bodies: vec![BodySettings::Lattice { blend: Blend::Union, largest_radius: 1000 }],
+//!     bodies: vec![BodySettings::Lattice { joint: Joint::Union, largest_radius: 1000 }],
 //! };
 //! let mut writer = Writer::create(&path, settings)?;
 //! let caps = Caps::default();
-//! writer.push(Strut { a: [0, 0, 0], b: [0, 0, 5000], radius_a: 1000, radius_b: 1000, caps })?;
+//! writer.push(Strut { a: [0, 0, 0], b: [0, 0, 5000], radius_a: 1000, radius_b: 1000, caps, shares: Shares::default() })?;
 //! writer.finish()?;
 //!
 //! let file = std::sync::Arc::new(BuildFile::open(&path)?);

@@ -1,8 +1,12 @@
 //! Cuts eight struts with one plane: the result is a quadratic about a base cell for each. `footprint` and `patch` draw from it.
 
 use super::reach::{Reach, Window};
+use crate::solid::block::Shares;
 use crate::solid::vector::{LANES, greater, lesser};
-use crate::solid::{Block, Plane};
+use crate::solid::{Block, Plane, WHOLE_SHARE};
+
+/// The share of a strut that is of one material.
+const WHOLE: f32 = WHOLE_SHARE as f32;
 
 /// Eight struts as seen in a plane, each relative to a base cell. At i columns and j rows from it,
 /// `q = q_base − i (slope_x + curve_xy·j + curve_x·i) − j (slope_y + curve_y·j)`, and the ends of the strut are at
@@ -34,6 +38,8 @@ pub(super) struct Footprints {
     /// Weight at the lower end, and its change per unit of length.
     pub(super) weight: [f32; LANES],
     pub(super) weight_slope: [f32; LANES],
+    /// Not 0 if the weight is no linear function, because both radius and share vary.
+    pub(super) bow: [f32; LANES],
 }
 
 impl Footprints {
@@ -98,6 +104,21 @@ impl Footprints {
         cut
     }
 
+    /// Reduces the weights to the shares of one material.
+    #[inline(always)]
+    pub(super) fn share(&mut self, shares: &Shares, chosen: &[u8; LANES]) {
+        let [share_a, share_b] = [gather(&shares[0], chosen), gather(&shares[1], chosen)];
+        for lane in 0..LANES {
+            let [share_a, share_b] = [share_a[lane], share_b[lane]].map(|share| f32::from(share) / WHOLE);
+            let (weight, slope, length) =
+                (self.weight[lane], self.weight_slope[lane], self.hi_base[lane] - self.lo_base[lane]);
+            let (weight_a, weight_b) = (weight * share_a, (weight + slope * length) * share_b);
+            self.weight[lane] = weight_a;
+            self.weight_slope[lane] = (weight_b - weight_a) / length;
+            self.bow[lane] = slope * (share_b - share_a);
+        }
+    }
+
     #[inline(always)]
     fn empty() -> Self {
         let (none, zero) = ([0.0; LANES], [0; LANES]);
@@ -122,6 +143,7 @@ impl Footprints {
             sees_upper: none,
             weight: none,
             weight_slope: none,
+            bow: none,
         }
     }
 }

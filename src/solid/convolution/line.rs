@@ -15,6 +15,8 @@ pub(super) struct ConvolutionStrut {
     length: f64,
     /// Weight at `a`, and its change per unit of length.
     weight: [f32; 2],
+    /// Of a strut whose radius and share both vary: the weight at t is greater than the linear one by `bow · t (t − length)`.
+    bow: f32,
 }
 
 /// Longest stretch that is evaluated from one base pixel. It limits |d|, and with it the rounding errors of `lo` and `hi`.
@@ -24,9 +26,16 @@ impl ConvolutionStrut {
     /// Prepares a record of a block.
     pub(super) fn new(record: StrutRecord, plane: &Plane) -> Self {
         let (a, u, length) = record.axis(plane.quantum);
-        let [weight_a, weight_b] = record.ends.map(f32::from_bits);
-        let change = if length > 0.0 { (weight_b - weight_a) / length as f32 } else { 0.0 };
-        Self { a, u, length, weight: [weight_a, change] }
+        let [whole_a, whole_b] = record.ends.map(f32::from_bits);
+        let [share_a, share_b] = record.shares();
+        let (weight_a, weight_b) = (whole_a * share_a, whole_b * share_b);
+        if length == 0.0 {
+            return Self { a, u, length, weight: [weight_a, 0.0], bow: 0.0 };
+        }
+        let per_length = 1.0 / length as f32;
+        let change = (weight_b - weight_a) * per_length;
+        let bow = (whole_b - whole_a) * (share_b - share_a) * per_length * per_length;
+        Self { a, u, length, weight: [weight_a, change], bow }
     }
 
     /// Adds the field to a strip.
@@ -229,6 +238,9 @@ impl<'a> Line<'a> {
             (_, true, false) => vector::add_strut::<FUSED, NoEnd<false>>(cells, stretch),
             (_, false, true) => vector::add_strut::<FUSED, BothEnds<true>>(cells, stretch),
             (_, false, false) => vector::add_strut::<FUSED, BothEnds<false>>(cells, stretch),
+        }
+        if self.shape.bow != 0.0 {
+            vector::add_bow::<FUSED>(&mut strip.row_mut(row)[first..padded], stretch, self.shape.bow);
         }
         strip.touch(first..padded);
         strip.count_rows(1, padded - first);

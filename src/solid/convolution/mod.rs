@@ -5,7 +5,7 @@
 //! most struts is a few R wide: [`footprint`] finds its rows eight at a time and draws them from one base pixel, or, if it is small,
 //! [`patch`] draws all rows alike. [`line`] draws balls, very long struts and struts along the rows, row by row in `f64`.
 //!
-//! `slice/body/lattice` draws with it; `tests/exact.rs` compares every pixel with the formulas.
+//! `slice/body/lattice` draws with it; `tests/exact/` compares every pixel with the formulas.
 
 mod cut;
 mod footprint;
@@ -105,10 +105,13 @@ impl<'a, Blocks: Iterator<Item = &'a Block>> Work for Draw<'_, Blocks> {
             strip.count(block.len(), count);
             for first in (0..count).step_by(LANES) {
                 let Some(chosen) = chosen[first..].first_chunk::<{ LANES }>() else { return };
-                let footprints = Footprints::new(block, chosen, &reach, plane, &window);
+                let mut footprints = Footprints::new(block, chosen, &reach, plane, &window);
+                if let Some(shares) = &block.shares {
+                    footprints.share(shares, chosen);
+                }
                 for (lane, at) in chosen[..LANES.min(count - first)].iter().enumerate() {
                     let at = usize::from(*at) % Block::LEN;
-                    if reach.compact[at] == 0.0 {
+                    if reach.compact[at] == 0.0 || footprints.bow[lane] != 0.0 {
                         ConvolutionStrut::new(block.get(at), plane).draw::<FUSED>(plane, strip);
                     } else {
                         footprint::draw::<FUSED>(&footprints, lane, strip);

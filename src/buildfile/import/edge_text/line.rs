@@ -6,6 +6,7 @@ use glam::DVec3;
 
 use crate::buildfile::error::PackError;
 use crate::buildfile::import::lane::Beam;
+use crate::buildfile::import::materials::{MaterialNames, Mixture};
 use crate::buildfile::model::Caps;
 
 /// Longest line, bytes. Seven numbers of 17 digits take 175.
@@ -16,6 +17,9 @@ const MAX_QUOTE_CHARS: usize = 40;
 
 /// Numbers in the line of a strut: two points and a radius.
 const FIELDS: usize = 7;
+
+/// A line as it should be.
+const STRUT: &str = "a strut is `x1 y1 z1 x2 y2 z2 [radius [material [material2]]]`";
 
 /// An error with its line. Of several errors, the first in the file is reported.
 pub(super) struct LineError {
@@ -89,14 +93,15 @@ impl Header {
     }
 }
 
-/// The numbers in the line of a strut.
+/// The numbers in the line of a strut, and the material at each end.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Numbers {
+pub(super) struct Numbers<'a> {
     values: [f64; FIELDS],
     count: usize,
+    materials: Option<[&'a str; 2]>,
 }
 
-impl Numbers {
+impl<'a> Numbers<'a> {
     /// Parses the first line of `bytes` if it contains only plain decimals, as nearly every line does. Returns the numbers and the length
     /// of the line. `None` if it needs [`Numbers::parse`], for an error or an exponent.
     pub(super) fn plain(bytes: &[u8]) -> Option<(Self, usize)> {
@@ -120,15 +125,24 @@ impl Numbers {
     ///
     /// # Errors
     /// A text that says what was found and what is expected.
-    pub(super) fn parse(line: &[u8]) -> Result<Self, String> {
+    pub(super) fn parse(line: &'a [u8]) -> Result<Self, String> {
         let mut numbers = Self::default();
         if is_blank(line) {
             return Ok(numbers);
         }
-        for field in text(line)?.split_ascii_whitespace() {
-            let value = numbers.values.get_mut(numbers.count);
-            *value.ok_or("more than 7 fields; a strut is `x1 y1 z1 x2 y2 z2 [radius]`")? = number(field)?;
+        let mut fields = text(line)?.split_ascii_whitespace();
+        for (value, field) in numbers.values.iter_mut().zip(&mut fields) {
+            *value = number(field)?;
             numbers.count += 1;
+        }
+        if let Some(first) = fields.next() {
+            if first.parse::<f64>().is_ok() {
+                return Err(format!("`{}` after the radius, which is no name of a material; {STRUT}", quote(first)));
+            }
+            numbers.materials = Some([first, fields.next().unwrap_or(first)]);
+        }
+        if fields.next().is_some() {
+            return Err(format!("more than 9 fields; {STRUT}"));
         }
         Ok(numbers)
     }
@@ -142,20 +156,28 @@ impl Numbers {
     ///
     /// # Errors
     /// A text that says what is wrong with the numbers.
-    pub(super) fn strut(&self, default_radius: f64) -> Result<Beam, String> {
+    pub(super) fn strut(&self, default_radius: f64, names: &MaterialNames) -> Result<Beam, String> {
         let [x1, y1, z1, x2, y2, z2, stated_radius] = self.values;
         let radius = match self.count {
             6 => default_radius,
             FIELDS => stated_radius,
-            count => return Err(format!("{count} fields; a strut is `x1 y1 z1 x2 y2 z2 [radius]`")),
+            count => return Err(format!("{count} fields; {STRUT}")),
         };
         if radius <= 0.0 {
             let whose = if self.count == FIELDS { "" } else { ", from the first line" };
             return Err(format!("radius {radius}{whose}; it must be greater than 0"));
         }
+        let mixture = self.materials.map(|ends| mixture(ends, names)).transpose()?;
         let (a, b) = (DVec3::new(x1, y1, z1), DVec3::new(x2, y2, z2));
-        Ok(Beam { a, b, radius_a: radius, radius_b: radius, caps: Caps::default() })
+        Ok(Beam { a, b, radius_a: radius, radius_b: radius, caps: Caps::default(), mixture })
     }
+}
+
+/// What a strut consists of, whose ends are of these materials.
+fn mixture(ends: [&str; 2], names: &MaterialNames) -> Result<Mixture, String> {
+    let [a, b] = ends;
+    let a = Mixture::of(names.number(a)?);
+    Ok(if ends[0] == ends[1] { a } else { Mixture::between(&a, &Mixture::of(names.number(b)?)) })
 }
 
 /// Powers of ten that an `f64` represents exactly, as many as a number below 2⁵³ has digits.

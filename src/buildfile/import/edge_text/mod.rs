@@ -1,5 +1,5 @@
 //! Edge text, as GPULatticeSlicer writes it: a first line `count radius convolution_radius kernel_size`, then one strut per line,
-//! `x1 y1 z1 x2 y2 z2 [radius]`, in millimetres and in any order. Blank lines, and comment lines that begin with `#` or `//`, may be
+//! `x1 y1 z1 x2 y2 z2 [radius [material [material2]]]`, in millimetres and in any order: the names of the materials at both ends. Blank lines, and comment lines that begin with `#` or `//`, may be
 //! anywhere. Lines end with LF, CR LF or CR.
 //!
 //! The calling thread reads blocks and computes the digest. Each lane of the collector has a thread that parses and sorts.
@@ -181,7 +181,7 @@ impl Job<'_> {
                 if length > MAX_LINE_BYTES {
                     return Err(problem(too_long()));
                 }
-                let beam = numbers.strut(self.header.radius).map_err(problem)?;
+                let beam = numbers.strut(self.header.radius, lane.materials()).map_err(problem)?;
                 lane.beam(&beam, &|| place(self.path, line)).map_err(|error| LineError { line, error })?;
                 count += 1;
             }
@@ -192,7 +192,7 @@ impl Job<'_> {
     }
 
     /// Parses the first line of `rest`, with numbers in any notation. Returns the numbers and the length of the line.
-    fn parse_slowly(&self, rest: &[u8], line: u64) -> Result<(Numbers, usize), LineError> {
+    fn parse_slowly<'a>(&self, rest: &'a [u8], line: u64) -> Result<(Numbers<'a>, usize), LineError> {
         let length = line_length(rest);
         let text = &rest[..length];
         let is_long = length > MAX_LINE_BYTES && !is_blank(text);

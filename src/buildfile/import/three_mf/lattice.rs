@@ -7,6 +7,7 @@ use glam::{DAffine3, DVec3};
 use super::attributes::{finite, measure, optional, required};
 use super::clipping::Clipped;
 use super::displacement::Displaced;
+use super::materials::Named;
 use super::resources::Object;
 use super::space::Space;
 use super::structure::{Structure, ball_attribute, displacement_group};
@@ -14,6 +15,7 @@ use super::xml::{Element, Xml, quote};
 use crate::buildfile::error::PackError;
 use crate::buildfile::import::collect::Collector;
 use crate::buildfile::import::lane::Beam;
+use crate::buildfile::import::materials::Mixture;
 use crate::buildfile::import::relief::Face;
 use crate::buildfile::model::{Cap, Caps};
 
@@ -36,6 +38,8 @@ pub(super) struct LatticeReader<'a, 'b, 'c> {
     pub(super) maps: Vec<u16>,
     /// What is clipped.
     pub(super) clipped: Clipped,
+    /// The properties that were looked up last, of their part, and what they are.
+    pub(super) last_mixture: Option<((u32, Named), Option<Mixture>)>,
     /// Beams shorter than the minimum length of their lattice.
     pub(super) short_count: u64,
     /// Beams from a vertex to itself.
@@ -63,8 +67,8 @@ struct Open<'a> {
 enum Piece {
     /// A beam with its number in the lattice, counted from 1.
     Beam(Beam, u64),
-    /// Centre and radius.
-    Ball(DVec3, f64),
+    /// Centre, radius and material.
+    Ball(DVec3, f64, Option<Mixture>),
     /// A triangle with its number in the mesh, counted from 1.
     Triangle([DVec3; 3], Option<Displaced>, u64),
 }
@@ -158,7 +162,12 @@ impl<'a> LatticeReader<'a, '_, '_> {
                 open.block.extend(beam.map(|beam| Piece::Beam(beam, number)));
             }
             (Space::Balls | Space::Lattice, "ball") if open.defaults.balls_listed => {
-                let ball = ball(open, element).map_err(|problem| self.wrong(open, None, problem))?;
+                let read = ball(open, element).and_then(|(centre, radius)| {
+                    // A ball has one material.
+                    let mixture = self.mixture(open, Named::read(element, ["p", "p"])?)?;
+                    Ok(Piece::Ball(centre, radius, mixture))
+                });
+                let ball = read.map_err(|problem| self.wrong(open, None, problem))?;
                 open.block.push(ball);
             }
             _ => {}
@@ -238,13 +247,26 @@ impl<'a> LatticeReader<'a, '_, '_> {
             ends.iter().for_each(|&end| open.bare[end] = true);
         }
         let unit_mm = open.unit_mm;
+        let mixture = self.mixture(open, Named::read(element, ["p1", "p2"])?)?;
         Ok(Some(Beam {
             a: a * unit_mm,
             b: b * unit_mm,
             radius_a: radius_a * unit_mm,
             radius_b: radius_b * unit_mm,
             caps,
+            mixture,
         }))
+    }
+
+    /// What a beam or ball with these properties consists of.
+    fn mixture(&mut self, open: &Open<'_>, named: Named) -> Result<Option<Mixture>, String> {
+        let named = named.or(open.object.properties);
+        if let Some((_, mixture)) = self.last_mixture.filter(|(known, _)| *known == (self.part, named)) {
+            return Ok(mixture);
+        }
+        let mixture = self.structure.properties.mixture(self.part, named, self.collector.materials())?;
+        self.last_mixture = Some(((self.part, named), mixture));
+        Ok(mixture)
     }
 
     /// Hands the block to the collector, once for each place of the object.
@@ -280,10 +302,10 @@ impl<'a> LatticeReader<'a, '_, '_> {
                         let named = || format!("{}: triangle {number}", place(self.structure, &self.place, open, None));
                         self.collector.meshes.face(&face, &named)?;
                     }
-                    Piece::Ball(centre, radius) => {
+                    Piece::Ball(centre, radius, mixture) => {
                         let centre = placed.transform_point3(centre);
                         let named = || format!("{}: a ball", place(self.structure, &self.place, open, None));
-                        self.collector.ball(centre, radius, stretch, lane, &named)?;
+                        self.collector.ball(centre, radius, mixture, stretch, lane, &named)?;
                     }
                 }
             }
@@ -312,9 +334,11 @@ impl<'a> LatticeReader<'a, '_, '_> {
     fn close(&mut self, open: Option<Open<'_>>) -> Result<(), PackError> {
         let Some(mut open) = open else { return Ok(()) };
         if let Some(radius) = open.defaults.ball_radius.filter(|_| open.defaults.balls_everywhere) {
+            let mixture = self.mixture(&open, Named::default()).map_err(|problem| self.wrong(&open, None, problem))?;
             for vertex in 0..open.bare.len() {
                 if open.bare[vertex] {
-                    open.block.push(Piece::Ball(open.vertices[vertex] * open.unit_mm, radius * open.unit_mm));
+                    let centre = open.vertices[vertex] * open.unit_mm;
+                    open.block.push(Piece::Ball(centre, radius * open.unit_mm, mixture));
                 }
                 if open.block.len() >= MAX_BLOCK_PIECES {
                     self.place_block(&mut open)?;
@@ -353,8 +377,8 @@ fn triangle(open: &Open<'_>, element: &Element) -> Result<[DVec3; 3], String> {
     Ok([corner("v1")?, corner("v2")?, corner("v3")?])
 }
 
-/// A ball in millimetres.
-fn ball(open: &mut Open<'_>, element: &Element) -> Result<Piece, String> {
+/// Centre and radius of a ball in millimetres.
+fn ball(open: &mut Open<'_>, element: &Element) -> Result<(DVec3, f64), String> {
     let index: usize = required(element, "vindex")?;
     let radius = measure(element, "r")?.or(open.defaults.ball_radius);
     let radius = radius.ok_or_else(|| format!("the ball at vertex {index} has no radius"))?;
@@ -364,7 +388,7 @@ fn ball(open: &mut Open<'_>, element: &Element) -> Result<Piece, String> {
     if let Some(bare) = open.bare.get_mut(index) {
         *bare = false;
     }
-    Ok(Piece::Ball(centre * open.unit_mm, radius * open.unit_mm))
+    Ok((centre * open.unit_mm, radius * open.unit_mm))
 }
 
 impl Defaults {

@@ -11,6 +11,7 @@ mod clipping;
 mod displacement;
 mod extensions;
 mod lattice;
+mod materials;
 mod package;
 mod part_name;
 mod resources;
@@ -80,6 +81,7 @@ pub(super) fn import(
         vertex_limit,
         maps,
         clipped,
+        last_mixture: None,
         short_count: 0,
         pointless_count: 0,
     };

@@ -6,6 +6,7 @@ use std::ops::Range;
 use glam::DAffine3;
 
 use super::clipping::Clipping;
+use super::materials::Named;
 
 /// Stands for the build where a link names the object it belongs to.
 pub(super) const BUILD: u32 = u32::MAX;
@@ -30,6 +31,8 @@ pub(super) struct Object {
     /// Its type is `other`.
     pub(super) is_other: bool,
     pub(super) has_lattice: bool,
+    /// The properties of beams that name none.
+    pub(super) properties: Named,
     /// Number of triangles of its mesh.
     pub(super) triangle_count: u64,
     pub(super) has_displacement: bool,

@@ -10,7 +10,9 @@ pub(super) enum Space {
     Balls,
     Production,
     Displacement,
-    /// An extension that cannot change the shape: materials and properties, or triangle sets.
+    /// Materials and properties.
+    Material,
+    /// An extension that cannot change the shape: triangle sets.
     Shapeless,
     /// Any other namespace, or none.
     Other,
@@ -24,8 +26,8 @@ impl Space {
             "http://schemas.microsoft.com/3dmanufacturing/beamlattice/2017/02" => Self::Lattice,
             "http://schemas.microsoft.com/3dmanufacturing/beamlattice/balls/2020/07" => Self::Balls,
             "http://schemas.microsoft.com/3dmanufacturing/production/2015/06" => Self::Production,
-            "http://schemas.microsoft.com/3dmanufacturing/material/2015/02"
-            | "http://schemas.microsoft.com/3dmanufacturing/trianglesets/2021/07" => Self::Shapeless,
+            "http://schemas.microsoft.com/3dmanufacturing/material/2015/02" => Self::Material,
+            "http://schemas.microsoft.com/3dmanufacturing/trianglesets/2021/07" => Self::Shapeless,
             // Published files use several owners and dates.
             _ if uri.contains("/displacement/") => Self::Displacement,
             _ => Self::Other,

@@ -12,6 +12,7 @@ use super::attributes::{optional, required, transform};
 use super::clipping::Clipping;
 use super::displacement::Displacements;
 use super::extensions::Extensions;
+use super::materials::{Named, Properties};
 use super::package::{Names, Package};
 use super::part_name;
 use super::resources::{LeftOut, Object, ObjectId, Resources};
@@ -34,6 +35,7 @@ pub(super) struct Structure {
     /// One sentence for each thing that was ignored.
     pub(super) notes: Vec<String>,
     pub(super) displacements: Displacements,
+    pub(super) properties: Properties,
     assembly: Assembly,
 }
 
@@ -55,6 +57,7 @@ impl Structure {
             units_mm: Vec::new(),
             extensions: Extensions::default(),
             displacements: Displacements::default(),
+            properties: Properties::default(),
             limit_bytes: usize::try_from(memory_bytes.max(FREE_BYTES)).unwrap_or(usize::MAX),
         };
         while let Some(part) = reader.resources.part_names.get(reader.units_mm.len()).cloned() {
@@ -101,6 +104,7 @@ struct Reader {
     units_mm: Vec<f64>,
     extensions: Extensions,
     displacements: Displacements,
+    properties: Properties,
     /// Limit of the memory of the resources.
     limit_bytes: usize,
 }
@@ -113,9 +117,9 @@ impl Reader {
         let mut current = None;
         while let Some(element) = xml.next()? {
             self.element(element, &mut current)?;
-            if self.resources.bytes() + self.displacements.bytes > self.limit_bytes {
+            if self.resources.bytes() + self.displacements.bytes + self.properties.bytes > self.limit_bytes {
                 return Err(format!(
-                    "its objects, components, build items and displacements take more than {} MiB, which do not fit --memory; give it more",
+                    "its objects, components, build items, materials and displacements take more than {} MiB, which do not fit --memory; give it more",
                     self.limit_bytes >> 20
                 ));
             }
@@ -169,7 +173,7 @@ impl Reader {
             (Space::Displacement, "displacementmesh") => self.current(element, *current)?.has_displacement = true,
             (Space::Displacement, _) => self.displacements.element(self.number(), element)?,
             (Space::Lattice, "beamlattice") => lattice(element, self.current(element, *current)?)?,
-            _ => {}
+            _ => self.properties.element(self.number(), element)?,
         }
         Ok(())
     }
@@ -191,7 +195,8 @@ impl Reader {
         let id = (self.number(), required(element, "id")?);
         let name = quote(element.get("name").unwrap_or(""));
         let group = displacement_group(element)?;
-        self.resources.add(Object { id, name, is_other, group, ..Object::default() })
+        let properties = Named::read(element, ["pindex", "pindex"])?;
+        self.resources.add(Object { id, name, is_other, group, properties, ..Object::default() })
     }
 
     fn current(&mut self, element: &Element, current: Option<u32>) -> Result<&mut Object, String> {
@@ -248,6 +253,7 @@ impl Reader {
             units_mm: self.units_mm,
             notes,
             displacements: self.displacements,
+            properties: self.properties,
             assembly,
         })
     }
@@ -257,6 +263,7 @@ impl Reader {
 fn lattice(element: &Element, object: &mut Object) -> Result<(), String> {
     object.has_lattice = true;
     object.clipping = Clipping::read(element)?;
+    object.properties = Named::read(element, ["pindex", "pindex"])?.or(object.properties);
     if ball_attribute(element, "ballmode") == Some("all") {
         object.strut_count += object.vertex_count;
     }

@@ -6,9 +6,10 @@
 //! ```text
 //! 0  u32 struts   4  u32 nodes   8  u8 flags   9  u8 × 9 widths: z y x node dz dy dx radius_a radius_b
 //! 18 i32 z_min    22 i32 y_min   26 i32 x_min  30 u32 radius_a_min   34 u32 radius_b_min
-//! 38 columns: z y x (one value for each lower node), node dz dy dx radius_a [radius_b] [caps] (one value for each strut)
+//! 38 columns: z y x (one value for each lower node), node dz dy dx radius_a [radius_b] [caps] [share_a share_b] (one value for each strut)
 //! ```
 
+use crate::buildfile::materials::Shares;
 use crate::buildfile::model::{Bounds, Cap, Caps, Lattice, Strut, node_key};
 use crate::buildfile::primitive::columns::{self, Scratch, Unpacked};
 
@@ -18,6 +19,9 @@ pub(super) const COLUMNS: usize = 5;
 const HEAD_BYTES: usize = 38;
 const FLAG_SECOND_RADIUS: u8 = 1;
 const FLAG_CAPS: u8 = 2;
+const FLAG_SHARES: u8 = 4;
+/// Bytes of a share.
+const SHARE_WIDTH: u8 = 2;
 const CAPS: [Cap; 3] = [Cap::Sphere, Cap::Hemisphere, Cap::Butt];
 
 /// As [`Primitive::encode`](super::Primitive::encode).
@@ -56,6 +60,11 @@ pub(super) fn encode(struts: &[Strut], out: &mut Unpacked) {
         out.planes.push(out.bytes.len());
         out.bytes.extend(struts.iter().map(|strut| strut.caps.a as u8 + 3 * strut.caps.b as u8));
     }
+    if struts.iter().any(|strut| strut.shares != Shares::default()) {
+        head.flags |= FLAG_SHARES;
+        out.add_wide(struts.iter().map(|strut| strut.shares.a.into()), SHARE_WIDTH);
+        out.add_wide(struts.iter().map(|strut| strut.shares.b.into()), SHARE_WIDTH);
+    }
     out.bytes[..HEAD_BYTES].copy_from_slice(&head.to_bytes());
 }
 
@@ -74,7 +83,7 @@ pub(super) fn decode(
     if head.nodes == 0 || head.nodes > head.struts {
         return Err(format!("{} nodes for {} struts", head.nodes, head.struts));
     }
-    if head.flags & !(FLAG_SECOND_RADIUS | FLAG_CAPS) != 0 {
+    if head.flags & !(FLAG_SECOND_RADIUS | FLAG_CAPS | FLAG_SHARES) != 0 {
         return Err(format!("unknown flags {:#x}", head.flags));
     }
     decode_columns(&head, &bytes[HEAD_BYTES..], lattice, scratch, out)
@@ -117,6 +126,22 @@ fn decode_columns(
         for (strut, &code) in out[first..].iter_mut().zip(&*step) {
             let cap = |code: u32| CAPS.get(code as usize).copied().ok_or(format!("unknown cap {code}"));
             strut.caps = Caps { a: cap(code % 3)?, b: cap(code / 3)? };
+        }
+    }
+    if head.flags & FLAG_SHARES != 0 {
+        bytes = columns::take(bytes, count, SHARE_WIDTH, step).ok_or(SHORT)?;
+        bytes = columns::take(bytes, count, SHARE_WIDTH, dz).ok_or(SHORT)?;
+        for (strut, (a, b)) in out[first..].iter_mut().zip(step.iter().zip(&*dz)) {
+            // Two bytes fit.
+            strut.shares = Shares { a: *a as u16, b: *b as u16 };
+            if strut.is_ball() && a != b {
+                return Err(format!("a ball with shares {a} and {b} of its material"));
+            }
+        }
+        if !lattice.is_graded && out[first..].iter().any(|strut| strut.shares != Shares::default()) {
+            return Err(
+                "it has struts of which a part is of another material, but the header says that there are none".into(),
+            );
         }
     }
     if bytes.is_empty() { Ok(()) } else { Err(format!("{} bytes are left over", bytes.len())) }
@@ -168,7 +193,7 @@ fn join(
         top = top.max(i64::from(a[2]) + i64::from(*dz));
         let b = [x, y, a[2].wrapping_add_unsigned(*dz)];
         let radius = radius.wrapping_add(radius_min);
-        out.push(Strut { a, b, radius_a: radius, radius_b: radius, caps: Caps::default() });
+        out.push(Strut { a, b, radius_a: radius, radius_b: radius, caps: Caps::default(), shares: Shares::default() });
     }
     for axis in 0..2 {
         check_reach(axis, least[axis].into(), most[axis].into(), bounds)?;

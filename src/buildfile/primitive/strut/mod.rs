@@ -5,7 +5,7 @@ mod key;
 
 use super::{Primitive, Scratch, Sortable, Unpacked};
 use crate::buildfile::model::{Lattice, Strut};
-use key::StrutKey;
+use key::{SharedKey, StrutKey};
 
 /// Size of a strut in a build file, bytes: the most that large files take in practice.
 pub(in crate::buildfile) const EXPECTED_STRUT_BYTES: u64 = 10;
@@ -50,5 +50,21 @@ impl Sortable for Strut {
 
     fn of_key(key: &StrutKey) -> Self {
         key.strut()
+    }
+}
+
+/// A strut of which a part may be of another material, as the sort takes it. Others take less memory.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::buildfile) struct SharedStrut(pub(in crate::buildfile) Strut);
+
+impl Sortable for SharedStrut {
+    type Key = SharedKey;
+
+    fn key(&self) -> SharedKey {
+        SharedKey::of(&self.0)
+    }
+
+    fn of_key(key: &SharedKey) -> Self {
+        Self(key.strut())
     }
 }

@@ -40,14 +40,15 @@ impl ActiveSet {
         Self { place: Buckets::new(height, min_rows), buckets, alive: 0 }
     }
 
-    /// Memory for up to `max_active` struts within reach, bytes.
-    pub(super) fn memory_bytes(max_active: u64, height: usize, min_rows: usize) -> u64 {
+    /// Memory for up to `max_active` struts within reach, which may have shares, bytes.
+    pub(super) fn memory_bytes(max_active: u64, has_shares: bool, height: usize, min_rows: usize) -> u64 {
         let buckets = Buckets::count(height, min_rows) as u64;
         // The last block of each bucket may be nearly empty.
         let blocks = (max_active / Block::LEN as u64).saturating_add(buckets.min(max_active));
         let blocks = blocks.saturating_add(blocks / (DEAD_SHARE as u64 - 1));
         // A growing list has room for up to twice its length.
-        let block_bytes = (size_of::<Block>() + 2 * size_of::<Box<Block>>()) as u64;
+        let share_bytes = if has_shares { Block::SHARES_BYTES } else { 0 };
+        let block_bytes = (size_of::<Block>() + share_bytes + 2 * size_of::<Box<Block>>()) as u64;
         blocks.saturating_mul(block_bytes).saturating_add(buckets * size_of::<Bucket>() as u64)
     }
 

@@ -5,7 +5,7 @@ use crate::layer::Depth;
 use crate::slice::band::{Band, FieldBand};
 use crate::slice::body::{Brush, FieldBrush};
 use crate::slice::{SliceError, SlicePlan};
-use crate::solid::{Effort, FieldShape, InstructionSet, PixelShape, Plane, Shape, Strip};
+use crate::solid::{Effort, FieldShape, Grid, InstructionSet, PixelShape, Plane, Shape, Strip};
 use crate::stream::{Charge, MemoryBudget};
 
 /// Largest strip, bytes, unless a single group of rows is longer. Compared with a strip of half this size it saves a tenth of the
@@ -95,15 +95,30 @@ pub(super) struct StripBrush<'a, S: Shape> {
 /// The brush of one thread that draws a field.
 pub(super) struct FieldStripBrush<'a, S: Shape> {
     pub(super) strip: StripBrush<'a, S>,
+    pub(super) scale: Scale,
+}
+
+/// From cells to a field.
+#[derive(Clone, Copy)]
+pub(super) struct Scale {
     /// Micrometres of excess for each unit of a cell.
-    pub(super) excess_um: f32,
+    excess_um: f32,
     /// The excess where no strut reaches, micrometres.
-    pub(super) outside_um: f32,
+    outside_um: f32,
+}
+
+impl Scale {
+    /// For pixels of this grid, whose unit of length is `unit_um`, and struts with radii up to `radius_um`.
+    pub(super) fn of<S: FieldShape>(grid: &Grid, unit_um: f64, radius_um: f64) -> Self {
+        let excess_um = S::excess_um(unit_um, radius_um);
+        let pitch_um = grid.dx.abs().max(grid.dy.abs()) * unit_um;
+        Self { excess_um, outside_um: S::outside_um(excess_um, pitch_um) }
+    }
 }
 
 impl<S: Shape> StripBrush<'_, S> {
     /// Draws `count` rows of the grid from `first` on, and the rows of the halo, on the strip.
-    fn draw(&mut self, first: usize, count: usize, halo: usize) {
+    pub(super) fn draw(&mut self, first: usize, count: usize, halo: usize) {
         self.strip.begin(first, count);
         let rows = first as i64 - halo as i64..(first + count + halo) as i64;
         S::draw(self.instructions, self.active.blocks(rows), &self.plane, self.strip);
@@ -112,24 +127,28 @@ impl<S: Shape> StripBrush<'_, S> {
 
 impl<S: PixelShape> Brush for StripBrush<'_, S> {
     fn cover(&mut self, band: &mut Band<'_>) {
-        let width = self.plane.grid.width;
-        match band {
-            Band::Bits(rows) => {
-                self.draw(rows.first, rows.count(), halo::<S>(Depth::Bit));
-                for (row, out) in rows.each_mut().enumerate() {
-                    for pixels in self.strip.used_pixels(width) {
-                        let bytes = pixels.start / 8..pixels.end.div_ceil(8);
-                        S::merge_bits(self.instructions, self.strip, row, bytes.start, &mut out[bytes]);
-                    }
+        let rows = band.rows();
+        self.draw(rows.first, rows.count(), halo::<S>(band.depth()));
+        merge_pixels::<S>(self.instructions, self.strip, self.plane.grid.width, band);
+    }
+}
+
+/// Merges what is drawn on a strip into a band of `width` pixels.
+pub(super) fn merge_pixels<S: PixelShape>(
+    instructions: InstructionSet,
+    strip: &Strip<S::Cell>,
+    width: usize,
+    band: &mut Band<'_>,
+) {
+    let depth = band.depth();
+    for (row, out) in band.rows_mut().each_mut().enumerate() {
+        for pixels in strip.used_pixels(width) {
+            match depth {
+                Depth::Bit => {
+                    let bytes = pixels.start / 8..pixels.end.div_ceil(8);
+                    S::merge_bits(instructions, strip, row, bytes.start, &mut out[bytes]);
                 }
-            }
-            Band::Grey(rows) => {
-                self.draw(rows.first, rows.count(), halo::<S>(Depth::Grey));
-                for (row, out) in rows.each_mut().enumerate() {
-                    for pixels in self.strip.used_pixels(width) {
-                        S::merge_coverage(self.instructions, self.strip, row, pixels.start, &mut out[pixels]);
-                    }
-                }
+                Depth::Grey => S::merge_coverage(instructions, strip, row, pixels.start, &mut out[pixels]),
             }
         }
     }
@@ -137,16 +156,25 @@ impl<S: PixelShape> Brush for StripBrush<'_, S> {
 
 impl<S: FieldShape> FieldBrush for FieldStripBrush<'_, S> {
     fn raise(&mut self, band: &mut FieldBand<'_>) {
-        let width = self.strip.plane.grid.width;
         self.strip.draw(band.first, band.count(), 0);
-        for (row, out) in band.each_mut().enumerate() {
-            // Everywhere, so that the excess does not depend on which cells a kernel happened to touch.
-            for excess in &mut *out {
-                *excess = excess.max(self.outside_um);
-            }
-            for pixels in self.strip.strip.used_pixels(width) {
-                S::merge_excess(self.strip.strip, row, pixels.start, self.excess_um, &mut out[pixels]);
-            }
+        merge_field::<S>(self.strip.strip, &self.scale, self.strip.plane.grid.width, band);
+    }
+}
+
+/// Raises a band of `width` pixels to what is drawn on a strip.
+pub(super) fn merge_field<S: FieldShape>(
+    strip: &Strip<S::Cell>,
+    scale: &Scale,
+    width: usize,
+    band: &mut FieldBand<'_>,
+) {
+    for (row, out) in band.each_mut().enumerate() {
+        // Everywhere, so that the excess does not depend on which cells a kernel happened to touch.
+        for excess in &mut *out {
+            *excess = excess.max(scale.outside_um);
+        }
+        for pixels in strip.used_pixels(width) {
+            S::merge_excess(strip, row, pixels.start, scale.excess_um, &mut out[pixels]);
         }
     }
 }

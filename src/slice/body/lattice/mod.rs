@@ -2,11 +2,12 @@
 
 mod active;
 mod brush;
+pub(super) mod joined;
 mod sweep;
 
 use super::source::ChunkSource;
 use super::{Body, Brush, Cut, FieldBody, FieldBrush, PixelBody};
-use crate::buildfile::{Blend, Strut};
+use crate::buildfile::Strut;
 use crate::layer::Depth;
 use crate::slice::workers::Workers;
 use crate::slice::{SliceError, SlicePlan};
@@ -15,10 +16,10 @@ use crate::solid::{
     UnionExcess,
 };
 use crate::stream::MemoryBudget;
-use brush::{FieldStripBrush, StripBrush, Strips};
+use brush::{FieldStripBrush, Scale, StripBrush, Strips};
 use sweep::Sweep;
 
-/// Struts and balls of one blend, as a body.
+/// Struts and balls of one joint, as a body.
 struct Lattice<S: Shape> {
     /// The pixels of the plan, in the unit of length of the solid.
     grid: Grid,
@@ -41,16 +42,13 @@ pub(in crate::slice) fn pixels(
     threads: usize,
     budget: &MemoryBudget,
 ) -> Result<Box<dyn PixelBody>, SliceError> {
-    let halo = match source.header().blend {
-        Blend::Convolution { .. } => brush::halo::<Convolution>(plan.depth),
-        Blend::Union => brush::halo::<Union>(plan.depth),
-    };
     let unit_um = unit_um(&*source)?;
-    Ok(match source.header().blend {
-        Blend::Convolution { .. } => {
-            Box::new(Lattice::<Convolution>::new(instructions, source, plan, unit_um, halo, threads, budget)?)
-        }
-        Blend::Union => Box::new(Lattice::<Union>::new(instructions, source, plan, unit_um, halo, threads, budget)?),
+    Ok(if is_convolution(&*source) {
+        let halo = brush::halo::<Convolution>(plan.depth);
+        Box::new(Lattice::<Convolution>::new(instructions, source, plan, unit_um, halo, threads, budget)?)
+    } else {
+        let halo = brush::halo::<Union>(plan.depth);
+        Box::new(Lattice::<Union>::new(instructions, source, plan, unit_um, halo, threads, budget)?)
     })
 }
 
@@ -66,35 +64,39 @@ pub(in crate::slice) fn field(
     budget: &MemoryBudget,
 ) -> Result<Box<dyn FieldBody>, SliceError> {
     let unit_um = unit_um(&*source)?;
-    Ok(match source.header().blend {
-        Blend::Convolution { .. } => {
-            Box::new(Lattice::<Convolution>::new(instructions, source, plan, unit_um, 0, threads, budget)?)
-        }
-        Blend::Union => Box::new(Lattice::<UnionExcess>::new(instructions, source, plan, unit_um, 0, threads, budget)?),
+    Ok(if is_convolution(&*source) {
+        Box::new(Lattice::<Convolution>::new(instructions, source, plan, unit_um, 0, threads, budget)?)
+    } else {
+        Box::new(Lattice::<UnionExcess>::new(instructions, source, plan, unit_um, 0, threads, budget)?)
     })
 }
 
 /// Memory that [`pixels`] charges, bytes. It is known before a chunk is read.
 pub(in crate::slice) fn pixels_memory_bytes(source: &dyn ChunkSource<Strut>, plan: &SlicePlan, threads: usize) -> u64 {
-    match source.header().blend {
-        Blend::Convolution { .. } => {
-            Lattice::<Convolution>::memory_bytes(source, plan, brush::halo::<Convolution>(plan.depth), threads)
-        }
-        Blend::Union => Lattice::<Union>::memory_bytes(source, plan, brush::halo::<Union>(plan.depth), threads),
+    if is_convolution(source) {
+        Lattice::<Convolution>::memory_bytes(source, plan, brush::halo::<Convolution>(plan.depth), threads)
+    } else {
+        Lattice::<Union>::memory_bytes(source, plan, brush::halo::<Union>(plan.depth), threads)
     }
 }
 
 /// Memory that [`field`] charges, bytes. It is known before a chunk is read.
 pub(in crate::slice) fn field_memory_bytes(source: &dyn ChunkSource<Strut>, plan: &SlicePlan, threads: usize) -> u64 {
-    match source.header().blend {
-        Blend::Convolution { .. } => Lattice::<Convolution>::memory_bytes(source, plan, 0, threads),
-        Blend::Union => Lattice::<UnionExcess>::memory_bytes(source, plan, 0, threads),
+    if is_convolution(source) {
+        Lattice::<Convolution>::memory_bytes(source, plan, 0, threads)
+    } else {
+        Lattice::<UnionExcess>::memory_bytes(source, plan, 0, threads)
     }
+}
+
+/// Whether its struts have fields that are added. Elliptic arcs change nothing in a lattice of one material.
+fn is_convolution(source: &dyn ChunkSource<Strut>) -> bool {
+    source.header().joint.support_um().is_some()
 }
 
 /// Unit of length of the solid: the support of a convolution, else a micrometre.
 fn unit_um(source: &dyn ChunkSource<Strut>) -> Result<f64, SliceError> {
-    let Blend::Convolution { support_um } = source.header().blend else { return Ok(1.0) };
+    let Some(support_um) = source.header().joint.support_um() else { return Ok(1.0) };
     let radius_um = radius_um(source);
     if radius_um.partial_cmp(&(support_um * MAX_RADIUS_SHARE)) != Some(std::cmp::Ordering::Less) {
         return Err(SliceError::RadiusTooLarge { radius_um, support_um });
@@ -164,10 +166,8 @@ impl<S: PixelShape> PixelBody for Lattice<S> {
 
 impl<S: FieldShape> FieldBody for Lattice<S> {
     fn brushes(&mut self, cut: &Cut) -> Vec<Box<dyn FieldBrush + '_>> {
-        let excess_um = S::excess_um(self.unit_um, self.radius_um);
-        let pitch_um = self.grid.dx.abs().max(self.grid.dy.abs()) * self.unit_um;
-        let outside_um = S::outside_um(excess_um, pitch_um);
-        let brush = |strip| Box::new(FieldStripBrush { strip, excess_um, outside_um }) as Box<dyn FieldBrush>;
+        let scale = Scale::of::<S>(&self.grid, self.unit_um, self.radius_um);
+        let brush = |strip| Box::new(FieldStripBrush { strip, scale }) as Box<dyn FieldBrush>;
         self.strip_brushes(cut).map(brush).collect()
     }
 }

@@ -8,14 +8,14 @@ use crate::slice::body::feed::Feed;
 use crate::slice::body::source::ChunkSource;
 use crate::slice::workers::Workers;
 use crate::slice::{SliceError, SlicePlan};
-use crate::solid::{self, MAX_RADIUS, Shape, StrutRecord};
+use crate::solid::{MAX_RADIUS, Shape, StrutRecord};
 use crate::stream::{Charge, MemoryBudget};
 
 /// Reads struts from a source while the plane rises, and keeps those within its reach.
 pub(super) struct Sweep {
     source: Box<dyn ChunkSource<Strut>>,
-    /// Radii and caps in the form of the shape.
-    ends: Ends,
+    /// Makes struts what the shape draws.
+    record: fn(&Strut, quantum: f64) -> StrutRecord,
     rows: Rows,
     /// Greatest distance from its axis at which a strut has any effect, quanta.
     reach: f64,
@@ -27,8 +27,6 @@ pub(super) struct Sweep {
     feed: Feed<Strut>,
     _charge: Charge,
 }
-
-type Ends = fn(radii: [u32; 2], caps: [solid::Cap; 2], is_ball: bool, quantum: f64) -> [u32; 2];
 
 impl Sweep {
     /// A sweep that can begin at any plane. `unit_um` is the unit of length of the solid, `min_rows` the height of the smallest
@@ -46,7 +44,7 @@ impl Sweep {
         let quantum_um = source.quantum_um();
         let reach_um = source.header().reach_um(quantum_um);
         Ok(Self {
-            ends: S::ends,
+            record: Strut::record::<S>,
             rows: Rows::of(plan, quantum_um, reach_um),
             reach: reach_um / quantum_um,
             quantum_um,
@@ -71,7 +69,8 @@ impl Sweep {
         threads: usize,
     ) -> u64 {
         let chunks = Feed::<Strut>::memory_bytes(source, threads);
-        let active = ActiveSet::memory_bytes(source.peak_active(), plan.raster.height_px as usize, min_rows);
+        let (peak, is_graded) = (source.peak_active(), source.header().is_graded);
+        let active = ActiveSet::memory_bytes(peak, is_graded, plan.raster.height_px as usize, min_rows);
         active.saturating_add(chunks).saturating_add(source.memory_bytes())
     }
 
@@ -83,7 +82,7 @@ impl Sweep {
         workers.each(self.active.buckets_mut(), |bucket| bucket.retire(lowest_top));
         self.active.count();
         let (checks, active, rows) = (&mut self.checks, &mut self.active, self.rows);
-        let (ends, quantum, reach) = (self.ends, self.quantum, self.reach);
+        let (record, quantum, reach) = (self.record, self.quantum, self.reach);
         self.feed.take(&*self.source, [z - reach, z + reach], workers, |strut, chunk| {
             if f64::from(strut.a[2]) - reach > z {
                 return Ok(false);
@@ -91,9 +90,7 @@ impl Sweep {
             checks.check(strut, chunk)?;
             if strut.b[2] >= lowest_top {
                 checks.count(active.alive())?;
-                let Strut { a, b, radius_a, radius_b, caps } = *strut;
-                let ends = ends([radius_a, radius_b], [caps.a, caps.b], strut.is_ball(), quantum);
-                active.add(StrutRecord { a, b, ends }, rows.reached([a[1], b[1]].map(f64::from)));
+                active.add(record(strut, quantum), rows.reached([strut.a[1], strut.b[1]].map(f64::from)));
             }
             Ok(true)
         })

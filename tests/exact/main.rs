@@ -1,31 +1,34 @@
 //! The fast paths against the plain `f64` field on lattices made to hurt them: every pixel agrees unless the field is within
 //! 10⁻⁵ of the isovalue.
 
+mod joined;
+#[path = "../properties/mod.rs"]
 mod properties;
+#[path = "../slice_part/mod.rs"]
 mod slice_part;
 
-use layerd::buildfile::{Blend, Caps, Strut};
+use layerd::buildfile::{Caps, Joint, Strut};
 use layerd::layer::{Depth, Mirror, Raster};
 use layerd::solid::InstructionSet;
 use layerd::solid::reference::beam_field;
 use proptest::prelude::*;
 use slice_part::{HEIGHT, Part, WIDTH, beam, lit, raster, strut};
 
-const UNDECIDED: f64 = 1e-5;
+pub(crate) const UNDECIDED: f64 = 1e-5;
 
 /// Support in pixels from a pixel to half a picture: patches of one to three vectors, rows, and stretches of long rows.
 const SUPPORTS_PX: [f64; 6] = [1.0, 2.7, 4.5, 9.0, 17.0, 36.0];
 
 /// What a lattice is made of, in units of a thousandth of the support.
 #[derive(Clone, Debug)]
-struct Lattice {
-    support_px: f64,
-    struts: Vec<Strut>,
+pub(crate) struct Lattice {
+    pub(crate) support_px: f64,
+    pub(crate) struts: Vec<Strut>,
 }
 
-const SUPPORT: i32 = 1000;
+pub(crate) const SUPPORT: i32 = 1000;
 
-fn lattice() -> impl Strategy<Value = Lattice> {
+pub(crate) fn lattice() -> impl Strategy<Value = Lattice> {
     prop::sample::select(SUPPORTS_PX.to_vec()).prop_flat_map(move |support_px| {
         // With its radius every strut stays on the picture.
         let size = [WIDTH, HEIGHT].map(|px| (0.99 * f64::from(px) / support_px * f64::from(SUPPORT)) as i32);
@@ -65,8 +68,8 @@ fn check(lattice: &Lattice) -> Result<(), TestCaseError> {
         build_height_um: 1e9,
         ..raster(Mirror { x: lattice.struts.len().is_multiple_of(2), y: lattice.struts.len().is_multiple_of(3) })
     };
-    let blend = Blend::Convolution { support_um: f64::from(SUPPORT) };
-    let part = Part::on(raster, &lattice.struts, blend, Depth::Bit, 833.0);
+    let joint = Joint::Convolution { support_um: f64::from(SUPPORT) };
+    let part = Part::on(raster, &lattice.struts, joint, Depth::Bit, 833.0);
     let beams: Vec<_> = lattice.struts.iter().map(beam).collect();
     let layers = part.layers(2, 0);
     for instructions in InstructionSet::available() {

@@ -1,20 +1,22 @@
 //! Packs sources of any size and order into one build file. [`buildfile`](crate::buildfile) has an example.
 
+mod materials;
+
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-use super::error::PackError;
-use super::import::{
+use crate::buildfile::error::PackError;
+use crate::buildfile::import::{
     self, CollectedClip, CollectedLattice, CollectedRelief, CollectedSurface, Collector, Rules, Source, check_options,
 };
-use super::measure;
-use super::model::{Blend, BodyHeader, Bounds, Caps, Header, Keeps, Strut};
-use super::options::{BlendChoice, PackOptions};
-use super::primitive::{EXPECTED_PATCH_BYTES, EXPECTED_STRUT_BYTES, EXPECTED_TRIANGLE_BYTES};
-use super::progress::PackProgress;
-use super::relief::Relief;
-use super::sort;
-use super::store::{BodySettings, WriteError, Writer, WriterSettings};
+use crate::buildfile::measure;
+use crate::buildfile::model::{BodyHeader, Bounds, Caps, Header, Joint, Keeps, Strut};
+use crate::buildfile::options::{JointChoice, PackOptions};
+use crate::buildfile::primitive::{EXPECTED_PATCH_BYTES, EXPECTED_STRUT_BYTES, EXPECTED_TRIANGLE_BYTES};
+use crate::buildfile::progress::PackProgress;
+use crate::buildfile::relief::Relief;
+use crate::buildfile::sort;
+use crate::buildfile::store::{BodySettings, WriteError, Writer, WriterSettings};
 use crate::output::{self, Output};
 use crate::text::count_text;
 
@@ -40,19 +42,19 @@ pub fn pack(
     let directory = output::directory_of(output);
     check_options(options)?;
     let sources = inputs.iter().map(|path| Source::of(path)).collect::<Result<Vec<_>, _>>()?;
-    let blend = options.blend.map_or_else(|| blend_of(&sources), Ok)?;
+    let joint = options.joint.map_or_else(|| joint_of(&sources), Ok)?;
     // Fails before the sources are read if the output cannot be written.
     Output::create(output).map_err(|source| WriteError::Io { path: output.into(), source })?;
     let total = inputs.iter().map(|path| check_input(path, output)).sum::<Result<u64, _>>()?;
     let mut options = options.clone();
     let mut scaled = None;
     if let Some(size_mm) = options.size_mm {
-        let factor = measure::factor(inputs, &sources, (&options, blend, size_mm), directory, progress, total)?;
+        let factor = measure::factor(inputs, &sources, (&options, joint, size_mm), directory, progress, total)?;
         scaled = Some(format!("scaled by {factor}, so that its longest edge has {size_mm} mm"));
         options.scale = [factor; 3];
     }
     let options = &options;
-    let rules = Rules::new(options, blend)?;
+    let rules = Rules::new(options, joint)?;
     let mut collector = Collector::new(&rules, options, import::kinds(&sources, options), directory);
     import::open_map(&mut collector)?;
     import::import_all(inputs, &sources, options, &mut collector, total, progress)?;
@@ -63,18 +65,21 @@ pub fn pack(
     let collected = collector.finish(inputs)?;
     let sort_error = |source| PackError::Sort { directory: directory.into(), source };
     let mut notes: Vec<_> = scaled.into_iter().chain(collected.notes).collect();
-    let mut bodies: Vec<Body> = collected.lattice.map(Body::Lattice).into_iter().collect();
+    let mut bodies: Vec<Body> = collected.lattices.into_iter().map(Body::Lattice).collect();
     for CollectedClip { keeps, place, lattice, surface } in collected.clips {
         bodies.extend([Body::Lattice(lattice), Body::Clip { keeps, place, surface }]);
     }
     bodies.extend(collected.surface.map(Body::Surface));
     bodies.extend(collected.relief.map(Body::Relief));
+    let materials = materials::assign(&mut bodies, &rules, options.split)?;
+    notes.extend(materials.as_ref().and_then(materials::note));
     sort::check_free_space(directory, bodies.iter().map(Body::expected_bytes).sum()).map_err(sort_error)?;
     let settings = WriterSettings {
         quantum_um: options.quantum_um,
         placement: options.placement,
         source_digest: collected.source_digest,
         source_name: source_name(inputs),
+        materials,
         bodies: bodies.iter().map(Body::settings).collect(),
     };
     let mut writing = Writing {
@@ -143,7 +148,7 @@ impl Body {
     fn settings(&self) -> BodySettings {
         match self {
             Self::Lattice(lattice) => {
-                BodySettings::Lattice { blend: lattice.blend, largest_radius: lattice.largest_radius }
+                BodySettings::Lattice { joint: lattice.joint, largest_radius: lattice.largest_radius }
             }
             Self::Surface(_) => BodySettings::Surface,
             Self::Relief(relief) => BodySettings::Relief(relief.settings.clone()),
@@ -175,20 +180,20 @@ impl Body {
     }
 }
 
-/// The default blend of the sources.
+/// The default joint of the sources.
 ///
 /// # Errors
 /// If their defaults differ.
-fn blend_of(sources: &[Source]) -> Result<BlendChoice, PackError> {
-    let blends: Vec<_> = sources.iter().filter_map(|source| source.blend()).collect();
-    match blends.first() {
-        Some(first) if blends.iter().any(|blend| blend != first) => Err(PackError::Option(
+fn joint_of(sources: &[Source]) -> Result<JointChoice, PackError> {
+    let joints: Vec<_> = sources.iter().filter_map(|source| source.joint()).collect();
+    match joints.first() {
+        Some(first) if joints.iter().any(|joint| joint != first) => Err(PackError::Option(
             "3MF and edge text together: the default of 3MF is the exact union, that of edge text a convolution surface; choose with \
-             --blend union or --blend convolution"
+             --joint union or --joint convolution"
                 .into(),
         )),
-        Some(blend) => Ok(*blend),
-        None => Ok(BlendChoice::Union),
+        Some(joint) => Ok(*joint),
+        None => Ok(JointChoice::Union),
     }
 }
 
@@ -227,13 +232,13 @@ impl Writing<'_> {
     /// Writes the struts in order, each once.
     fn lattice(&mut self, lattice: CollectedLattice, notes: &mut Vec<String>) -> Result<(), PackError> {
         let mut report = |done, total| (self.progress)(PackProgress::Joining { done, total });
-        let sorted = sort::finish(lattice.sorters, &mut report).map_err(self.sort_error)?;
+        let sorted = lattice.struts.sorted(&mut report).map_err(self.sort_error)?;
         let (mut last, mut duplicates) = (None, 0u64);
         for strut in sorted {
             let strut = strut.map_err(self.sort_error)?;
             self.step();
             // In a convolution, struts that differ only in their caps are duplicates.
-            let counted = if lattice.blend == Blend::Union { strut } else { Strut { caps: Caps::default(), ..strut } };
+            let counted = if lattice.joint == Joint::Union { strut } else { Strut { caps: Caps::default(), ..strut } };
             if last == Some(counted) {
                 duplicates += 1;
             } else {
