@@ -43,7 +43,7 @@ pub use model::{
     BodyHeader, Bounds, Cap, Caps, Clip, Header, Joint, Keeps, Lattice, Placement, QUANTUM_FRACTIONS, Strut, Surface,
     Triangle,
 };
-pub use options::{DisplacementOptions, JointChoice, PackOptions, ReliefOptions};
+pub use options::{BlendBegin, DisplacementOptions, JointChoice, PackOptions, ReliefOptions};
 pub use pack::{PackReport, pack};
 pub use progress::PackProgress;
 pub(crate) use relief::ReliefShape;

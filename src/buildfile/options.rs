@@ -74,9 +74,18 @@ pub enum JointChoice {
     Elliptic {
         /// As that of a convolution.
         support_mm: Option<f64>,
-        /// The least field of the first and of the second material, as a share of the other's, with which they take part in a blend.
-        least: [f64; 2],
+        /// Where the blend begins.
+        begins: BlendBegin,
     },
+}
+
+/// Where a blend of materials begins.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum BlendBegin {
+    /// At the least field of the first and of the second material, as a share of the other's.
+    Least([f64; 2]),
+    /// At these points in the coordinates of the source, millimetres: on the surface of the first of two materials, and on that of the second.
+    Points([[f64; 3]; 2]),
 }
 
 impl JointChoice {
@@ -94,7 +103,7 @@ impl JointChoice {
             }
         }
         let [tangent, cotangent] = [theta1_deg, 90.0 - theta2_deg].map(|angle| angle.to_radians().tan());
-        Ok(Self::Elliptic { support_mm, least: [cotangent, tangent] })
+        Ok(Self::Elliptic { support_mm, begins: BlendBegin::Least([cotangent, tangent]) })
     }
 
     /// The support that was asked for, millimetres.

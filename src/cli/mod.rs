@@ -71,7 +71,7 @@ Exit codes: 0 done, 1 failed, 2 wrong usage; start --wait: 3 aborted or stopped,
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Make a build file of lattices and solids (3MF, STL, OBJ, PLY, edge text).
-    Pack(pack::PackArgs),
+    Pack(Box<pack::PackArgs>),
     /// Make a build file of a synthetic lattice.
     Generate(generate::GenerateArgs),
     /// Show what is in a build file, and how much resin the part takes.
@@ -214,7 +214,7 @@ fn command() -> clap::Command {
 
 fn dispatch(command: Command) -> anyhow::Result<Ending> {
     match command {
-        Command::Pack(args) => pack::run(args).map(done),
+        Command::Pack(args) => pack::run(*args).map(done),
         Command::Manual(args) => manual::run(&args).map(done),
         Command::Machines(args) => settings::machines(&args).map(done),
         Command::Recipes(args) => settings::recipes(&args).map(done),

@@ -8,8 +8,8 @@ use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 
 use super::progress_bar;
 use crate::buildfile::{
-    self, BuildFile, DisplacementOptions, JointChoice, PackError, PackOptions, PackProgress, Placement, ReliefOptions,
-    Split, Tile,
+    self, BlendBegin, BuildFile, DisplacementOptions, JointChoice, PackError, PackOptions, PackProgress, Placement,
+    ReliefOptions, Split, Tile,
 };
 use crate::config::byte_size;
 use crate::text::size_text;
@@ -63,6 +63,10 @@ pub struct PackArgs {
     /// Angle at which it ends, 45.1 to 89.9, if it is not to be symmetric; for two materials [default: 90 less theta1].
     #[arg(long, value_name = "DEG", requires = "theta1", allow_negative_numbers = true)]
     theta2: Option<f64>,
+    /// Points where the blend of two materials begins, in place of the angles: on the surface of the first, then on that of the second, in the coordinates
+    /// of the source.
+    #[arg(long, value_name = "X,Y,Z,X,Y,Z", value_parser = numbers::<6>, conflicts_with = "theta1", allow_hyphen_values = true)]
+    control_points: Option<[f64; 6]>,
     /// Names of materials in the sources, and what they are to be: those of the machine. What has no material is called default. Several may become
     /// one.
     #[arg(long, value_name = "NAME=NAME,..", value_delimiter = ',', value_parser = renamed)]
@@ -165,7 +169,14 @@ pub fn run(args: PackArgs) -> anyhow::Result<()> {
         is_curved: args.curved,
         shell_mm: args.shell,
     };
-    let joint = joint_choice(joint, support, args.theta1, args.theta2)?;
+    let joint = match (args.control_points, joint) {
+        (None, joint) => joint_choice(joint, support, args.theta1, args.theta2)?,
+        (Some([x1, y1, z1, x2, y2, z2]), Some(JointArg::Elliptic)) => {
+            let begins = BlendBegin::Points([[x1, y1, z1], [x2, y2, z2]]);
+            Some(JointChoice::Elliptic { support_mm: support, begins })
+        }
+        (Some(_), _) => return Err(PackError::Option("--control-points applies to --joint elliptic".into()).into()),
+    };
     check_output(&output)?;
     let options = PackOptions {
         lattice_only,
@@ -214,7 +225,7 @@ fn joint_choice(
             JointChoice::elliptic(support_mm, theta1, theta2).map(Some)
         }
         (Some(JointArg::Elliptic), _, None) => {
-            refused("--joint elliptic needs --theta1, an angle from 0.1 to 44.9 degrees")
+            refused("--joint elliptic needs --theta1, an angle from 0.1 to 44.9 degrees, or --control-points")
         }
         (_, _, Some(_)) => refused("--theta1 applies to --joint elliptic"),
         (None, None, None) => Ok(None),

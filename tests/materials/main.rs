@@ -1,5 +1,6 @@
 //! Parts of several materials, from the source to their masks.
 
+mod control;
 mod elliptic;
 mod halftone;
 #[path = "../pack_bench/mod.rs"]

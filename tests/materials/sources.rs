@@ -1,6 +1,6 @@
 //! Materials as edge text and 3MF name them: what is packed, and what is refused.
 
-use layerd::buildfile::{Joint, JointChoice, Materials, PackReport, Shares, Split, Strut};
+use layerd::buildfile::{BlendBegin, Joint, JointChoice, Materials, PackReport, Shares, Split, Strut};
 
 use crate::pack_bench::{Bench, HEAD, said};
 
@@ -112,7 +112,7 @@ fn materials_that_cannot_be_are_refused_in_words() {
 fn angles_become_where_a_blend_begins() {
     let mut bench = Bench::new();
     let least = |theta1, theta2| match JointChoice::elliptic(None, theta1, theta2).map_err(|error| error.to_string()) {
-        Ok(JointChoice::Elliptic { least, .. }) => Ok(least),
+        Ok(JointChoice::Elliptic { begins: BlendBegin::Least(least), .. }) => Ok(least),
         Ok(_) => panic!("it is elliptic"),
         Err(error) => Err(error),
     };

@@ -17,7 +17,7 @@ use super::surface::CollectedSurface;
 use crate::buildfile::error::PackError;
 use crate::buildfile::materials::Materials;
 use crate::buildfile::model::{Bounds, Joint, SUPPORT_FACTOR, Strut, Triangle};
-use crate::buildfile::options::{JointChoice, PackOptions};
+use crate::buildfile::options::{BlendBegin, JointChoice, PackOptions};
 use crate::buildfile::primitive::{EXPECTED_STRUT_BYTES, EXPECTED_TRIANGLE_BYTES};
 use crate::buildfile::progress::PackProgress;
 use crate::buildfile::sort::{self, Sorter};
@@ -243,7 +243,12 @@ impl<'a> Collector<'a> {
             JointChoice::Convolution { support_mm } => {
                 Some(Joint::Convolution { support_um: self.support_um(support_mm, &tally) })
             }
-            JointChoice::Elliptic { support_mm, least } => {
+            JointChoice::Elliptic { support_mm, begins } => {
+                let least = match begins {
+                    BlendBegin::Least(least) => least,
+                    // The writer finds them when all struts are there.
+                    BlendBegin::Points(_) => [0.5; 2],
+                };
                 Some(Joint::Elliptic { support_um: self.support_um(support_mm, &tally), least })
             }
         };

@@ -7,7 +7,7 @@ use super::materials::MaterialNames;
 use super::stretch::{ROUND_TOLERANCE_UM, Stretch};
 use crate::buildfile::error::PackError;
 use crate::buildfile::model::{QUANTA_UM, QUANTUM_FRACTIONS, SUPPORT_FACTOR, Triangle};
-use crate::buildfile::options::{JointChoice, PackOptions, ReliefOptions};
+use crate::buildfile::options::{BlendBegin, JointChoice, PackOptions, ReliefOptions};
 use crate::solid::{MAX_RADIUS, MAX_RADIUS_SHARE};
 
 /// Largest coordinate of a node, quanta: half the range, which leaves room for adding a radius.
@@ -134,6 +134,11 @@ impl Rules {
         DVec3::from(at.map(|at| at as f64 / QUANTUM_FRACTIONS as f64)) * self.quantum_um
     }
 
+    /// A point, given in millimetres, in quanta, not rounded.
+    pub(in crate::buildfile) fn quanta(&self, point: [f64; 3]) -> [f64; 3] {
+        (self.to_quanta * DVec3::from(point)).to_array()
+    }
+
     /// A radius, given in millimetres, in quanta. `place` names it in errors.
     ///
     /// # Errors
@@ -229,6 +234,11 @@ pub(in crate::buildfile) fn check_options(options: &PackOptions) -> Result<(), P
         && !(1e-3..=1e3).contains(&support_mm)
     {
         return Err(PackError::Option(format!("--support {support_mm}: allowed is 0.001 to 1000 mm")));
+    }
+    if let Some(JointChoice::Elliptic { begins: BlendBegin::Points(points), .. }) = options.joint
+        && let Some(far) = points.as_flattened().iter().find(|at| !(-1e6..=1e6).contains(*at))
+    {
+        return Err(PackError::Option(format!("--control-points: {far}, but allowed is -1000000 to 1000000 mm")));
     }
     Ok(())
 }

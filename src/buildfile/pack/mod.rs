@@ -11,7 +11,7 @@ use crate::buildfile::import::{
 };
 use crate::buildfile::measure;
 use crate::buildfile::model::{BodyHeader, Bounds, Caps, Header, Joint, Keeps, Strut};
-use crate::buildfile::options::{JointChoice, PackOptions};
+use crate::buildfile::options::{BlendBegin, JointChoice, PackOptions};
 use crate::buildfile::primitive::{EXPECTED_PATCH_BYTES, EXPECTED_STRUT_BYTES, EXPECTED_TRIANGLE_BYTES};
 use crate::buildfile::progress::PackProgress;
 use crate::buildfile::relief::Relief;
@@ -89,6 +89,9 @@ pub fn pack(
         progress,
         sort_error: &sort_error,
     };
+    if let JointChoice::Elliptic { begins: BlendBegin::Points(points), .. } = joint {
+        writing.writer.set_control_points(points.map(|point| rules.quanta(point)));
+    }
     let places: Vec<_> = bodies.iter().map(|body| body.place().to_owned()).collect();
     for (number, body) in bodies.into_iter().enumerate() {
         if number > 0 {

@@ -6,6 +6,7 @@ mod bottom;
 mod chunk;
 mod chunker;
 mod clipped;
+mod control_points;
 mod encoders;
 mod error;
 mod format;

@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 use super::bottom::lowest_of_convolution;
 use super::chunker::{ChunkFile, Chunker};
 use super::clipped::range_of_clipped;
+use super::control_points::least_fields;
 use super::error::BuildFileError;
 use super::format;
 use super::lattice::LatticeBuilder;
@@ -18,7 +19,7 @@ use super::reader::BuildFile;
 use super::relief::ReliefBuilder;
 use super::settings::{BodySettings, WriteError, WriterSettings};
 use super::surface::SurfaceBuilder;
-use crate::buildfile::model::{BodyHeader, Clip, Header, Keeps, Strut, Triangle, printed_bounds};
+use crate::buildfile::model::{BodyHeader, Clip, Header, Joint, Keeps, Lattice, Strut, Triangle, printed_bounds};
 use crate::buildfile::relief::Patch;
 use crate::output::Output;
 
@@ -40,6 +41,8 @@ pub struct Writer {
     profiles: Vec<u8>,
     /// The lowest solid point of each finished body, micrometres.
     bottoms_um: Vec<f64>,
+    /// Where the blend of two materials begins, quanta.
+    control_points: Option<[[f64; 3]; 2]>,
 }
 
 /// The body that is being written.
@@ -146,7 +149,14 @@ impl Writer {
             output,
             profiles: Vec::new(),
             bottoms_um: Vec::new(),
+            control_points: None,
         })
+    }
+
+    /// The blend of two materials, which are joined by elliptic arcs, is to begin at these points, quanta, whatever the settings say: the first on the
+    /// surface of the first material, the second on that of the second.
+    pub(in crate::buildfile) fn set_control_points(&mut self, points: [[f64; 3]; 2]) {
+        self.control_points = Some(points);
     }
 
     /// Adds a strut to the current body. It must not be lower than the one before it.
@@ -245,13 +255,17 @@ impl Writer {
             return Err(self.refused(problem));
         }
         let front = format::front(&self.header).map_err(|problem| self.refused(problem))?;
-        let Self { path, mut header, output, chunks, profiles, mut bottoms_um, .. } = self;
+        let Self { path, mut header, output, chunks, profiles, mut bottoms_um, control_points, .. } = self;
         let io_error = |source| WriteError::Io { path: path.clone(), source };
         chunks.complete(&front, &profiles).map_err(io_error)?;
         if !header.bodies.iter().all(BodyHeader::is_exact) {
             let refused = |problem: String| WriteError::Refused { path: path.clone(), problem };
             let whole = BuildFile::of(&path, output.file().try_clone().map_err(io_error)?.into());
-            let found = whole.and_then(|file| find_bottoms(&file, &mut header.bodies, &mut bottoms_um));
+            let file = whole.map_err(|error| refused(error.to_string()))?;
+            if let Some(points) = &control_points {
+                set_least_fields(&file, &mut header, points).map_err(refused)?;
+            }
+            let found = find_bottoms(&file, &mut header.bodies, &mut bottoms_um);
             if let Some(body) = found.map_err(|error| refused(error.to_string()))? {
                 return Err(WriteError::NothingLeft { path, body });
             }
@@ -271,6 +285,19 @@ impl Writer {
     fn refused(&self, problem: String) -> WriteError {
         WriteError::Refused { path: self.path.clone(), problem }
     }
+}
+
+/// Sets where the blend of the joined lattices begins.
+fn set_least_fields(file: &BuildFile, header: &mut Header, points: &[[f64; 3]; 2]) -> Result<(), String> {
+    let joined = header.joined().unwrap_or(0..0);
+    let lattices: Vec<_> = header.bodies[joined.clone()].iter().filter_map(BodyHeader::lattice).collect();
+    let found = least_fields(file, joined.clone(), &lattices, points).map_err(|error| error.to_string())??;
+    for body in &mut header.bodies[joined] {
+        if let BodyHeader::Lattice(Lattice { joint: Joint::Elliptic { least, .. }, .. }) = body {
+            *least = found;
+        }
+    }
+    Ok(())
 }
 
 /// Finds the lowest solid points of the bodies that are convolutions or clipped, and the bounds of what clips leave. Returns the first clip
