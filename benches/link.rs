@@ -13,7 +13,7 @@ use divan::Bencher;
 use divan::counter::BytesCount;
 use layerd::link::driver::{LinkEvent, LinkHandle, link};
 use layerd::link::message::{
-    Capabilities, DeviceMessage, DeviceState, HostMessage, MachineCapabilities, Reply, Request, VatCapabilities,
+    Capabilities, DeviceMessage, DeviceState, HostMessage, MachineCapabilities, Reply, Request, VatCapabilities, Vats,
 };
 use layerd::link::session::HostEvent;
 use layerd::link::{FlowControl, LinkSettings, Protocol, SystemPorts};
@@ -114,6 +114,7 @@ fn device(master: &OwnedFd, stop: &AtomicBool) {
             height_px: 16,
             pixel_nm: [50_000; 2],
             max_position_um: 1,
+            vats: Vats::ONE,
         }),
     };
     rustix::io::ioctl_fionbio(master, true).expect("non-blocking");

@@ -8,7 +8,8 @@ use std::time::{Duration, Instant};
 
 use layerd::link::driver::{LinkEvent, link};
 use layerd::link::message::{
-    Capabilities, DeviceMessage, DeviceState, HostMessage, MachineCapabilities, Reply, Request, Urgent, VatCapabilities,
+    Capabilities, DeviceMessage, DeviceState, HostMessage, MachineCapabilities, Reply, Request, Urgent,
+    VatCapabilities, Vats,
 };
 use layerd::link::session::HostEvent;
 use layerd::link::transport::{OpenError, SerialLine};
@@ -47,6 +48,7 @@ fn run_device(master: &OwnedFd, requests: usize) -> Vec<DeviceEvent> {
             height_px: 16,
             pixel_nm: [50_000; 2],
             max_position_um: 1,
+            vats: Vats::ONE,
         }),
     };
     rustix::io::ioctl_fionbio(master, true).expect("non-blocking");

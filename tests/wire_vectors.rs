@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use layerd::link::message::{
     Capabilities, DeviceMessage, DeviceState, Encoding, ExposureId, Fault, HostMessage, MachineCapabilities,
     PowderCapabilities, PowderReply, PowderRequest, PowderState, Refusal, Reply, Report, Request, Urgent,
-    VatCapabilities, VatReply, VatRequest,
+    VatCapabilities, VatReply, VatRequest, Vats, VatsState,
 };
 use layerd_wire::{
     Ack, Decoded, Frame, FrameDecoder, FrameError, FrameKind, Hello, HelloRefused, MIN_HOST_FRAME_BYTES, Unescaper,
@@ -60,6 +60,7 @@ fn capabilities() -> Capabilities {
             height_px: 1080,
             pixel_nm: [50_000; 2],
             max_position_um: 200_000,
+            vats: Vats::ONE,
         }),
     }
 }
@@ -76,7 +77,20 @@ fn busy_state() -> DeviceState {
         slots: vec![Some(id(43)), None],
         fault: Some(fault()),
         powder: None,
+        vats: None,
     }
+}
+
+fn vats_capabilities() -> Capabilities {
+    let mut capabilities = capabilities();
+    if let MachineCapabilities::Vat(vat) = &mut capabilities.machine {
+        vat.vats = Vats { count: 2, change_ms: 2500 };
+    }
+    capabilities
+}
+
+fn vats_state(in_place: Option<u8>) -> DeviceState {
+    DeviceState { vats: Some(VatsState { in_place }), ..busy_state() }
 }
 
 fn powder_capabilities() -> Capabilities {
@@ -146,6 +160,7 @@ fn host_messages() -> Vec<(&'static str, HostMessage)> {
             request(10, Request::Powder(PowderRequest::Mark { id: id(43), from_vector: 1200, most_ms: 20_000 })),
         ),
         ("request_recoat", request(11, Request::Powder(PowderRequest::Recoat))),
+        ("request_change", request(12, Request::Vat(VatRequest::Change { vat: 2, wash_ms: 20_000, drain_ms: 10_000 }))),
     ]
 }
 
@@ -180,6 +195,9 @@ fn device_messages() -> Vec<(&'static str, DeviceMessage)> {
         ("reply_refused_13", reply(10, Reply::Refused(Refusal::NotRecoated))),
         ("reply_refused_14", reply(10, Reply::Refused(Refusal::WrongVector))),
         ("report_room", DeviceMessage::Report(Report::Room { taken_bytes: 49_152 })),
+        ("reply_changed", reply(12, Reply::Vat(VatReply::Changed { vat: 2 }))),
+        ("reply_vats_state", reply(1, Reply::State(vats_state(Some(2))))),
+        ("reply_refused_15", reply(12, Reply::Refused(Refusal::NoSuchVat))),
     ]
 }
 
@@ -215,6 +233,7 @@ fn control_frames_have_their_golden_bytes() {
         ("welcome", capabilities(), busy_state()),
         ("welcome_fresh", capabilities(), DeviceState::default()),
         ("welcome_powder", powder_capabilities(), powder_state()),
+        ("welcome_vats", vats_capabilities(), vats_state(None)),
     ] {
         let welcome = Welcome { version: 1, capabilities, state };
         check(name, FrameKind::Welcome, 0, welcome.encode());
@@ -257,8 +276,8 @@ fn escaped_frames_have_their_golden_bytes() {
 
 #[test]
 fn every_vector_is_checked() {
-    // 16 control frames, 2 escaped ones; a vector that no test names would protect nothing.
-    assert_eq!(vectors().len(), host_messages().len() + device_messages().len() + 16 + 2);
+    // 17 control frames, 2 escaped ones; a vector that no test names would protect nothing.
+    assert_eq!(vectors().len(), host_messages().len() + device_messages().len() + 17 + 2);
 }
 
 #[test]
@@ -331,14 +350,17 @@ fn the_codes_in_the_document_are_those_on_the_line() {
         ("reply_powder_moved", "Moved"),
         ("reply_recoated", "Recoated"),
         ("reply_marked", "Marked"),
+        ("request_change", "Change"),
+        ("reply_changed", "Changed"),
+        ("reply_vats_state", "State"),
     ] {
         let row = format!("| 0x{:02X} {name} ", code(vector, 5));
         assert!(document.contains(&row), "docs/protocol.md has no row {row}");
     }
-    for number in 1..=14 {
+    for number in 1..=15 {
         let row = format!("| {} ", code(&format!("reply_refused_{number}"), 6));
         let refusals = document.lines().skip_while(|line| !line.starts_with("| refusal "));
-        assert!(refusals.take(16).any(|line| line.starts_with(&row)), "docs/protocol.md has no refusal {number}");
+        assert!(refusals.take(17).any(|line| line.starts_with(&row)), "docs/protocol.md has no refusal {number}");
     }
 }
 
@@ -356,10 +378,16 @@ fn a_largest_welcome_fits_a_host_frame() {
         capabilities: Capabilities { machine: powder_capabilities().machine, ..capabilities.clone() },
         state: DeviceState { powder: powder_state().powder, ..state.clone() },
     };
+    let of_vats = Welcome {
+        version: 1,
+        capabilities: Capabilities { machine: vats_capabilities().machine, ..capabilities.clone() },
+        state: DeviceState { vats: vats_state(Some(2)).vats, ..state.clone() },
+    };
     let welcome = Welcome { version: 1, capabilities, state };
     let frame = encode_frame(FrameKind::Welcome, SESSION, 0, &welcome.encode());
-    // The document says 539, and 553 of powder machines; the rest of the limit is for kinds of machines to come.
+    // The document says 539, 546 with several vats, and 553 of powder machines; the rest of the limit is for kinds of machines to come.
     assert_eq!(welcome.encode().len(), payload_limit(539));
+    assert_eq!(of_vats.encode().len(), payload_limit(546));
     assert_eq!(of_powder.encode().len(), payload_limit(553));
     assert!(frame.len() <= 539 && MIN_HOST_FRAME_BYTES == 640);
     let read = Welcome::decode(&decode(&frame).payload).expect("cut off at limits and characters");

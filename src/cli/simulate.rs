@@ -9,7 +9,7 @@ use clap::{Args, ValueEnum};
 use crate::config::{DlpMachine, Machine, SlmMachine};
 use crate::device::sim::{FAULT_HELP, FaultSpec, MeltSettings, SimulateOptions, Statistics, run as simulate};
 use crate::link::FlowControl;
-use crate::link::message::{Capabilities, Encoding, MachineCapabilities, PowderCapabilities, VatCapabilities};
+use crate::link::message::{Capabilities, Encoding, MachineCapabilities, PowderCapabilities, VatCapabilities, Vats};
 use crate::signals::Signals;
 use crate::text::{count_text, size_text};
 
@@ -55,7 +55,14 @@ pub struct SimulateArgs {
     /// Size of the buffer for the data of all layers, 1024 to 16777216 bytes; without it 65536. Only `slm` has one.
     #[arg(long, value_name = "BYTES", value_parser = clap::value_parser!(u32).range(1024..=1 << 24))]
     buffer: Option<u32>,
+    /// Number of vats, 1 to 8, each with a material of its own; without it 1. Only `dlp` has vats. Putting another one in place takes 2 s of the device's
+    /// clock, besides washing and draining.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=8))]
+    vats: Option<u8>,
 }
+
+/// Time to put another vat in place, milliseconds.
+const CHANGE_MS: u32 = 2000;
 
 /// Size of a laser machine's buffer, bytes: smaller than many layers, so that they stream.
 const BUFFER_BYTES: u32 = 1 << 16;
@@ -148,6 +155,9 @@ fn options(args: SimulateArgs) -> anyhow::Result<SimulateOptions> {
         (Kind::Dlp, _) if args.faults.iter().any(|fault| matches!(fault, FaultSpec::Interlock(..))) => bail!(
             "the faults `oxygen`, `door` and `power` are for laser machines, and `simulate dlp` simulates a resin printer: leave them out"
         ),
+        (Kind::Slm, _) if args.vats.is_some() => {
+            bail!("`--vats` is for resin printers, and `simulate slm` simulates a laser machine: leave it out")
+        }
         (Kind::Dlp, None) => (vat(&args, None), None),
         (Kind::Dlp, Some(Machine::Dlp(machine))) => (vat(&args, Some(machine)), None),
         (Kind::Slm, Some(Machine::Slm(machine))) => {
@@ -203,6 +213,10 @@ fn vat(args: &SimulateArgs, machine: Option<&DlpMachine>) -> Capabilities {
             height_px: size_px[1],
             pixel_nm: pixel_um.map(|um| (um * 1000.0).round() as u32),
             max_position_um: travel_um as i32,
+            vats: match args.vats.unwrap_or(1) {
+                1 => Vats::ONE,
+                count => Vats { count, change_ms: CHANGE_MS },
+            },
         }),
     }
 }
@@ -268,7 +282,13 @@ mod tests {
             parse("simulate dlp --link p --fault drop=0.01 --fault disconnect=3 --time-scale 20").expect("correct");
         assert_eq!(args.faults, [FaultSpec::Drop(0.01), FaultSpec::Disconnect(3)]);
         let made = vat(&args, None);
-        let vat = VatCapabilities { width_px: 960, height_px: 540, pixel_nm: [40_000; 2], max_position_um: 60_000 };
+        let vat = VatCapabilities {
+            width_px: 960,
+            height_px: 540,
+            pixel_nm: [40_000; 2],
+            max_position_um: 60_000,
+            vats: Vats::ONE,
+        };
         assert_eq!(made.machine, MachineCapabilities::Vat(vat));
         assert_eq!((made.window_bytes, made.layer_slots), (4096, 2));
         let message = parse("simulate dlp --link p --fault fire=1").expect_err("no such fault");
@@ -312,6 +332,7 @@ mod tests {
                 "is of kind `dlp`, and `simulate slm` simulates a laser machine",
             ),
             ("simulate dlp --link p --buffer 4096", "`--buffer` is for laser machines"),
+            ("simulate slm --link p --vats 2", "`--vats` is for resin printers"),
             ("simulate dlp --link p --fault door=1", "`door` and `power` are for laser machines"),
         ] {
             let refused = run(parse(line).expect("correct")).expect_err("another kind").to_string();

@@ -17,7 +17,7 @@ impl Act {
     pub const fn is_exposure(&self) -> bool {
         // Without `_`, so that a new kind of machine or act must be decided on here.
         match self {
-            Self::Vat(VatAct::Home | VatAct::Move { .. })
+            Self::Vat(VatAct::Home | VatAct::Move { .. } | VatAct::Change { .. })
             | Self::Powder(PowderAct::Home | PowderAct::Move { .. } | PowderAct::Recoat) => false,
             Self::Vat(VatAct::Expose { .. }) | Self::Powder(PowderAct::Mark { .. }) => true,
         }
@@ -44,6 +44,15 @@ pub enum VatAct {
         duration_ms: u32,
         /// Light power, 1 to 255.
         light_pwm: u8,
+    },
+    /// Put another vat in place, and wash what hangs on the plate in between.
+    Change {
+        /// The vat, from 1 on.
+        vat: u8,
+        /// How long to wash, milliseconds.
+        wash_ms: u32,
+        /// How long to let it drain after that, milliseconds.
+        drain_ms: u32,
     },
 }
 
@@ -99,6 +108,11 @@ pub enum VatOutcome {
         layer: u32,
         /// Light time that the device reported, milliseconds.
         duration_ms: u32,
+    },
+    /// The vat is in place.
+    Changed {
+        /// Which, from 1 on.
+        vat: u8,
     },
 }
 

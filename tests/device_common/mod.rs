@@ -10,7 +10,7 @@ use layerd::device::sim::{ActRecord, CoreAction, DeviceCore, MarkedVector};
 use layerd::layer::{Bitmap, Depth};
 use layerd::link::message::{
     Capabilities, DeviceMessage, DeviceState, Encoding, ExposureId, Fault, HostMessage, MachineCapabilities, Reply,
-    Report, Request, Urgent, VatCapabilities, VatReply, VatRequest,
+    Report, Request, Urgent, VatCapabilities, VatReply, VatRequest, Vats,
 };
 use layerd::link::session::{HostSession, SendError};
 
@@ -63,6 +63,7 @@ pub fn capabilities() -> Capabilities {
             height_px: HEIGHT_PX,
             pixel_nm: [40_000, 40_000],
             max_position_um: 60_000,
+            vats: Vats::ONE,
         }),
     }
 }
@@ -220,7 +221,7 @@ impl Bench {
                 CoreAction::Send(DeviceMessage::Report(Report::Fault(fault))) => self.faults.push(fault),
                 CoreAction::Send(DeviceMessage::Report(Report::Room { taken_bytes })) => self.rooms.push(taken_bytes),
                 CoreAction::Record(record) => self.records.push(record),
-                CoreAction::Picture(layer, picture) => self.pictures.push((layer, picture)),
+                CoreAction::Picture(id, picture) => self.pictures.push((id.layer, picture)),
                 CoreAction::Vector(vector) => self.vectors.push(vector),
             }
         }

@@ -12,6 +12,7 @@ mod layers;
 mod plate;
 mod refusals;
 mod urgent;
+mod vats;
 
 use device_common::{Bench, id};
 use layerd::link::message::{Fault, Refusal, Reply, Request, VatReply, VatRequest};

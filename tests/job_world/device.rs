@@ -53,7 +53,7 @@ impl World {
         assert!(self.awaited.is_none() && self.device_act.is_none(), "two acts at once: {act:?}");
         let position_um = self.device.position_um.unwrap_or(0);
         let duration_us = match act {
-            Act::Powder(_) => panic!("an act of another kind of machine: {act:?}"),
+            Act::Powder(_) | Act::Vat(VatAct::Change { .. }) => panic!("an act of another kind of machine: {act:?}"),
             Act::Vat(VatAct::Home) => {
                 assert!(self.exposed.is_empty(), "homing with a part on the plate");
                 3_000_000
@@ -155,7 +155,7 @@ impl World {
         let (_, act) = self.device_act.take()?;
         self.device.moving = false;
         let outcome = match act {
-            Act::Powder(_) => panic!("an act of another kind of machine: {act:?}"),
+            Act::Powder(_) | Act::Vat(VatAct::Change { .. }) => panic!("an act of another kind of machine: {act:?}"),
             Act::Vat(VatAct::Home) => {
                 self.device.position_um = Some(0);
                 Outcome::Vat(VatOutcome::Arrived { position_um: 0 })

@@ -4,7 +4,7 @@
 use std::collections::VecDeque;
 
 use layerd::link::message::{
-    Capabilities, DeviceState, Encoding, HostMessage, MachineCapabilities, Urgent, VatCapabilities,
+    Capabilities, DeviceState, Encoding, HostMessage, MachineCapabilities, Urgent, VatCapabilities, Vats,
 };
 use layerd::link::session::{HostEvent, HostSession, HostSettings};
 use layerd_wire::session::{DeviceEvent, DeviceSession, DeviceSettings, SendError, line_time_us};
@@ -92,6 +92,7 @@ pub(crate) fn capabilities(window_bytes: u32, largest_frame_bytes: u16) -> Capab
             height_px: 1080,
             pixel_nm: [50_000; 2],
             max_position_um: 100_000,
+            vats: Vats::ONE,
         }),
     }
 }

@@ -7,7 +7,7 @@ use layerd::device::encoding::{encode, picture_crc32};
 use layerd::layer::{Bitmap, Depth};
 use layerd::link::message::{
     Capabilities, DeviceMessage, DeviceState, Encoding, ExposureId, HostMessage, MachineCapabilities, Reply, Request,
-    Urgent, VatCapabilities, VatReply, VatRequest,
+    Urgent, VatCapabilities, VatReply, VatRequest, Vats,
 };
 use layerd::link::session::{HostEvent, HostSession, HostSettings, SendError};
 
@@ -36,6 +36,7 @@ pub(crate) fn capabilities() -> Capabilities {
             height_px: 100,
             pixel_nm: [50_000; 2],
             max_position_um: 60_000,
+            vats: Vats::ONE,
         }),
     }
 }

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use layerd::link::message::{Capabilities, Encoding, MachineCapabilities, VatCapabilities};
+use layerd::link::message::{Capabilities, Encoding, MachineCapabilities, VatCapabilities, Vats};
 use serde_json::Value;
 pub(crate) use skip::skipped;
 
@@ -98,6 +98,7 @@ pub(crate) fn bench_device() -> Capabilities {
             height_px: 300,
             pixel_nm: [50_000; 2],
             max_position_um: 100_000,
+            vats: Vats::ONE,
         }),
     }
 }

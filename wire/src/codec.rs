@@ -7,7 +7,7 @@ use super::bytes::{Reader, WireError, Writer};
 use super::message::{
     Capabilities, DeviceMessage, DeviceState, Encoding, ExposureId, Fault, HostMessage, MachineCapabilities,
     PowderCapabilities, PowderReply, PowderRequest, PowderState, Refusal, Reply, Report, Request, VatCapabilities,
-    VatReply, VatRequest,
+    VatReply, VatRequest, Vats, VatsState,
 };
 
 // Kinds of messages.
@@ -16,9 +16,10 @@ const LAYER_DATA: u8 = 0x02;
 const REPLY: u8 = 0x81;
 const REPORT: u8 = 0x82;
 
-// Kinds of machines.
+// Kinds of machines. A machine with one vat is a kind of its own, so that its bytes are those of hosts that know no other.
 const VAT: u8 = 1;
 const POWDER: u8 = 2;
+const VATS: u8 = 3;
 
 // Requests and replies: 0x01 to 0x1F are for every machine, 0x20 to 0x3F for vats, 0x40 to 0x5F for powder.
 const STATE: u8 = 0x01;
@@ -26,6 +27,7 @@ const LAYER_BEGIN: u8 = 0x02;
 const EXPOSE: u8 = 0x20;
 const HOME: u8 = 0x21;
 const MOVE: u8 = 0x22;
+const CHANGE: u8 = 0x23;
 const POWDER_HOME: u8 = 0x40;
 const POWDER_MOVE: u8 = 0x41;
 const RECOAT: u8 = 0x42;
@@ -36,6 +38,8 @@ const STATE_IS: u8 = 0x02;
 const REFUSED: u8 = 0x03;
 const EXPOSED: u8 = 0x20;
 const MOVED: u8 = 0x21;
+const CHANGED: u8 = 0x22;
+const VATS_STATE_IS: u8 = 0x23;
 const POWDER_STATE_IS: u8 = 0x40;
 const POWDER_MOVED: u8 = 0x41;
 const RECOATED: u8 = 0x42;
@@ -145,6 +149,9 @@ fn write_request(writer: &mut Writer, request: &Request) {
         Request::Vat(VatRequest::Move { position_um, speed_um_s }) => {
             writer.u8(MOVE).i32(*position_um).u32(*speed_um_s);
         }
+        Request::Vat(VatRequest::Change { vat, wash_ms, drain_ms }) => {
+            writer.u8(CHANGE).u8(*vat).u32(*wash_ms).u32(*drain_ms);
+        }
         Request::Powder(request) => write_powder_request(writer, request),
     }
 }
@@ -188,6 +195,11 @@ fn read_request(reader: &mut Reader<'_>) -> Result<Request, WireError> {
             position_um: reader.i32("position_um")?,
             speed_um_s: reader.u32("speed_um_s")?,
         }),
+        CHANGE => Request::Vat(VatRequest::Change {
+            vat: reader.u8("vat")?,
+            wash_ms: reader.u32("wash_ms")?,
+            drain_ms: reader.u32("drain_ms")?,
+        }),
         POWDER_HOME => Request::Powder(PowderRequest::Home),
         POWDER_MOVE => Request::Powder(PowderRequest::Move {
             position_um: reader.i32("position_um")?,
@@ -209,7 +221,11 @@ fn write_reply(writer: &mut Writer, reply: &Reply) {
             writer.u8(DONE);
         }
         Reply::State(state) => {
-            writer.u8(if state.powder.is_some() { POWDER_STATE_IS } else { STATE_IS });
+            writer.u8(match (&state.powder, &state.vats) {
+                (Some(_), _) => POWDER_STATE_IS,
+                (None, Some(_)) => VATS_STATE_IS,
+                (None, None) => STATE_IS,
+            });
             write_state(writer, state);
         }
         Reply::Refused(refusal) => {
@@ -222,6 +238,9 @@ fn write_reply(writer: &mut Writer, reply: &Reply) {
         }
         Reply::Vat(VatReply::Moved { position_um }) => {
             writer.u8(MOVED).i32(*position_um);
+        }
+        Reply::Vat(VatReply::Changed { vat }) => {
+            writer.u8(CHANGED).u8(*vat);
         }
         Reply::Powder(PowderReply::Moved { position_um }) => {
             writer.u8(POWDER_MOVED).i32(*position_um);
@@ -240,11 +259,13 @@ fn write_reply(writer: &mut Writer, reply: &Reply) {
 fn read_reply(reader: &mut Reader<'_>) -> Result<Reply, WireError> {
     Ok(match reader.u8("reply")? {
         DONE => Reply::Done,
-        STATE_IS => Reply::State(read_state(reader, false)?),
-        POWDER_STATE_IS => Reply::State(read_state(reader, true)?),
+        STATE_IS => Reply::State(read_state(reader, StateOf::Vat)?),
+        VATS_STATE_IS => Reply::State(read_state(reader, StateOf::Vats)?),
+        POWDER_STATE_IS => Reply::State(read_state(reader, StateOf::Powder)?),
         REFUSED => Reply::Refused(read_refusal(reader)?),
         EXPOSED => Reply::Vat(VatReply::Exposed { id: read_id(reader)?, duration_ms: reader.u32("duration_ms")? }),
         MOVED => Reply::Vat(VatReply::Moved { position_um: reader.i32("position_um")? }),
+        CHANGED => Reply::Vat(VatReply::Changed { vat: reader.u8("vat")? }),
         POWDER_MOVED => Reply::Powder(PowderReply::Moved { position_um: reader.i32("position_um")? }),
         RECOATED => Reply::Powder(PowderReply::Recoated),
         MARKED => Reply::Powder(PowderReply::Marked {
@@ -268,13 +289,19 @@ pub(super) fn write_capabilities(writer: &mut Writer, capabilities: &Capabilitie
         })
         .u32(capabilities.max_exposure_ms);
     match &capabilities.machine {
-        MachineCapabilities::Vat(vat) => writer
-            .u8(VAT)
-            .u32(vat.width_px)
-            .u32(vat.height_px)
-            .u32(vat.pixel_nm[0])
-            .u32(vat.pixel_nm[1])
-            .i32(vat.max_position_um),
+        MachineCapabilities::Vat(vat) => {
+            writer
+                .u8(if vat.vats == Vats::ONE { VAT } else { VATS })
+                .u32(vat.width_px)
+                .u32(vat.height_px)
+                .u32(vat.pixel_nm[0])
+                .u32(vat.pixel_nm[1])
+                .i32(vat.max_position_um);
+            if vat.vats != Vats::ONE {
+                writer.u8(vat.vats.count).u32(vat.vats.change_ms);
+            }
+            writer
+        }
         MachineCapabilities::Powder(powder) => writer
             .u8(POWDER)
             .u32(powder.field_um[0])
@@ -301,11 +328,12 @@ pub(super) fn read_capabilities(reader: &mut Reader<'_>) -> Result<Capabilities,
             .collect(),
         max_exposure_ms: reader.u32("max_exposure_ms")?,
         machine: match reader.u8("machine")? {
-            VAT => MachineCapabilities::Vat(VatCapabilities {
+            kind @ (VAT | VATS) => MachineCapabilities::Vat(VatCapabilities {
                 width_px: reader.u32("width_px")?,
                 height_px: reader.u32("height_px")?,
                 pixel_nm: [reader.u32("pixel_nm")?, reader.u32("pixel_nm")?],
                 max_position_um: reader.i32("max_position_um")?,
+                vats: if kind == VATS { read_vats(reader)? } else { Vats::ONE },
             }),
             POWDER => MachineCapabilities::Powder(PowderCapabilities {
                 field_um: [reader.u32("field_um")?, reader.u32("field_um")?],
@@ -337,13 +365,45 @@ pub(super) fn write_state(writer: &mut Writer, state: &DeviceState) {
             writer.option(slot.as_ref(), write_id);
         })
         .option(state.fault.as_ref(), write_fault);
+    if let Some(VatsState { in_place }) = state.vats {
+        writer.option(in_place.as_ref(), |writer, vat| {
+            writer.u8(*vat);
+        });
+    }
     if let Some(PowderState { next_vector, broken, recoated }) = state.powder {
         writer.u32(next_vector).bool(broken).bool(recoated);
     }
 }
 
-/// Reads a state; `of_powder` says that a powder machine sent it.
-pub(super) fn read_state(reader: &mut Reader<'_>, of_powder: bool) -> Result<DeviceState, WireError> {
+/// Whose state it is: what a state holds besides what all have.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum StateOf {
+    Vat,
+    Vats,
+    Powder,
+}
+
+impl StateOf {
+    /// Of a machine with these capabilities.
+    pub(super) fn of(machine: &MachineCapabilities) -> Self {
+        match machine {
+            MachineCapabilities::Vat(vat) if vat.vats == Vats::ONE => Self::Vat,
+            MachineCapabilities::Vat(_) => Self::Vats,
+            MachineCapabilities::Powder(_) => Self::Powder,
+        }
+    }
+}
+
+fn read_vats(reader: &mut Reader<'_>) -> Result<Vats, WireError> {
+    let vats = Vats { count: reader.u8("vats")?, change_ms: reader.u32("change_ms")? };
+    if vats.count < 2 {
+        return Err(WireError::BadValue { field: "vats", value: vats.count.into() });
+    }
+    Ok(vats)
+}
+
+/// Reads the state of such a machine.
+pub(super) fn read_state(reader: &mut Reader<'_>, of: StateOf) -> Result<DeviceState, WireError> {
     Ok(DeviceState {
         boot_id: reader.u32("boot_id")?,
         last_exposed: reader.option("last_exposed", read_id)?,
@@ -354,7 +414,11 @@ pub(super) fn read_state(reader: &mut Reader<'_>, of_powder: bool) -> Result<Dev
         moving: reader.bool("moving")?,
         slots: reader.list("slots", MAX_SLOTS.into(), |reader| reader.option("slot", read_id))?,
         fault: reader.option("fault", read_fault)?,
-        powder: of_powder.then(|| read_powder_state(reader)).transpose()?,
+        vats: match of {
+            StateOf::Vats => Some(VatsState { in_place: reader.option("in_place", |reader| reader.u8("in_place"))? }),
+            StateOf::Vat | StateOf::Powder => None,
+        },
+        powder: (of == StateOf::Powder).then(|| read_powder_state(reader)).transpose()?,
     })
 }
 
@@ -408,6 +472,7 @@ fn read_refusal(reader: &mut Reader<'_>) -> Result<Refusal, WireError> {
         Refusal::Unknown,
         Refusal::NotRecoated,
         Refusal::WrongVector,
+        Refusal::NoSuchVat,
     ];
     let refusal = known.into_iter().find(|refusal| *refusal as u8 == code);
     refusal.ok_or(WireError::BadValue { field: "refusal", value: code.into() })

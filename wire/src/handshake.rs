@@ -4,8 +4,8 @@
 use alloc::vec::Vec;
 
 use super::bytes::{Reader, WireError, Writer};
-use super::codec::{read_capabilities, read_state, write_capabilities, write_state};
-use super::message::{Capabilities, DeviceState, MachineCapabilities, Urgent};
+use super::codec::{StateOf, read_capabilities, read_state, write_capabilities, write_state};
+use super::message::{Capabilities, DeviceState, Urgent};
 use super::version::{VERSIONS, VersionRange};
 
 /// What the host states when it opens a session.
@@ -107,8 +107,7 @@ impl Welcome {
             return Err(WireError::OtherVersion { version });
         }
         let capabilities = read_capabilities(&mut reader)?;
-        let of_powder = matches!(capabilities.machine, MachineCapabilities::Powder(_));
-        let state = read_state(&mut reader, of_powder)?;
+        let state = read_state(&mut reader, StateOf::of(&capabilities.machine))?;
         reader.end()?;
         // One entry for each slot is the most there can be.
         if state.slots.len() > usize::from(capabilities.layer_slots) {

@@ -140,6 +140,22 @@ pub struct VatCapabilities {
     pub pixel_nm: [u32; 2],
     /// Highest plate position above the bottom of the vat, micrometres.
     pub max_position_um: i32,
+    /// Its vats.
+    pub vats: Vats,
+}
+
+/// The vats of a machine, each with a material of its own. One of them is in place at a time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Vats {
+    /// Number of vats, at least 1. They are numbered from 1 on.
+    pub count: u8,
+    /// Longest time to put another vat in place, without washing and draining, milliseconds; 0 with one vat.
+    pub change_ms: u32,
+}
+
+impl Vats {
+    /// One vat, which is always in place.
+    pub const ONE: Self = Self { count: 1, change_ms: 0 };
 }
 
 /// What a powder machine is and can do.
@@ -182,6 +198,15 @@ pub struct DeviceState {
     pub fault: Option<Fault>,
     /// What only powder machines report: present in each of their states, and in no other.
     pub powder: Option<PowderState>,
+    /// What only machines with several vats report: present in each of their states, and in no other.
+    pub vats: Option<VatsState>,
+}
+
+/// What a machine with several vats reports besides what every machine does.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct VatsState {
+    /// The vat in place; `None` during a change, and after one that did not come to its end.
+    pub in_place: Option<u8>,
 }
 
 /// What a powder machine reports besides what every machine does.
@@ -243,7 +268,7 @@ impl Request {
         match self {
             Self::State
             | Self::LayerBegin { .. }
-            | Self::Vat(VatRequest::Home | VatRequest::Move { .. })
+            | Self::Vat(VatRequest::Home | VatRequest::Move { .. } | VatRequest::Change { .. })
             | Self::Powder(PowderRequest::Home | PowderRequest::Move { .. } | PowderRequest::Recoat) => false,
             Self::Vat(VatRequest::Expose { .. }) | Self::Powder(PowderRequest::Mark { .. }) => true,
         }
@@ -270,6 +295,16 @@ pub enum VatRequest {
         position_um: i32,
         /// Speed, micrometres a second.
         speed_um_s: u32,
+    },
+    /// Put another vat in place, and wash what hangs on the plate in between. The host lifts the plate clear of the resin before. Answered by
+    /// [`VatReply::Changed`] when the vat is in place.
+    Change {
+        /// The vat, from 1 on.
+        vat: u8,
+        /// How long to wash, milliseconds.
+        wash_ms: u32,
+        /// How long to let it drain after that, milliseconds.
+        drain_ms: u32,
     },
 }
 
@@ -342,6 +377,11 @@ pub enum VatReply {
         /// Where it is, micrometres.
         position_um: i32,
     },
+    /// The vat is in place.
+    Changed {
+        /// Which.
+        vat: u8,
+    },
 }
 
 /// An answer of a powder machine.
@@ -400,6 +440,8 @@ pub enum Refusal {
     NotRecoated = 13,
     /// The layer was marked in part, and this is not its next vector; or the layer has no such vector.
     WrongVector = 14,
+    /// The machine has no such vat, or no vat is in place.
+    NoSuchVat = 15,
 }
 
 /// A message that answers no request.

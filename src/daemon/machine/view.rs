@@ -90,7 +90,12 @@ pub(crate) fn device_told(view: &mut DeviceView, event: &DriverEvent, jobs: &Job
             state.fault_code = fault.as_ref().map(|fault| fault.code);
         }
         // The next state shows where it stands. Every outcome is listed, so that a new one is not overlooked here.
-        DriverEvent::ActDone(Outcome::Powder(PowderOutcome::Recoated) | Outcome::Refused(_) | Outcome::TakenBack)
+        DriverEvent::ActDone(
+            Outcome::Vat(VatOutcome::Changed { .. })
+            | Outcome::Powder(PowderOutcome::Recoated)
+            | Outcome::Refused(_)
+            | Outcome::TakenBack,
+        )
         | DriverEvent::Uploaded { .. }
         | DriverEvent::UploadRefused { .. }
         | DriverEvent::Misbehaved(_) => {}

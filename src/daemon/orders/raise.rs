@@ -156,7 +156,9 @@ impl Printer {
             Outcome::Refused(refusal) => {
                 format!("the plate was not raised: the device refused, or stopped the move ({refusal:?})")
             }
-            Outcome::Vat(VatOutcome::Exposed { .. }) | Outcome::Powder(_) | Outcome::TakenBack => {
+            Outcome::Vat(VatOutcome::Exposed { .. } | VatOutcome::Changed { .. })
+            | Outcome::Powder(_)
+            | Outcome::TakenBack => {
                 "the plate was not raised: the device answered something else; check its firmware".into()
             }
         };

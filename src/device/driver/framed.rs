@@ -129,6 +129,7 @@ impl FramedDriver {
         match act {
             VatAct::Home => VatRequest::Home,
             VatAct::Move { position_um, speed_um_s } => VatRequest::Move { position_um, speed_um_s },
+            VatAct::Change { vat, wash_ms, drain_ms } => VatRequest::Change { vat, wash_ms, drain_ms },
             VatAct::Expose { layer, duration_ms, light_pwm } => {
                 VatRequest::Expose { id: self.id(layer), duration_ms, light_pwm }
             }
@@ -304,6 +305,9 @@ impl FramedDriver {
             (VatAct::Home | VatAct::Move { .. }, VatReply::Moved { position_um }) => {
                 Some(VatOutcome::Arrived { position_um })
             }
+            (VatAct::Change { vat, .. }, VatReply::Changed { vat: told }) if told == vat => {
+                Some(VatOutcome::Changed { vat })
+            }
             (VatAct::Expose { layer, .. }, VatReply::Exposed { id, duration_ms }) if id == self.id(layer) => {
                 Some(VatOutcome::Exposed { layer, duration_ms })
             }
@@ -336,6 +340,7 @@ impl FramedDriver {
             Act::Vat(VatAct::Expose { layer, duration_ms, .. }) => {
                 format!("to expose {} for {duration_ms} ms", exposure_text(self.id(layer)))
             }
+            Act::Vat(VatAct::Change { vat, .. }) => format!("to put vat {vat} in place"),
             Act::Powder(PowderAct::Recoat) => "to recoat".into(),
             Act::Powder(PowderAct::Mark { layer, from_vector, .. }) => {
                 format!("to mark {} from vector {from_vector} on", exposure_text(self.id(layer)))
@@ -370,6 +375,7 @@ fn nonsense(asked: &str, number: u32, reply: &Reply) -> DriverEvent {
         Reply::Vat(VatReply::Moved { position_um }) | Reply::Powder(PowderReply::Moved { position_um }) => {
             format!("a move to {}", mm_text(*position_um))
         }
+        Reply::Vat(VatReply::Changed { vat }) => format!("a change to vat {vat}"),
         Reply::Powder(PowderReply::Recoated) => "\"recoated\"".into(),
         Reply::Powder(PowderReply::Marked { id, laser_ms, .. }) => {
             format!("{laser_ms} ms of laser for {}", exposure_text(*id))

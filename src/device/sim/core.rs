@@ -32,8 +32,8 @@ pub enum CoreAction {
     Send(DeviceMessage),
     /// Write a line of the log.
     Record(ActRecord),
-    /// Keep the picture of a layer whose exposure ended: what was lit, or what was melted.
-    Picture(u32, Bitmap),
+    /// Keep the picture of an exposure that ended: what was lit, or what was melted.
+    Picture(ExposureId, Bitmap),
     /// The laser was on this vector. See [`DeviceCore::telling_vectors`].
     Vector(MarkedVector),
 }
@@ -173,6 +173,10 @@ impl DeviceCore {
             Machine::Vat(vat) => (vat.slot_ids(), exposing.is_some(), None),
             Machine::Powder(powder) => (powder.slot_ids(), powder.light_on(), Some(powder.state())),
         };
+        let vats = match &self.machine {
+            Machine::Vat(vat) => vat.vats_state(),
+            Machine::Powder(_) => None,
+        };
         DeviceState {
             boot_id: self.boot_id,
             last_exposed: board.last_exposed,
@@ -184,6 +188,7 @@ impl DeviceCore {
             slots,
             fault: board.fault.clone(),
             powder,
+            vats,
         }
     }
 
@@ -277,8 +282,9 @@ impl DeviceCore {
     /// The light goes off, and everything else that the machine does stops, except for the plate.
     fn cut(&mut self, reason: &'static str) {
         self.cut_light(reason);
-        if let Machine::Powder(powder) = &mut self.machine {
-            powder.stop_recoater(&mut self.board);
+        match &mut self.machine {
+            Machine::Vat(vat) => vat.stop_change(&mut self.board),
+            Machine::Powder(powder) => powder.stop_recoater(&mut self.board),
         }
     }
 
@@ -358,7 +364,7 @@ impl DeviceCore {
 
     fn is_acting(&self) -> bool {
         let machine_acts = match &self.machine {
-            Machine::Vat(vat) => vat.exposure().is_some(),
+            Machine::Vat(vat) => vat.is_acting(),
             Machine::Powder(powder) => powder.is_acting(),
         };
         machine_acts || self.board.plate.is_moving()

@@ -8,6 +8,7 @@ use serde::Serialize;
 
 use crate::layer::Bitmap;
 use crate::layer::export::write_png;
+use crate::link::message::ExposureId;
 
 /// One line of `acts.jsonl`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
@@ -15,6 +16,7 @@ pub struct ActRecord {
     /// Device clock, milliseconds since its start.
     pub t_ms: u64,
     /// What happened: `exposed`, `light_on`, `light_off`, `moved`, `refused`, `urgent`, `fault`, `reset`, `host_silent`, `hello`; in a
+    /// machine with several vats `change`, `changed` and `change_stopped` as well, in a
     /// powder machine `marked`, `laser_on`, `laser_off` and `recoated` as well.
     pub event: &'static str,
     /// Key of the job.
@@ -23,6 +25,12 @@ pub struct ActRecord {
     /// Layer.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub layer: Option<u32>,
+    /// Number of the exposure within the layer, if it is not the first.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pass: Option<u8>,
+    /// The vat that is in place, or that is to be, if there are several.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub vat: Option<u8>,
     /// How long the light was on, milliseconds: of a laser, in this act of marking.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub duration_ms: Option<u32>,
@@ -76,12 +84,14 @@ impl ActLog {
         self.acts.write_all(&line).map_err(|error| at(&self.directory, &error))
     }
 
-    /// Writes an exposed or melted layer as `layer_000000.png`.
+    /// Writes what was exposed or melted of a layer as `layer_000000.png`, and later passes as `layer_000000_pass_1.png` and so on.
     ///
     /// # Errors
     /// What the file system says, with the path.
-    pub fn picture(&self, layer: u32, picture: &Bitmap) -> io::Result<()> {
-        let path = self.directory.join(format!("layer_{layer:06}.png"));
+    pub fn picture(&self, id: ExposureId, picture: &Bitmap) -> io::Result<()> {
+        let ExposureId { layer, pass, .. } = id;
+        let of_pass = if pass == 0 { String::new() } else { format!("_pass_{pass}") };
+        let path = self.directory.join(format!("layer_{layer:06}{of_pass}.png"));
         write_png(&path, picture).map_err(|error| at(&path, &error))
     }
 }

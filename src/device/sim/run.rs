@@ -296,9 +296,7 @@ impl Device {
                     }
                     self.log.as_mut().map_or(Ok(()), |log| log.append(&record))
                 }
-                CoreAction::Picture(layer, picture) => {
-                    self.log.as_ref().map_or(Ok(()), |log| log.picture(layer, &picture))
-                }
+                CoreAction::Picture(id, picture) => self.log.as_ref().map_or(Ok(()), |log| log.picture(id, &picture)),
                 // This process did not ask for them.
                 CoreAction::Vector(_) => continue,
             };

@@ -172,7 +172,7 @@ impl VatCycle {
             VatOutcome::Exposed { layer: exposed, duration_ms: light_ms } if exposed == layer => {
                 Some(Lit { light_ms, starved_ms: 0, dose: Dose::of(self.plan.exposure_ms(layer), light_ms) })
             }
-            VatOutcome::Exposed { .. } | VatOutcome::Arrived { .. } => None,
+            VatOutcome::Exposed { .. } | VatOutcome::Arrived { .. } | VatOutcome::Changed { .. } => None,
         }
     }
 

@@ -62,7 +62,9 @@ impl Engine {
             _ => {
                 let state = match refusal {
                     // The operator can do something about it.
-                    Refusal::NotReady | Refusal::NotRecoated | Refusal::WrongVector => JobState::Interrupted,
+                    Refusal::NotReady | Refusal::NotRecoated | Refusal::WrongVector | Refusal::NoSuchVat => {
+                        JobState::Interrupted
+                    }
                     _ => JobState::Failed,
                 };
                 let remedy = self.cycle.remedy(Requested::Act, refusal);

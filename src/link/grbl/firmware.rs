@@ -177,6 +177,7 @@ impl Firmware {
             moving: self.running.as_ref().is_some_and(Running::moves_plate),
             slots: self.buffer.slot_ids(),
             fault: self.fault.clone(),
+            vats: None,
             powder: Some(PowderState {
                 next_vector,
                 broken: marking.is_none() && self.broken.is_some(),

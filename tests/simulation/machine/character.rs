@@ -320,7 +320,7 @@ impl Asked {
             Request::State => Self::State,
             Request::LayerBegin { .. } => Self::Layer,
             Request::Vat(VatRequest::Expose { .. }) | Request::Powder(PowderRequest::Mark { .. }) => Self::Exposure,
-            Request::Vat(VatRequest::Home | VatRequest::Move { .. })
+            Request::Vat(VatRequest::Home | VatRequest::Move { .. } | VatRequest::Change { .. })
             | Request::Powder(PowderRequest::Home | PowderRequest::Move { .. } | PowderRequest::Recoat) => Self::Plate,
         }
     }

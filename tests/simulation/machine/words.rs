@@ -106,6 +106,7 @@ impl Machine {
             }
             Request::Vat(VatRequest::Move { position_um, .. }) => Reply::Vat(VatReply::Moved { position_um }),
             Request::Vat(VatRequest::Home) => Reply::Vat(VatReply::Moved { position_um: 0 }),
+            Request::Vat(VatRequest::Change { vat, .. }) => Reply::Vat(VatReply::Changed { vat }),
             Request::Powder(request) => match self.early_reply(request) {
                 Some(reply) => Reply::Powder(reply),
                 None => return,

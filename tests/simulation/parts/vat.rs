@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use layerd::link::message::{Encoding, MachineCapabilities, VatCapabilities};
+use layerd::link::message::{Encoding, MachineCapabilities, VatCapabilities, Vats};
 use layerd::pipeline::EncodedLayer;
 use layerd_wire::encoding::Decoder;
 
@@ -33,7 +33,8 @@ pub(super) fn recipe_text() -> String {
 
 pub(super) fn capabilities() -> (MachineCapabilities, Vec<Encoding>) {
     let [width_px, height_px] = SIZE_PX;
-    let vat = VatCapabilities { width_px, height_px, pixel_nm: [20_000, 20_000], max_position_um: 60_000 };
+    let vat =
+        VatCapabilities { width_px, height_px, pixel_nm: [20_000, 20_000], max_position_um: 60_000, vats: Vats::ONE };
     (MachineCapabilities::Vat(vat), vec![Encoding::RawBit, Encoding::Group4])
 }
 

@@ -128,5 +128,6 @@ impl Board {
 
 /// A line of the log about a layer.
 pub(super) fn of_layer(event: &'static str, id: ExposureId) -> ActRecord {
-    ActRecord { event, job: Some(id.job), layer: Some(id.layer), ..ActRecord::default() }
+    let pass = Some(id.pass).filter(|pass| *pass > 0);
+    ActRecord { event, job: Some(id.job), layer: Some(id.layer), pass, ..ActRecord::default() }
 }

@@ -252,7 +252,7 @@ impl Powder {
         board.record(of_layer("laser_off", id));
         // The picture goes before its log line, so that a reader of the log finds the file.
         if let Some(picture) = self.melt.as_mut().and_then(|melt| melt.take(id)) {
-            board.actions.push_back(CoreAction::Picture(id.layer, picture));
+            board.actions.push_back(CoreAction::Picture(id, picture));
         }
         let (laser_ms, starved_ms) = (marking.laser_ms(), marking.starved_ms());
         board.record(ActRecord { vectors: Some(vectors), ..of_act("marked", marking) });

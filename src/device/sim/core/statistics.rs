@@ -17,6 +17,8 @@ pub struct Statistics {
     pub refused: u64,
     /// Moves and homings that arrived.
     pub moves: u64,
+    /// Times that another vat was put in place.
+    pub changes: u64,
     /// Times that powder was spread.
     pub recoats: u64,
     /// Scan vectors marked whole.

@@ -1,12 +1,14 @@
 //! What only a vat machine does: it exposes whole pictures. Part of [`DeviceCore`](super::DeviceCore).
 
+mod change;
 mod upload;
 
 use super::CoreAction;
 use super::board::{Board, of_layer};
 use crate::device::sim::log::ActRecord;
 use crate::layer::Bitmap;
-use crate::link::message::{ExposureId, Refusal, Reply, VatCapabilities, VatReply, VatRequest};
+use crate::link::message::{ExposureId, Refusal, Reply, VatCapabilities, VatReply, VatRequest, VatsState};
+use change::Change;
 use upload::Upload;
 
 /// Light and layers.
@@ -16,6 +18,9 @@ pub(super) struct Vat {
     slots: Vec<Option<(ExposureId, Bitmap)>>,
     upload: Option<Upload>,
     exposure: Option<Exposure>,
+    /// The vat in place.
+    in_place: Option<u8>,
+    change: Option<Change>,
 }
 
 #[derive(Debug)]
@@ -40,18 +45,29 @@ pub(super) fn named(request: VatRequest) -> (&'static str, Option<ExposureId>) {
         VatRequest::Expose { id, .. } => ("expose", Some(id)),
         VatRequest::Home => ("home", None),
         VatRequest::Move { .. } => ("move", None),
+        VatRequest::Change { .. } => ("change", None),
     }
 }
 
 impl Vat {
-    /// Dark and empty.
+    /// Dark and empty, with the first vat in place.
     pub(super) fn new(capabilities: VatCapabilities, slots: usize) -> Self {
-        Self { capabilities, slots: vec![None; slots], upload: None, exposure: None }
+        Self { capabilities, slots: vec![None; slots], upload: None, exposure: None, in_place: Some(1), change: None }
     }
 
-    /// When an exposure under way ends.
+    /// When an exposure or a change under way ends.
     pub(super) fn next_timeout_us(&self) -> Option<u64> {
-        self.exposure.as_ref().map(Exposure::ends_us)
+        self.exposure.as_ref().map(Exposure::ends_us).or(self.change.as_ref().map(|change| change.ends_us))
+    }
+
+    /// Whether an exposure or a change is under way.
+    pub(super) fn is_acting(&self) -> bool {
+        self.exposure.is_some() || self.change.is_some()
+    }
+
+    /// What it reports of its vats, if it has several.
+    pub(super) fn vats_state(&self) -> Option<VatsState> {
+        (self.capabilities.vats.count > 1).then_some(VatsState { in_place: self.in_place })
     }
 
     /// The exposure under way, and its commanded time in milliseconds.
@@ -66,6 +82,7 @@ impl Vat {
 
     /// Ends an exposure that is due by `now_us`, at its own time.
     pub(super) fn advance(&mut self, board: &mut Board, now_us: u64) {
+        self.advance_change(board, now_us);
         if let Some(exposure) = self.exposure.take_if(|exposure| exposure.ends_us() <= now_us) {
             board.now_us = exposure.ends_us();
             self.end_exposure(board, &exposure);
@@ -77,6 +94,7 @@ impl Vat {
         match request {
             VatRequest::Expose { id, duration_ms, light_pwm } => self.expose(board, number, id, duration_ms, light_pwm),
             VatRequest::Move { position_um, speed_um_s } => board.begin_move(number, position_um, speed_um_s),
+            VatRequest::Change { vat, wash_ms, drain_ms } => self.change(board, number, vat, [wash_ms, drain_ms]),
             VatRequest::Home => {
                 board.begin_homing(number);
                 Ok(())
@@ -95,14 +113,22 @@ impl Vat {
         if duration_ms == 0 || light_pwm == 0 || duration_ms > board.capabilities.max_exposure_ms {
             return Err(Refusal::BadDuration);
         }
+        if self.in_place.is_none() {
+            return Err(Refusal::NoSuchVat);
+        }
         if board.was_exposed(id) {
             return Err(Refusal::AlreadyExposed);
         }
         let held = |slot: &Option<(ExposureId, Bitmap)>| slot.as_ref().is_some_and(|(held, _)| *held == id);
         let slot = self.slots.iter().position(held).ok_or(Refusal::NoSuchLayer)?;
         self.exposure = Some(Exposure { number: Some(number), slot, id, began_us: board.now_us, duration_ms });
-        board.record(of_layer("light_on", id));
+        board.record(ActRecord { vat: self.told_vat(), ..of_layer("light_on", id) });
         Ok(())
+    }
+
+    /// The vat in place, as the log has it: nothing if there is one vat.
+    fn told_vat(&self) -> Option<u8> {
+        self.in_place.filter(|_| self.capabilities.vats.count > 1)
     }
 
     /// An exposure that ran its whole time.
@@ -113,9 +139,9 @@ impl Vat {
         board.record(of_layer("light_off", id));
         // The picture goes before its log line, so that a reader of the log finds the file.
         if let Some((_, picture)) = self.slots[slot].take() {
-            board.actions.push_back(CoreAction::Picture(id.layer, picture));
+            board.actions.push_back(CoreAction::Picture(id, picture));
         }
-        board.record(ActRecord { duration_ms: Some(duration_ms), ..of_layer("exposed", id) });
+        board.record(ActRecord { duration_ms: Some(duration_ms), vat: self.told_vat(), ..of_layer("exposed", id) });
         board.reply(number, Reply::Vat(VatReply::Exposed { id, duration_ms }));
     }
 
@@ -135,6 +161,9 @@ impl Vat {
     pub(super) fn forget_request(&mut self) {
         if let Some(exposure) = &mut self.exposure {
             exposure.number = None;
+        }
+        if let Some(change) = &mut self.change {
+            change.number = None;
         }
     }
 

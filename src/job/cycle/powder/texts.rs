@@ -26,6 +26,7 @@ pub(in crate::job::cycle) fn remedy_of_upload(refusal: Refusal) -> &'static str 
         Refusal::Unknown => UNKNOWN,
         Refusal::NotRecoated
         | Refusal::WrongVector
+        | Refusal::NoSuchVat
         | Refusal::AlreadyExposed
         | Refusal::BadDuration
         | Refusal::BadMove
@@ -49,6 +50,7 @@ pub(in crate::job::cycle) fn remedy_of_act(refusal: Refusal) -> &'static str {
             "the depth is outside its travel, or the speed is; check plate_speed_um_s and the part's height"
         }
         Refusal::NotHomed => "it does not know where its plate is; take the part out and start again",
+        Refusal::NoSuchVat => "this refusal does not apply to a laser machine; check its firmware",
         Refusal::NotRecoated => "it says that no powder was spread; look at the recoater, then resume",
         Refusal::WrongVector => {
             "it does not agree on how far the layer was marked; look at layer and device, then resume, or abort the job"

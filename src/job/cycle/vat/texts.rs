@@ -31,6 +31,7 @@ pub(in crate::job::cycle) fn remedy_of_upload(refusal: Refusal) -> &'static str 
         Refusal::Unknown => "it does not know the request; check that it is a DLP machine of this protocol version",
         Refusal::NotRecoated
         | Refusal::WrongVector
+        | Refusal::NoSuchVat
         | Refusal::AlreadyExposed
         | Refusal::BadDuration
         | Refusal::BadMove
@@ -57,6 +58,7 @@ pub(in crate::job::cycle) fn remedy_of_act(refusal: Refusal) -> &'static str {
         }
         Refusal::NotHomed => "it does not know where its plate is; take the part off and start again",
         Refusal::CutShort => "it was ended early by an interlock or at the machine; look at the device, then resume",
+        Refusal::NoSuchVat => "it says that no such vat is in place; look at its vats, then resume",
         Refusal::NotRecoated | Refusal::WrongVector => {
             "this refusal does not apply to a DLP machine; check its firmware"
         }
