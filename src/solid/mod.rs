@@ -1,6 +1,8 @@
 //! Which points are solid: the fields of convolution struts, exact unions, what triangles and displaced triangles enclose, and the kernels that evaluate them row by
 //! row.
 //!
+//! [`soap`] makes smooth meshes of nodes.
+//!
 //! This module does not know files, devices or threads. A `Shape` draws a `Block` of struts and balls on a `Strip`, which is a few
 //! rows of pixels in one `Plane`. Lengths are in the unit of the solid: the support R of the kernel for a `Convolution` (all
 //! quantities of the kernel are then about 1, and `f32` is precise enough), micrometres for a `Union`.
@@ -24,6 +26,7 @@ mod pixels;
 mod probe;
 pub mod reference;
 mod relief;
+pub mod soap;
 mod strip;
 mod union;
 mod vector;
