@@ -272,7 +272,7 @@ fn a_machine_of_an_unknown_kind_is_refused_by_its_kind_whatever_follows() {
     // Behind version, name, slots, window, largest frame, encodings and longest exposure.
     let kind_at = 2 + 1 + 1 + 4 + 2 + 1 + 4 + lists_bytes;
     assert_eq!(welcome[kind_at], 1, "a vat");
-    for (kind, length) in [(0, welcome.len()), (3, kind_at + 1), (255, welcome.len())] {
+    for (kind, length) in [(0, welcome.len()), (4, kind_at + 1), (255, welcome.len())] {
         welcome[kind_at] = kind;
         let mut script = Script::greeting();
         script.say(FrameKind::Welcome, 0, &welcome[..length]);

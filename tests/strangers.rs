@@ -216,10 +216,10 @@ fn a_machine_of_an_unknown_kind_is_named_in_the_status() {
     let lists_bytes = capabilities.name.len() + capabilities.encodings.len();
     let mut welcome = Welcome { version: 1, capabilities, state: DeviceState::default() }.encode();
     // Behind version, name, slots, window, largest frame, encodings and longest exposure.
-    welcome[2 + 1 + 1 + 4 + 2 + 1 + 4 + lists_bytes] = 3;
+    welcome[2 + 1 + 1 + 4 + 2 + 1 + 4 + lists_bytes] = 4;
     let reason = refused_hello(FrameKind::Welcome, welcome);
     assert!(
-        reason.contains("a machine of kind 3, which this host does not know: connect the right device"),
+        reason.contains("a machine of kind 4, which this host does not know: connect the right device"),
         "{reason}"
     );
 }

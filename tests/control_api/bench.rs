@@ -13,7 +13,7 @@ use layerd::job::JobState;
 use tokio::sync::watch;
 
 /// Magic and version of a build file. What follows nobody reads here.
-pub(crate) const BEGINNING: &[u8] = b"\x89LYD\r\n\x1a\n\x03\0\0\0";
+pub(crate) const BEGINNING: &[u8] = b"\x89LYD\r\n\x1a\n\x04\0\0\0";
 
 /// A daemon without a machine: it takes jobs, keeps their files and obeys orders at once.
 pub(crate) struct Daemon {
