@@ -5,14 +5,15 @@
 //! alone: not on the number of threads, the instruction set, or the layer that the slicer began with.
 //!
 //! ```
-//! use layerd::buildfile::{Joint, BodySettings, BuildFile, Caps, Placement, Strut, Writer, WriterSettings};
+//! use layerd::buildfile::{BodySettings, BuildFile, Caps, Joint, Placement, Shares, Strut, Writer, WriterSettings};
 //! use layerd::layer::{Bitmap, Depth, Mirror, Raster};
 //! use layerd::slice::{BodySource, SlicePlan, Slicer};
 //! use layerd::stream::MemoryBudget;
 //! # let directory = tempfile::tempdir()?;
 //! # let path = directory.path().join("post.layerd");
 //! // One post of 1 mm radius and 5 mm height, in quanta of 1 µm.
-//! let settings = WriterSettings { materials: None,
+//! let settings = WriterSettings {
+//!     materials: None,
 //!     quantum_um: 1.0,
 //!     placement: Placement::Centred,
 //!     source_digest: [0; 32],

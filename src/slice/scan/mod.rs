@@ -5,7 +5,7 @@
 //! vectors of them.
 //!
 //! ```
-//! use layerd::buildfile::{Joint, BodySettings, BuildFile, Caps, Placement, Strut, Writer, WriterSettings};
+//! use layerd::buildfile::{BodySettings, BuildFile, Caps, Joint, Placement, Shares, Strut, Writer, WriterSettings};
 //! use layerd::layer::{Depth, Mirror, Raster};
 //! use layerd::slice::scan::Contours;
 //! use layerd::slice::{BodySource, SlicePlan};
@@ -13,7 +13,8 @@
 //! # let directory = tempfile::tempdir()?;
 //! # let path = directory.path().join("post.layerd");
 //! // One post of 1 mm radius and 5 mm height, in quanta of 1 µm.
-//! let settings = WriterSettings { materials: None,
+//! let settings = WriterSettings {
+//!     materials: None,
 //!     quantum_um: 1.0,
 //!     placement: Placement::Centred,
 //!     source_digest: [0; 32],

@@ -11,7 +11,8 @@
 //!
 //! ```
 //! use layerd::solid::soap::{FilmBuilder, FilmMesh, Node, StrutEnd};
-//! let directions = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+//! let [x, y, z] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+//! let directions = [x, y, z, x.map(|x| -x), y.map(|y| -y), z.map(|z| -z)];
 //! let ends = directions.map(|direction| StrutEnd { direction, length: 5000.0 });
 //! let node = Node { ends: &ends, radius: 400.0, lambda: Node::USUAL_LAMBDA };
 //! let mut builder = FilmBuilder::new();
