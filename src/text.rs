@@ -89,6 +89,11 @@ pub(crate) fn mm_text(um: impl Into<f64>) -> String {
     format!("{:.3} mm", um.into() / 1000.0)
 }
 
+/// A layer as in `layer 3`, or `layer 3 (stiff)` if it names one of several materials.
+pub(crate) fn layer_text(layer: u32, material: Option<&str>) -> String {
+    material.map_or_else(|| format!("layer {layer}"), |material| format!("layer {layer} ({})", plain_line(material)))
+}
+
 /// A count and its noun, with a plural in -s: `1 layer`, `2 layers`.
 pub(crate) fn count_text(count: u64, noun: &str) -> String {
     format!("{count} {noun}{}", if count == 1 { "" } else { "s" })

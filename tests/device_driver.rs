@@ -8,7 +8,8 @@ use device_common::{Bench, capabilities, id, picture};
 use layerd::config::{Machine, Recipe};
 use layerd::device::encoding::{encode, picture_crc32};
 use layerd::device::{
-    Act, DriverBusy, DriverEvent, FramedDriver, Misfit, Outcome, VatAct, VatOutcome, check_capabilities, check_fit,
+    Act, DriverBusy, DriverEvent, FramedDriver, Misfit, Outcome, Passes, VatAct, VatOutcome, check_capabilities,
+    check_fit,
 };
 use layerd::job::{Action, Engine, Event, JobPlan, Limits, Process, StartPoint, VatPlan};
 use layerd::link::message::{
@@ -33,7 +34,7 @@ fn encoded(layer: u32) -> Vec<u8> {
 
 fn upload(driver: &mut FramedDriver, layer: u32, slot: u8) {
     let crc32 = picture_crc32(&picture(layer));
-    driver.upload(layer, slot, Encoding::Group4, encoded(layer), crc32).expect("no upload under way");
+    driver.upload(layer, 0, slot, Encoding::Group4, encoded(layer), crc32).expect("no upload under way");
 }
 
 /// Sends all the driver has to the device and returns what came back.
@@ -56,8 +57,8 @@ fn the_next_layer_travels_while_one_shines() {
     assert_eq!(exchange(&mut driver, &mut bench), [DriverEvent::Uploaded { layer: 0 }]);
     assert_eq!(bench.core.state().slots, [None, Some(id(0))], "in the slot that was named");
     upload(&mut driver, 1, 0);
-    driver.act(Act::Vat(VatAct::Expose { layer: 0, duration_ms: 1000, light_pwm: 255 }), 0).expect("idle");
-    assert_eq!(driver.upload(2, 1, Encoding::Group4, vec![1], 0), Err(DriverBusy::UploadUnderWay));
+    driver.act(Act::Vat(VatAct::Expose { layer: 0, pass: 0, duration_ms: 1000, light_pwm: 255 }), 0).expect("idle");
+    assert_eq!(driver.upload(2, 0, 1, Encoding::Group4, vec![1], 0), Err(DriverBusy::UploadUnderWay));
     assert_eq!(driver.act(Act::Vat(VatAct::Home), 0), Err(DriverBusy::ActUnderWay));
     // The requests go before the data, although room is scarce.
     let requests: Vec<_> = std::iter::from_fn(|| driver.next_message(0, 0)).collect();
@@ -83,7 +84,10 @@ fn the_next_layer_travels_while_one_shines() {
     );
     bench.advance(1_000_000);
     let done = answers(&mut driver, &mut bench);
-    assert_eq!(done, [DriverEvent::ActDone(Outcome::Vat(VatOutcome::Exposed { layer: 0, duration_ms: 1000 }))]);
+    assert_eq!(
+        done,
+        [DriverEvent::ActDone(Outcome::Vat(VatOutcome::Exposed { layer: 0, pass: 0, duration_ms: 1000 }))]
+    );
     driver.act(Act::Vat(VatAct::Home), 0).expect("idle");
     exchange(&mut driver, &mut bench);
     bench.advance(60_000_000);
@@ -97,11 +101,11 @@ fn the_next_layer_travels_while_one_shines() {
 fn a_refused_layer_is_told_and_the_next_one_travels() {
     let (mut driver, mut bench) = (driver(), Bench::new());
     // A checksum that does not fit.
-    driver.upload(0, 0, Encoding::Group4, encoded(0), 1).expect("no upload under way");
+    driver.upload(0, 0, 0, Encoding::Group4, encoded(0), 1).expect("no upload under way");
     let refused = DriverEvent::UploadRefused { layer: 0, refusal: Refusal::BadLayer };
     assert_eq!(exchange(&mut driver, &mut bench), [refused]);
     // Refused at its beginning: none of its data follows.
-    driver.upload(0, 9, Encoding::Group4, encoded(0), 1).expect("the last one ended");
+    driver.upload(0, 0, 9, Encoding::Group4, encoded(0), 1).expect("the last one ended");
     bench.message(driver.next_message(0, 0).expect("its beginning"));
     assert!(matches!(answers(&mut driver, &mut bench).as_slice(), [DriverEvent::UploadRefused { layer: 0, .. }]));
     assert_eq!(driver.next_message(1000, 0), None);
@@ -145,7 +149,7 @@ fn news_and_strange_numbers_are_not_taken_for_answers() {
     assert_eq!(done, DriverEvent::ActDone(Outcome::Vat(VatOutcome::Arrived { position_um: 0 })));
     let again = told(&mut driver, reply(number, Reply::Vat(VatReply::Moved { position_um: 0 })));
     assert!(misbehaved(&again, "awaits no reply"), "a repeated reply answers nothing: {again:?}");
-    driver.act(Act::Vat(VatAct::Expose { layer: 3, duration_ms: 10, light_pwm: 255 }), 0).expect("idle");
+    driver.act(Act::Vat(VatAct::Expose { layer: 3, pass: 0, duration_ms: 10, light_pwm: 255 }), 0).expect("idle");
     let number = number + 2;
     let wrong = told(&mut driver, reply(number, Reply::Vat(VatReply::Exposed { id: id(4), duration_ms: 10 })));
     let job = format!("{:016x}", id(3).job);
@@ -203,7 +207,7 @@ fn a_layer_that_is_never_confirmed_times_out() {
 
 #[test]
 fn an_exposure_that_has_not_left_can_be_taken_back() {
-    let expose = Act::Vat(VatAct::Expose { layer: 0, duration_ms: 10, light_pwm: 255 });
+    let expose = Act::Vat(VatAct::Expose { layer: 0, pass: 0, duration_ms: 10, light_pwm: 255 });
     let mut driver = driver();
     driver.act(expose, 0).expect("idle");
     assert!(driver.take_back_exposure(false), "it waits in the driver");
@@ -223,7 +227,7 @@ fn acts_and_their_requests_agree_on_what_is_an_exposure() {
     let acts = [
         (VatAct::Home, false),
         (VatAct::Move { position_um: 500, speed_um_s: 100 }, false),
-        (VatAct::Expose { layer: 0, duration_ms: 10, light_pwm: 255 }, true),
+        (VatAct::Expose { layer: 0, pass: 0, duration_ms: 10, light_pwm: 255 }, true),
     ];
     for (act, expected) in acts.map(|(act, expected)| (Act::Vat(act), expected)) {
         let mut driver = driver();
@@ -318,7 +322,7 @@ fn a_recipe_that_the_device_cannot_print_is_named_with_its_limit() {
 fn each_refusal_of_a_layer_has_a_remedy_of_its_own() {
     let Recipe::Dlp(recipe) = recipe(400, false) else { panic!("a recipe for a vat machine") };
     let process = Process::Vat(VatPlan { recipe, clear_height_um: 20_000.0 });
-    let plan = JobPlan { key: 7, layer_count: 3, time_scale: 1.0, process };
+    let plan = JobPlan { key: 7, passes: Passes::single(3), time_scale: 1.0, process };
     let state = DeviceState { slots: vec![None; 2], position_um: Some(30_000), ..DeviceState::default() };
     let cases = [
         (Refusal::BadLayer, "width_px"),
@@ -341,8 +345,8 @@ fn each_refusal_of_a_layer_has_a_remedy_of_its_own() {
         let mut refused = 0;
         while refused < 3 {
             match engine.next_action().expect("the layer is asked for again") {
-                Action::Upload { layer, .. } => {
-                    engine.handle(Event::UploadRefused { layer, refusal }, 0);
+                Action::Upload { exposure, .. } => {
+                    engine.handle(Event::UploadRefused { exposure, refusal }, 0);
                     refused += 1;
                 }
                 Action::Journal(_) => engine.handle(Event::Journalled, 0),

@@ -20,13 +20,13 @@ fn accepted() -> Record {
 fn records() -> Vec<Record> {
     vec![
         accepted(),
-        Record::Started { layer: 0 },
-        Record::Commanded { layer: 0, boot_id: 5 },
-        Record::Confirmed { layer: 0 },
+        Record::Started { exposure: 0 },
+        Record::Commanded { exposure: 0, boot_id: 5 },
+        Record::Confirmed { exposure: 0 },
         Record::Paused,
         Record::Resumed,
-        Record::Commanded { layer: 1, boot_id: 5 },
-        Record::InDoubt { layer: 1, why: "its light was cut short after 40 ms".into() },
+        Record::Commanded { exposure: 1, boot_id: 5 },
+        Record::InDoubt { exposure: 1, why: "its light was cut short after 40 ms".into() },
         Record::Ended { state: JobState::Interrupted, reason: "layer 1 is in doubt".into() },
     ]
 }
@@ -56,7 +56,7 @@ fn what_is_written_is_read() {
     let (entries, history) = read_journal(&path).expect("whole");
     assert_eq!(texts(&entries), records());
     assert_eq!(entries[3].at_unix_ms, 1003);
-    assert_eq!((history.state, history.next_layer), (JobState::Interrupted, 1));
+    assert_eq!((history.state, history.next_exposure), (JobState::Interrupted, 1));
     let refused = history.start(ResumeChoice::None).expect_err("in doubt").to_string();
     assert!(refused.contains("--in-doubt exposed") && refused.contains("--in-doubt repeat"), "{refused}");
     assert!(history.start(ResumeChoice::Repeat).expect("decided").in_doubt);
@@ -92,8 +92,8 @@ fn a_journal_cut_at_any_byte_keeps_every_whole_record_and_can_be_gone_on_with() 
 fn long_journal(path: &Path, layers: usize) {
     let mut journal = Journal::create(path, accepted(), 1).expect("created");
     let first = fs::metadata(path).expect("there").len() as usize;
-    journal.append(Record::Commanded { layer: 0, boot_id: 5 }, 2).expect("appended");
-    journal.append(Record::Confirmed { layer: 0 }, 3).expect("appended");
+    journal.append(Record::Commanded { exposure: 0, boot_id: 5 }, 2).expect("appended");
+    journal.append(Record::Confirmed { exposure: 0 }, 3).expect("appended");
     let mut bytes = fs::read(path).expect("read");
     let layer = bytes[first..].repeat(layers - 1);
     bytes.extend(layer);
@@ -108,7 +108,7 @@ fn a_long_journal_is_read_entry_by_entry_up_to_what_is_damaged() {
     let entries: Result<Vec<_>, _> = Entries::open(&path).expect("opened").collect();
     let entries = entries.expect("whole");
     assert_eq!(entries.len(), 40_001);
-    assert_eq!(entries[40_000], Entry { at_unix_ms: 3, record: Record::Confirmed { layer: 0 } });
+    assert_eq!(entries[40_000], Entry { at_unix_ms: 3, record: Record::Confirmed { exposure: 0 } });
     let whole = fs::read(&path).expect("read");
     // Half a record at the end is one that is being written.
     fs::write(&path, &whole[..whole.len() - 5]).expect("written");
@@ -179,12 +179,12 @@ fn a_flipped_bit_is_never_read_as_a_record() {
 
 #[test]
 fn records_that_contradict_each_other_are_refused() {
-    let started = Record::Started { layer: 0 };
+    let started = Record::Started { exposure: 0 };
     let impossible = [
         vec![started.clone()],
         vec![accepted(), accepted()],
-        vec![accepted(), started.clone(), Record::Confirmed { layer: 0 }],
-        vec![accepted(), started.clone(), Record::Commanded { layer: 3, boot_id: 1 }],
+        vec![accepted(), started.clone(), Record::Confirmed { exposure: 0 }],
+        vec![accepted(), started.clone(), Record::Commanded { exposure: 3, boot_id: 1 }],
         vec![accepted(), Record::Ended { state: JobState::Stopped, reason: String::new() }, started],
     ];
     for records in &impossible {
@@ -194,9 +194,9 @@ fn records_that_contradict_each_other_are_refused() {
 
 #[test]
 fn a_crash_leaves_the_job_interrupted_at_the_layer_commanded() {
-    let records = [accepted(), Record::Started { layer: 0 }, Record::Commanded { layer: 0, boot_id: 5 }];
+    let records = [accepted(), Record::Started { exposure: 0 }, Record::Commanded { exposure: 0, boot_id: 5 }];
     let history = History::replay(&records).expect("true");
-    assert_eq!((history.state, history.next_layer), (JobState::Interrupted, 0));
+    assert_eq!((history.state, history.next_exposure), (JobState::Interrupted, 0));
     let start = history.start(ResumeChoice::None).expect("the device is asked first");
     assert_eq!(start.unconfirmed.map(|commanded| commanded.boot_id), Some(5));
     let over = [accepted(), Record::Ended { state: JobState::Aborted, reason: String::new() }];
@@ -219,7 +219,7 @@ proptest! {
 #[test]
 fn an_order_outlives_a_crash_and_an_abort_a_stop() {
     let ordered = |orders: &[EndOrder]| {
-        let begun = [accepted(), Record::Started { layer: 0 }, Record::Commanded { layer: 0, boot_id: 5 }];
+        let begun = [accepted(), Record::Started { exposure: 0 }, Record::Commanded { exposure: 0, boot_id: 5 }];
         let records: Vec<_> = begun.into_iter().chain(orders.iter().map(|order| Record::Ordered(*order))).collect();
         History::replay(&records).expect("true")
     };
@@ -237,7 +237,7 @@ fn an_order_outlives_a_crash_and_an_abort_a_stop() {
 fn what_the_operator_knows_of_a_device_is_kept() {
     let traces = vec![Trace::Lit { job: 9, layer: 4 }, Trace::Held { job: 9, layer: 5 }];
     let clear = |boot_id| Record::PlateClear { boot_id, traces: traces.clone() };
-    let history = History::replay(&[accepted(), clear(1), Record::Started { layer: 0 }, clear(2)]).expect("true");
+    let history = History::replay(&[accepted(), clear(1), Record::Started { exposure: 0 }, clear(2)]).expect("true");
     assert_eq!((history.plate_clear_on, &history.traces, history.touched()), (Some(2), &traces, false));
 }
 
@@ -260,7 +260,7 @@ fn a_journal_that_vanishes_is_noticed_at_the_next_record() {
         fs::create_dir(&job).expect("made");
         let path = job.join("journal");
         let mut journal = Journal::create(&path, accepted(), 0).expect("created");
-        journal.append(Record::Started { layer: 0 }, 1).expect("there");
+        journal.append(Record::Started { exposure: 0 }, 1).expect("there");
         lose(&job).expect("lost");
         let error = journal.append(Record::Paused, 2).expect_err("lost");
         assert!(matches!(error, JournalError::Vanished { .. }), "loss {index}: {error}");
@@ -275,7 +275,7 @@ fn a_journal_that_was_cut_or_extended_is_noticed_at_the_next_record() {
         let directory = TempDir::new().expect("temp");
         let path = directory.path().join("journal");
         let mut journal = Journal::create(&path, accepted(), 0).expect("created");
-        journal.append(Record::Started { layer: 0 }, 1).expect("there");
+        journal.append(Record::Started { exposure: 0 }, 1).expect("there");
         let written = fs::metadata(&path).expect("there").len();
         let found = written.saturating_add_signed(by_bytes);
         fs::OpenOptions::new().write(true).open(&path).and_then(|file| file.set_len(found)).expect("changed");
@@ -321,15 +321,15 @@ fn a_full_disk_takes_no_new_layer_but_every_end() {
     let accepted = Record::Accepted { key: 7, layer_count: 10_000, name: "tower".into() };
     let mut journal = Journal::create(&path, accepted, 0).expect("created");
     assert!(journal.is_reserved());
-    journal.append(Record::Started { layer: 0 }, 1).expect("room");
+    journal.append(Record::Started { exposure: 0 }, 1).expect("room");
     disk.fill();
     // What is set aside at once beyond the reserve is used up first.
     let mut layer = 0;
     let refused = loop {
-        if let Err(error) = journal.append(Record::Commanded { layer, boot_id: 1 }, 2) {
+        if let Err(error) = journal.append(Record::Commanded { exposure: layer, boot_id: 1 }, 2) {
             break error.to_string();
         }
-        journal.append(Record::Confirmed { layer }, 3).expect("its light has fallen");
+        journal.append(Record::Confirmed { exposure: layer }, 3).expect("its light has fallen");
         layer += 1;
         assert!(layer < 10_000, "the disk is full");
     };
@@ -339,7 +339,7 @@ fn a_full_disk_takes_no_new_layer_but_every_end() {
     let reason = "x".repeat(1000);
     for _ in 0..50 {
         let (mut journal, _) = Journal::open(&path).expect("readable");
-        assert!(journal.append(Record::Started { layer: 0 }, 4).is_err());
+        assert!(journal.append(Record::Started { exposure: 0 }, 4).is_err());
         let _ = journal.append(Record::Ended { state: JobState::Interrupted, reason: reason.clone() }, 5);
     }
     let (mut journal, _) = Journal::open(&path).expect("readable");
@@ -360,7 +360,7 @@ fn a_record_torn_on_a_full_disk_leaves_room_for_the_end() {
     let Some(disk) = SmallDisk::mount() else { return };
     let path = disk.0.path().join("journal");
     let mut journal = Journal::create(&path, accepted(), 0).expect("created");
-    journal.append(Record::Started { layer: 0 }, 1).expect("room");
+    journal.append(Record::Started { exposure: 0 }, 1).expect("room");
     drop(journal);
     // As after a crash in the middle of a record.
     let mut file = fs::OpenOptions::new().append(true).open(&path).expect("open");

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use layerd::config::Recipe;
-use layerd::device::{Act, Outcome, PowderAct, PowderOutcome, ScanTimes};
+use layerd::device::{Act, Outcome, Passes, PowderAct, PowderOutcome, ScanTimes};
 use layerd::job::{
     Action, Engine, Event, History, JobPlan, JobState, Limits, PowderPlan, Process, Record, ResumeChoice, StartPoint,
 };
@@ -21,7 +21,7 @@ fn plan() -> JobPlan {
         panic!("a recipe for a laser machine")
     };
     let process = Process::Powder(PowderPlan { recipe, recoat_ms: 4_000 });
-    JobPlan { key: KEY, layer_count: LAYERS, time_scale: 1.0, process }
+    JobPlan { key: KEY, passes: Passes::single(LAYERS), time_scale: 1.0, process }
 }
 
 fn id(layer: u32) -> ExposureId {
@@ -94,9 +94,9 @@ impl World {
                         events.push(Event::Journalled);
                     }
                     Action::QueryState => events.push(Event::State(self.device.clone())),
-                    Action::Upload { layer, slot } => {
+                    Action::Upload { exposure: layer, slot } => {
                         self.device.slots[usize::from(slot)] = Some(id(layer));
-                        events.push(Event::Uploaded { layer, times: Some(self.times) });
+                        events.push(Event::Uploaded { exposure: layer, times: Some(self.times) });
                     }
                     Action::Act { number, act: Act::Powder(act) } => events.extend(self.act(number, act)),
                     Action::Finished { state, reason } => self.end = Some((state, reason)),
@@ -213,7 +213,7 @@ fn a_layer_marked_in_part_goes_on_with_the_next_vector_and_is_not_recoated_again
     world.connect();
     assert_eq!(world.ended(), (JobState::Completed, ""));
     assert_eq!(world.marks(), [(0, 0), (1, 0), (1, 40), (2, 0)]);
-    assert!(world.journal.contains(&Record::PartlyMarked { layer: 1, next_vector: 40 }));
+    assert!(world.journal.contains(&Record::PartlyMarked { exposure: 1, next_vector: 40 }));
     let recoats = world.acts.iter().filter(|act| matches!(act, PowderAct::Recoat)).count();
     assert_eq!(recoats, 3, "one a layer");
     History::replay(&world.journal).expect("a journal that is true");
@@ -234,16 +234,16 @@ fn a_device_that_no_longer_knows_its_powder_recoats_before_it_goes_on() {
 fn another_process_goes_on_where_the_journal_and_the_device_say() {
     let world = cut_at(40, false);
     let start = History::replay(&world.journal).expect("a journal").start(ResumeChoice::None).expect("no doubt");
-    assert_eq!((start.next_layer, start.from_vector), (1, 0));
+    assert_eq!((start.next_exposure, start.from_vector), (1, 0));
     let mut next = World::resumed(start, world.device.clone(), world.journal.clone());
     next.run();
     assert_eq!((next.ended(), next.marks()), ((JobState::Completed, ""), vec![(1, 40), (2, 0)]));
 
     // And once more, when it was recorded, and not commanded again.
-    let recorded = Record::PartlyMarked { layer: 1, next_vector: 40 };
+    let recorded = Record::PartlyMarked { exposure: 1, next_vector: 40 };
     let journal: Vec<_> = world.journal.iter().cloned().chain([recorded]).collect();
     let start = History::replay(&journal).expect("a journal").start(ResumeChoice::None).expect("no doubt");
-    assert_eq!((start.next_layer, start.from_vector, start.unconfirmed), (1, 40, None));
+    assert_eq!((start.next_exposure, start.from_vector, start.unconfirmed), (1, 40, None));
     let mut next = World::resumed(start, world.device.clone(), journal);
     next.run();
     assert_eq!((next.ended(), next.marks()), ((JobState::Completed, ""), vec![(1, 40), (2, 0)]));
@@ -263,7 +263,7 @@ fn a_vector_marked_in_part_is_for_the_operator_to_decide() {
         let mut next = World::resumed(start, world.device.clone(), world.journal.clone());
         next.run();
         History::replay(&next.journal).expect("a journal that is true");
-        let goes_on = Record::PartlyMarked { layer: 1, next_vector: 40 };
+        let goes_on = Record::PartlyMarked { exposure: 1, next_vector: 40 };
         assert_eq!(next.journal.contains(&goes_on), choice == ResumeChoice::Repeat);
         assert_eq!((next.ended(), next.marks()), ((JobState::Completed, ""), marks), "{choice:?}");
     }

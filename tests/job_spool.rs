@@ -2,6 +2,7 @@
 
 use std::fs;
 
+use layerd::device::Passes;
 use layerd::job::{Forgotten, MAX_PARTS, MAX_RECORDS, NewJob, PlateAfter, Record, Spool, SpoolError, read_journal};
 use tempfile::TempDir;
 
@@ -17,7 +18,14 @@ fn receive(spool: &Spool) -> std::path::PathBuf {
 
 fn create(spool: &Spool) -> u32 {
     let part = receive(spool);
-    let job = NewJob { part: &part, recipe: "r", machine: "m", accepted: accepted(), at_unix_ms: 1 };
+    let job = NewJob {
+        part: &part,
+        recipe: "r",
+        machine: "m",
+        accepted: accepted(),
+        passes: &Passes::single(9),
+        at_unix_ms: 1,
+    };
     spool.create(job).expect("created").0.id
 }
 
@@ -26,12 +34,19 @@ fn a_job_is_created_whole_and_its_journal_goes_on() {
     let directory = TempDir::new().expect("temp");
     let spool = Spool::open(&directory.path().join("spool")).expect("opened");
     let part = receive(&spool);
-    let job = NewJob { part: &part, recipe: "r", machine: "m", accepted: accepted(), at_unix_ms: 1 };
+    let job = NewJob {
+        part: &part,
+        recipe: "r",
+        machine: "m",
+        accepted: accepted(),
+        passes: &Passes::single(9),
+        at_unix_ms: 1,
+    };
     let (job, mut journal) = spool.create(job).expect("created");
     assert_eq!((job.id, part.exists()), (1, false));
     assert_eq!(fs::read(job.part()).expect("moved"), b"part");
     assert_eq!(fs::read_to_string(job.recipe()).expect("there"), "r");
-    journal.append(Record::Started { layer: 0 }, 2).expect("appended");
+    journal.append(Record::Started { exposure: 0 }, 2).expect("appended");
     assert_eq!(read_journal(&job.journal()).expect("whole").0.len(), 2);
     assert_eq!(create(&spool), 2);
     assert_eq!(spool.jobs().expect("listed").iter().map(|job| job.id).collect::<Vec<_>>(), [1, 2]);
@@ -42,7 +57,14 @@ fn a_missing_part_leaves_no_job_behind() {
     let directory = TempDir::new().expect("temp");
     let spool = Spool::open(directory.path()).expect("opened");
     let part = spool.incoming().join("none");
-    let job = NewJob { part: &part, recipe: "r", machine: "m", accepted: accepted(), at_unix_ms: 1 };
+    let job = NewJob {
+        part: &part,
+        recipe: "r",
+        machine: "m",
+        accepted: accepted(),
+        passes: &Passes::single(9),
+        at_unix_ms: 1,
+    };
     let error = spool.create(job).expect_err("no part").to_string();
     assert!(error.contains("none"), "{error}");
     assert_eq!(fs::read_dir(directory.path().join("jobs")).expect("listed").count(), 0);
@@ -129,7 +151,14 @@ fn a_part_that_two_jobs_print_stays_until_both_are_removed() {
     fs::write(first.part(), vec![1; 1 << 20]).expect("written");
     let part = spool.part_again(&first).expect("linked");
     assert!(part.starts_with(spool.incoming()), "{part:?}");
-    let job = NewJob { part: &part, recipe: "", machine: "", accepted: accepted(), at_unix_ms: 1 };
+    let job = NewJob {
+        part: &part,
+        recipe: "",
+        machine: "",
+        accepted: accepted(),
+        passes: &Passes::single(9),
+        at_unix_ms: 1,
+    };
     let (second, _) = spool.create(job).expect("created");
     drop(part);
     assert_eq!(second.part().metadata().expect("a part").len(), 1 << 20);

@@ -20,6 +20,9 @@ pub enum LogLine {
 pub struct LogEntry {
     /// When, Unix milliseconds.
     pub at_ms: u64,
+    /// Which of its materials the exposure is of that it tells of; absent if it tells of none, or the part is of one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub material: Option<String>,
     /// What happened.
     #[serde(flatten)]
     pub record: LogRecord,
@@ -36,6 +39,15 @@ pub enum LogRecord {
         name: String,
         /// Layers of the whole part.
         layers_total: u32,
+    },
+    /// Its part is of several materials.
+    Materials {
+        /// Their names.
+        names: Vec<String>,
+        /// Exposures of the whole part.
+        exposures_total: u32,
+        /// How often another vat is put in place.
+        changes_total: u32,
     },
     /// It took the machine, at first or again.
     Started {

@@ -101,6 +101,9 @@ pub struct JobView {
     pub resin_done_ml: Option<f64>,
     /// Why it is in this state and what to do; absent if the operator wanted the state.
     pub reason: Option<String>,
+    /// Which of its materials is exposed next, or is being exposed; absent if the part is of one, or the job is over.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub material: Option<String>,
     /// The layer of which it is unknown whether it was exposed; `resume` then needs `in_doubt`.
     pub in_doubt: Option<u32>,
     /// In the answer to an order: what went wrong, although the order is carried out.
@@ -129,6 +132,7 @@ impl JobView {
             resin_ml: None,
             resin_done_ml: None,
             reason: None,
+            material: None,
             in_doubt: None,
             warning: None,
         }
@@ -342,7 +346,7 @@ pub enum Event {
     Status(Box<Status>),
     /// A job is new or changed.
     Job(Box<JobView>),
-    /// A layer was exposed and confirmed.
+    /// A layer was exposed and confirmed; if the part is of several materials, its exposure with one of them.
     Layer(LayerExposed),
     /// The line was lost or is back.
     Link(LinkView),
@@ -372,13 +376,16 @@ impl Event {
     }
 }
 
-/// A layer was exposed and confirmed.
+/// A layer was exposed and confirmed; if the part is of several materials, its exposure with one of them.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LayerExposed {
     /// The job's id.
     pub job: String,
     /// The layer, from 0.
     pub layer: u32,
+    /// Its material; absent if the part is of one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub material: Option<String>,
     /// Time with light as the device reported it, milliseconds; `None` if the device reported the layer as exposed only after a
     /// reconnection, without a time.
     pub exposure_ms: Option<u32>,

@@ -11,7 +11,7 @@ use super::progress::{
 use super::{block_on, print, print_json};
 use crate::api::{JobList, JobView, LinkState};
 use crate::job::JobState;
-use crate::text::short_name;
+use crate::text::{layer_text, short_name};
 
 /// List the jobs that the daemon remembers, the oldest first.
 #[derive(Debug, Args)]
@@ -88,7 +88,8 @@ fn part_line(job: &JobView) -> String {
 pub(super) fn notes(job: &JobView) -> Vec<String> {
     let mut notes: Vec<String> = job.reason.iter().cloned().collect();
     if let (Some(layer), JobState::Interrupted) = (job.in_doubt, job.state) {
-        notes.push(format!("layer {layer} may or may not have been exposed: {}", doubt_commands(&job.id)));
+        let layer = layer_text(layer, job.material.as_deref());
+        notes.push(format!("{layer} may or may not have been exposed: {}", doubt_commands(&job.id)));
     }
     notes
 }

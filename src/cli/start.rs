@@ -18,6 +18,7 @@ use crate::buildfile::BuildFile;
 use crate::config::{ConfigText, Folder, Recipe, find};
 use crate::job::JobState;
 use crate::text::count_text;
+use crate::text::layer_text;
 
 /// How long to wait for a daemon that went away: systemd starts it again within seconds.
 const RECONNECT: Duration = Duration::from_secs(10);
@@ -365,7 +366,10 @@ fn remedy(job: &JobView) -> String {
     let id = &job.id;
     match job.in_doubt {
         None => format!("it can go on: `layerctl resume {id}`"),
-        Some(layer) => format!("look whether layer {layer} was exposed; then {}", doubt_commands(id)),
+        Some(layer) => {
+            let layer = layer_text(layer, job.material.as_deref());
+            format!("look whether {layer} was exposed; then {}", doubt_commands(id))
+        }
     }
 }
 

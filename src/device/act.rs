@@ -40,6 +40,8 @@ pub enum VatAct {
     Expose {
         /// Which.
         layer: u32,
+        /// Number of the exposure within the layer.
+        pass: u8,
         /// Commanded light time, milliseconds.
         duration_ms: u32,
         /// Light power, 1 to 255.
@@ -106,6 +108,8 @@ pub enum VatOutcome {
     Exposed {
         /// Which layer.
         layer: u32,
+        /// Which exposure of it.
+        pass: u8,
         /// Light time that the device reported, milliseconds.
         duration_ms: u32,
     },

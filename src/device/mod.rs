@@ -7,6 +7,7 @@
 //! | [`encoding`] | which encoding a device gets                                                             |
 //! | `light`      | whether a device shines only as commanded                                                |
 //! | `mismatch`   | whether a device is the configured machine, and can print a recipe                       |
+//! | `passes`     | the exposures of a part's layers, in order                                               |
 //! | `tolerance`  | how far reports may differ from commands                                                 |
 //! | `scan_time`  | how long a laser takes for a layer                                                       |
 //! | `axes_time`  | the same where axes move the beam                                                        |
@@ -20,6 +21,7 @@ mod driver;
 pub mod encoding;
 mod light;
 mod mismatch;
+mod passes;
 mod scan_time;
 pub mod sim;
 mod tolerance;
@@ -29,5 +31,6 @@ pub use axes_time::{AxesMotion, BYTES_PER_MARK};
 pub use driver::{DriverBusy, DriverEvent, FramedDriver};
 pub use light::{DARK_LIMIT_US, Light, LightWatch, STAYS_LIT};
 pub use mismatch::{MachineMismatch, Misfit, check_capabilities, check_fit};
+pub use passes::{Pass, Passes};
 pub use scan_time::{ScanClock, ScanTimes};
 pub use tolerance::{Dose, host_us, least_exposure_us, least_move_us};

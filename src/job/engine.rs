@@ -26,6 +26,8 @@
 //! action (uploads and acts in the background). At [`Engine::next_timeout_us`], call [`Engine::handle`] with
 //! [`Event::Timeout`]. Times are microseconds of a monotonic clock. The example in `job/mod.rs` shows the first steps.
 //!
+//! What is counted are exposures, in the order of [`Passes`](crate::device::Passes). In a part of one material a layer is one exposure.
+//!
 //! Invariants, whatever the order of events:
 //! - A layer is exposed only after its `Commanded` record is on disk.
 //! - One act runs at a time, and it waits for the records before it. One exception: if the disk is slow, the act that parks the
@@ -55,7 +57,7 @@ mod track;
 mod uploads;
 
 use disk::DiskWatch;
-use next::NextLayer;
+use next::NextExposure;
 use outbox::Outbox;
 use pace::Pace;
 use phase::{End, Intent, Phase};
@@ -95,7 +97,7 @@ pub struct Engine {
     device: DeviceState,
     light: LightWatch,
     memory: Memory,
-    next: NextLayer,
+    next: NextExposure,
     part: PartState,
     /// What the device had exposed last, of another job, before this job had light.
     exposed_before: Option<ExposureId>,
@@ -113,7 +115,7 @@ impl Engine {
     /// [`super::History::start`], or is the default for a new job.
     pub fn new(plan: JobPlan, start: StartPoint) -> Self {
         Self {
-            cycle: Cycle::new(&plan.process, start),
+            cycle: Cycle::new(&plan, start),
             plan,
             phase: Phase::Checking { ready: false },
             intent: Intent::Print,
@@ -126,7 +128,7 @@ impl Engine {
             memory: Memory::default(),
             part: PartState::new(start.touched, start.confirmed),
             exposed_before: start.exposed_before,
-            next: NextLayer::new(start),
+            next: NextExposure::new(start),
             immobile: false,
             act: ActWatch::default(),
             abort_order: AbortOrder::default(),
@@ -178,11 +180,11 @@ impl Engine {
             Event::State(state) => self.on_state(state, now_us),
             Event::ActSent { number } => self.act.handed_to_line(number, now_us),
             Event::ActTaken { number } => self.on_act_taken(number, now_us),
-            Event::Uploaded { layer, times } => self.on_uploaded(layer, times, now_us),
-            Event::UploadRefused { layer, refusal } => self.on_upload_refused(layer, refusal, now_us),
-            Event::LayerFailed { layer, text } => {
+            Event::Uploaded { exposure, times } => self.on_uploaded(exposure, times, now_us),
+            Event::UploadRefused { exposure, refusal } => self.on_upload_refused(exposure, refusal, now_us),
+            Event::LayerFailed { exposure, text } => {
                 self.uploads.cancel();
-                let text = format!("layer {layer} cannot be computed: {text}");
+                let text = format!("{} cannot be computed: {text}", self.plan.passes.text(exposure));
                 self.wind_down(self.failed_or_interrupted(), text, now_us);
             }
             Event::ActDone { number, outcome } => {
@@ -271,8 +273,8 @@ impl Engine {
             }
             Phase::WarmingUp | Phase::Waiting { .. } => {
                 let text = format!(
-                    "layer {} did not come within {} s: run `layerctl check` on the part, then resume",
-                    self.next.number,
+                    "{} did not come within {} s: run `layerctl check` on the part, then resume",
+                    self.next_text(),
                     LATE_LIMIT_US / SECOND_US
                 );
                 self.wind_down(JobState::Interrupted, text, now_us);
@@ -305,9 +307,14 @@ impl Engine {
         self.deadline = Some(Deadline::at(deadline_us));
     }
 
-    /// Identifies the exposure of the next layer.
+    /// Identifies the next exposure.
     fn exposure_id(&self) -> ExposureId {
-        ExposureId::first_pass(self.plan.key, self.next.number)
+        self.plan.passes.id(self.plan.key, self.next.number)
+    }
+
+    /// The next exposure in words.
+    fn next_text(&self) -> String {
+        self.plan.passes.text(self.next.number)
     }
 
     fn pump_uploads(&mut self) {
@@ -319,9 +326,9 @@ impl Engine {
         if idle || !self.line.is_up() || matches!(self.intent, Intent::End(_)) || self.out.upload.is_some() {
             return;
         }
-        if let Some(wanted) = self.uploads.next(self.next.number, self.plan.layer_count) {
-            self.out.upload = Some((wanted.layer, wanted.slot));
-            self.out.need_from = wanted.new_sweep.then_some(wanted.layer).or(self.out.need_from);
+        if let Some(wanted) = self.uploads.next(self.next.number, self.plan.passes.exposure_count()) {
+            self.out.upload = Some((wanted.exposure, wanted.slot));
+            self.out.need_from = wanted.new_sweep.then_some(wanted.exposure).or(self.out.need_from);
         }
     }
 }

@@ -49,22 +49,22 @@ pub enum Event {
     },
     /// The layer of [`Action::Upload`] is in its slot, decoded and checked; or so much of it that it can be begun.
     Uploaded {
-        /// Which.
-        layer: u32,
+        /// Which exposure.
+        exposure: u32,
         /// How long a laser takes for it; of scan vectors alone.
         times: Option<ScanTimes>,
     },
     /// The device did not take the layer of [`Action::Upload`].
     UploadRefused {
-        /// Which.
-        layer: u32,
+        /// Which exposure.
+        exposure: u32,
         /// Why.
         refusal: Refusal,
     },
     /// The slicer cannot compute a layer.
     LayerFailed {
-        /// Which.
-        layer: u32,
+        /// Which exposure.
+        exposure: u32,
         /// Why, and what to do.
         text: String,
     },
@@ -129,17 +129,17 @@ pub enum Action {
     },
     /// Ask the device's state; answer [`Event::State`].
     QueryState,
-    /// Compute layers in ascending order, starting with this one. The uploads that follow ask for each of them once, in order.
+    /// Compute layers in ascending order, starting with that of this exposure. The uploads that follow ask for each of them once, in order.
     /// Drop a sweep under way.
     NeedLayers {
-        /// The first.
+        /// The first exposure.
         from: u32,
     },
     /// Send a layer as soon as it is computed; answer [`Event::Uploaded`], [`Event::UploadRefused`] or
     /// [`Event::LayerFailed`]. One at a time.
     Upload {
-        /// Which.
-        layer: u32,
+        /// Which exposure.
+        exposure: u32,
         /// The device's slot to put it in.
         slot: u8,
     },
@@ -161,7 +161,11 @@ pub struct Progress {
     pub state: JobState,
     /// The layer under way, or the next.
     pub layer: u32,
-    /// Layers exposed and confirmed.
+    /// Its material under way; `None` if the part is of one.
+    pub material: Option<String>,
+    /// Exposures confirmed.
+    pub exposures_done: u32,
+    /// Layers whose exposures are all confirmed.
     pub layers_done: u32,
     /// Layers of the job.
     pub layers_total: u32,

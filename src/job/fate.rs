@@ -5,7 +5,7 @@
 //! use layerd::link::message::{DeviceState, ExposureId};
 //!
 //! let id = ExposureId::first_pass(7, 3);
-//! let commanded = Some(Unconfirmed { layer: 3, boot_id: 1 });
+//! let commanded = Some(Unconfirmed { exposure: 3, boot_id: 1 });
 //! let device = DeviceState { boot_id: 1, last_exposed: Some(id), ..DeviceState::default() };
 //! assert_eq!(fate(id, commanded, Some(2000), false, &device), Fate::Exposed);
 //! ```

@@ -5,19 +5,20 @@
 //!
 //! let records = [
 //!     Record::Accepted { key: 7, layer_count: 100, name: "cube".into() },
-//!     Record::Started { layer: 0 },
-//!     Record::Commanded { layer: 0, boot_id: 1 },
-//!     Record::Confirmed { layer: 0 },
+//!     Record::Started { exposure: 0 },
+//!     Record::Commanded { exposure: 0, boot_id: 1 },
+//!     Record::Confirmed { exposure: 0 },
 //! ];
 //! let history = History::replay(&records)?;
 //! let start = history.start(ResumeChoice::None)?;
-//! assert_eq!(start.next_layer, 1);
+//! assert_eq!(start.next_exposure, 1);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
 use serde::Serialize;
 
 use super::{EndOrder, JobState, Record, Trace, Unconfirmed};
+use crate::device::Passes;
 use crate::link::message::ExposureId;
 
 /// The state that follows from a journal's records.
@@ -27,17 +28,17 @@ pub struct History {
     pub key: u64,
     /// Name of the part.
     pub name: String,
-    /// Number of layers.
-    pub layer_count: u32,
+    /// The exposures of its layers.
+    pub passes: Passes,
     /// The state without an engine: a job that was active is [`JobState::Interrupted`].
     pub state: JobState,
-    /// The first layer not known to be exposed.
-    pub next_layer: u32,
-    /// The first vector of [`History::next_layer`] that is not marked.
+    /// The first exposure not known to be done.
+    pub next_exposure: u32,
+    /// The first vector of [`History::next_exposure`] that is not marked.
     pub next_vector: u32,
-    /// [`History::next_layer`] was commanded; only the device knows the outcome.
+    /// [`History::next_exposure`] was commanded; only the device knows the outcome.
     pub unconfirmed: Option<Unconfirmed>,
-    /// [`History::next_layer`] was commanded, and not even the device knows the outcome. Says what is known; the operator must
+    /// [`History::next_exposure`] was commanded, and not even the device knows the outcome. Says what is known; the operator must
     /// decide.
     pub in_doubt: Option<String>,
     /// Why the job ended; empty if it has not.
@@ -76,11 +77,11 @@ pub enum ResumeChoice {
 /// Where an engine takes over a job.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StartPoint {
-    /// The first layer not known to be exposed.
-    pub next_layer: u32,
-    /// That layer was commanded: the device must be asked first.
+    /// The first exposure not known to be done.
+    pub next_exposure: u32,
+    /// It was commanded: the device must be asked first.
     pub unconfirmed: Option<Unconfirmed>,
-    /// That layer is in doubt. The choice decides, unless the device knows the outcome.
+    /// It is in doubt. The choice decides, unless the device knows the outcome.
     pub in_doubt: bool,
     /// The operator's decision.
     pub choice: ResumeChoice,
@@ -107,23 +108,22 @@ pub enum ResumeError {
     Ordered(EndOrder),
     /// A layer is in doubt and the operator has not decided.
     #[error(
-        "layer {layer} is in doubt: {why}. Look at the part, then run `layerctl resume JOB --in-doubt exposed` to go on \
-         with layer {}, or `layerctl resume JOB --in-doubt repeat` to expose layer {layer} again", layer + 1
+        "{exposure} is in doubt: {why}. Look at the part, then run `layerctl resume JOB --in-doubt exposed` to go on \
+         with {next}, or `layerctl resume JOB --in-doubt repeat` to expose {exposure} again"
     )]
     InDoubt {
-        /// The layer.
-        layer: u32,
+        /// The layer, in words.
+        exposure: String,
+        /// What would follow it, in words.
+        next: String,
         /// What is known.
         why: String,
     },
     /// The operator spoke of a layer that is not in doubt.
-    #[error(
-        "no layer is in doubt: the layers below {next_layer} are exposed, and layer {next_layer} is not; resume without \
-         --in-doubt"
-    )]
+    #[error("no layer is in doubt: what comes before {next} is exposed, and {next} is not; resume without --in-doubt")]
     NoDoubt {
-        /// The first layer not exposed.
-        next_layer: u32,
+        /// What is to be exposed next, in words.
+        next: String,
     },
 }
 
@@ -150,9 +150,9 @@ impl History {
         let mut history = Self {
             key: *key,
             name: name.clone(),
-            layer_count: *layer_count,
+            passes: Passes::single(*layer_count),
             state: JobState::Queued,
-            next_layer: 0,
+            next_exposure: 0,
             next_vector: 0,
             unconfirmed: None,
             in_doubt: None,
@@ -188,9 +188,12 @@ impl History {
             return Err(ResumeError::Ordered(order));
         }
         match (&self.in_doubt, choice) {
-            (Some(why), ResumeChoice::None) => Err(ResumeError::InDoubt { layer: self.next_layer, why: why.clone() }),
+            (Some(why), ResumeChoice::None) => {
+                let [exposure, next] = [0, 1].map(|on| self.passes.text(self.next_exposure + on));
+                Err(ResumeError::InDoubt { exposure, next, why: why.clone() })
+            }
             (None, ResumeChoice::AssumeExposed | ResumeChoice::Repeat) if self.unconfirmed.is_none() => {
-                Err(ResumeError::NoDoubt { next_layer: self.next_layer })
+                Err(ResumeError::NoDoubt { next: self.passes.text(self.next_exposure) })
             }
             _ => Ok(self.start_point(choice)),
         }
@@ -209,7 +212,7 @@ impl History {
 
     fn start_point(&self, choice: ResumeChoice) -> StartPoint {
         StartPoint {
-            next_layer: self.next_layer,
+            next_exposure: self.next_exposure,
             unconfirmed: self.unconfirmed,
             in_doubt: self.in_doubt.is_some(),
             choice,
@@ -231,47 +234,47 @@ impl History {
         }
         match record {
             Record::Accepted { .. } => return Err("the job is accepted twice".into()),
-            Record::Started { layer } => {
-                self.expect_next(*layer)?;
+            Record::Started { exposure } => {
+                self.expect_next(*exposure)?;
                 self.state = JobState::Printing;
                 self.parked = false;
                 self.reason.clear();
             }
-            Record::Commanded { layer, boot_id } => {
-                self.expect_next(*layer)?;
+            Record::Commanded { exposure, boot_id } => {
+                self.expect_next(*exposure)?;
                 if self.in_doubt.is_some() || self.unconfirmed.is_some() {
-                    return Err(format!("layer {layer} is commanded twice"));
+                    return Err(format!("exposure {exposure} is commanded twice"));
                 }
-                self.unconfirmed = Some(Unconfirmed { layer: *layer, boot_id: *boot_id });
+                self.unconfirmed = Some(Unconfirmed { exposure: *exposure, boot_id: *boot_id });
             }
-            Record::Confirmed { layer } => {
-                self.expect_commanded(*layer)?;
+            Record::Confirmed { exposure } => {
+                self.expect_commanded(*exposure)?;
                 (self.lit, self.confirmed) = (true, true);
                 self.close(true);
             }
-            Record::NotExposed { layer } => {
-                self.expect_commanded(*layer)?;
+            Record::NotExposed { exposure } => {
+                self.expect_commanded(*exposure)?;
                 self.lit = true;
                 self.close(false);
             }
-            Record::PartlyMarked { layer, next_vector } => {
-                self.expect_commanded(*layer)?;
+            Record::PartlyMarked { exposure, next_vector } => {
+                self.expect_commanded(*exposure)?;
                 self.lit = true;
                 self.close(false);
                 self.next_vector = *next_vector;
             }
-            Record::Withdrawn { layer } => {
-                self.expect_commanded(*layer)?;
+            Record::Withdrawn { exposure } => {
+                self.expect_commanded(*exposure)?;
                 self.close(false);
             }
-            Record::InDoubt { layer, why } => {
-                self.expect_commanded(*layer)?;
+            Record::InDoubt { exposure, why } => {
+                self.expect_commanded(*exposure)?;
                 self.unconfirmed = None;
                 self.lit = true;
                 self.in_doubt = Some(why.clone());
             }
-            Record::Decided { layer, exposed } => {
-                self.expect_commanded(*layer)?;
+            Record::Decided { exposure, exposed } => {
+                self.expect_commanded(*exposure)?;
                 self.lit = true;
                 self.close(*exposed);
             }
@@ -290,6 +293,16 @@ impl History {
             Record::LastExposed { job, layer } => {
                 self.exposed_before = Some(ExposureId::first_pass(*job, *layer));
             }
+            Record::LastExposedPass { job, layer, pass } => {
+                self.exposed_before = Some(ExposureId { job: *job, layer: *layer, pass: *pass });
+            }
+            Record::Passes(passes) => {
+                if self.state != JobState::Queued {
+                    return Err("its exposures are told after it began".into());
+                }
+                passes.check(self.passes.layer_count())?;
+                self.passes = passes.clone();
+            }
             Record::Parked => self.parked = true,
             Record::Ended { state, reason } => {
                 self.state = *state;
@@ -304,23 +317,23 @@ impl History {
         self.unconfirmed = None;
         self.in_doubt = None;
         if exposed {
-            self.next_layer += 1;
+            self.next_exposure += 1;
             self.next_vector = 0;
         }
     }
 
-    fn expect_next(&self, layer: u32) -> Result<(), String> {
-        if layer == self.next_layer && layer <= self.layer_count {
+    fn expect_next(&self, exposure: u32) -> Result<(), String> {
+        let (next, count) = (self.next_exposure, self.passes.exposure_count());
+        if exposure == next && exposure <= count {
             return Ok(());
         }
-        let (next, count) = (self.next_layer, self.layer_count);
-        Err(format!("layer {layer}, where layer {next} is next in a job of {count} layers"))
+        Err(format!("exposure {exposure}, where exposure {next} is next in a job of {count}"))
     }
 
-    fn expect_commanded(&self, layer: u32) -> Result<(), String> {
-        self.expect_next(layer)?;
+    fn expect_commanded(&self, exposure: u32) -> Result<(), String> {
+        self.expect_next(exposure)?;
         if self.unconfirmed.is_none() && self.in_doubt.is_none() {
-            return Err(format!("layer {layer} was not commanded"));
+            return Err(format!("exposure {exposure} was not commanded"));
         }
         Ok(())
     }

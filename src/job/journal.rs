@@ -11,10 +11,10 @@
 //!
 //! let accepted = Record::Accepted { key: 7, layer_count: 100, name: "cube".into() };
 //! let mut journal = Journal::create(&path, accepted, 1_767_225_600_000)?;
-//! journal.append(Record::Started { layer: 0 }, 1_767_225_601_000)?;
+//! journal.append(Record::Started { exposure: 0 }, 1_767_225_601_000)?;
 //! drop(journal);
 //! let (_, history) = Journal::open(&path)?;
-//! assert_eq!((history.next_layer, history.layer_count), (0, 100));
+//! assert_eq!((history.next_exposure, history.passes.layer_count()), (0, 100));
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!

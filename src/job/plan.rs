@@ -18,15 +18,16 @@ use std::ops::Range;
 
 use super::cycle::{PowderPlan, VatPlan};
 use crate::config::{Machine, Recipe};
-use crate::device::{ScanTimes, host_us};
+use crate::device::{Passes, ScanTimes, host_us};
+use crate::link::message::ExposureId;
 
 /// A job as the engine must know it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JobPlan {
     /// Names the job's exposures; random, never 0.
     pub key: u64,
-    /// Number of layers.
-    pub layer_count: u32,
+    /// The exposures of its layers.
+    pub passes: Passes,
     /// How much faster than real time the device's clock runs ([`Machine::time_scale`]).
     pub time_scale: f64,
     /// How the machine makes a layer.
@@ -43,6 +44,21 @@ pub enum Process {
 }
 
 impl JobPlan {
+    /// The number of an exposure that a device names; `None` if the job has none such.
+    pub(super) fn exposure(&self, id: &ExposureId) -> Option<u32> {
+        self.passes.number(id.layer, id.pass).filter(|_| id.job == self.key)
+    }
+
+    /// Time that the machine needs for an exposure if it never waits for data, milliseconds of the device's clock.
+    pub(super) fn exposure_ms(&self, exposure: u32) -> f64 {
+        self.process.layer_ms(self.passes.at(exposure).layer, None)
+    }
+
+    /// Time that the machine needs for the exposures from this one on, milliseconds of the device's clock.
+    pub(super) fn remaining_ms(&self, from: u32) -> f64 {
+        self.process.layers_ms(self.passes.at(from).layer..self.passes.layer_count())
+    }
+
     /// Converts a duration of the device's clock to the host's clock, microseconds.
     pub(super) fn host_us(&self, device_us: u64) -> u64 {
         host_us(device_us, self.time_scale)

@@ -1,9 +1,12 @@
 //! The records of a journal. [`History::replay`](super::History::replay) computes the state that follows from them; see there.
+//!
+//! Exposures are numbered as in [`Passes`]. In a part of one material that is the number of the layer.
 
 use bincode::{Decode, Encode};
 use serde::{Deserialize, Serialize};
 
 use super::JobState;
+use crate::device::Passes;
 
 /// One fact. A record that announces an act is on disk before the act begins.
 #[derive(Clone, Debug, PartialEq, Eq, Encode, Decode)]
@@ -19,37 +22,37 @@ pub enum Record {
     },
     /// An engine took over the job. The layers from this one on are still to be exposed.
     Started {
-        /// The next layer.
-        layer: u32,
+        /// The next exposure.
+        exposure: u32,
     },
     /// This layer's exposure is about to be commanded.
     Commanded {
-        /// The layer.
-        layer: u32,
+        /// The exposure.
+        exposure: u32,
         /// [`crate::link::message::DeviceState::boot_id`] of the device it is commanded to.
         boot_id: u32,
     },
     /// The device exposed the layer for its whole time.
     Confirmed {
-        /// The layer.
-        layer: u32,
+        /// The exposure.
+        exposure: u32,
     },
     /// The layer was commanded, and the device says that it did not expose it. Nothing else shows that it had no light.
     NotExposed {
-        /// The layer.
-        layer: u32,
+        /// The exposure.
+        exposure: u32,
     },
     /// The layer was commanded, and it is unknown how much light it had.
     InDoubt {
-        /// The layer.
-        layer: u32,
+        /// The exposure.
+        exposure: u32,
         /// What is known.
         why: String,
     },
     /// The operator decided on a layer in doubt.
     Decided {
-        /// The layer.
-        layer: u32,
+        /// The exposure.
+        exposure: u32,
         /// Whether it counts as exposed; otherwise it is exposed again.
         exposed: bool,
     },
@@ -79,8 +82,8 @@ pub enum Record {
     Parked,
     /// The layer was to be commanded, but the order never left the host: it certainly had no light.
     Withdrawn {
-        /// The layer.
-        layer: u32,
+        /// The exposure.
+        exposure: u32,
     },
     /// The last record was damaged when the journal was opened to be continued, and was dropped.
     Dropped {
@@ -97,14 +100,51 @@ pub enum Record {
     },
     /// The layer was commanded, and the device exposed it up to this vector. It goes on there.
     PartlyMarked {
-        /// The layer.
-        layer: u32,
+        /// The exposure.
+        exposure: u32,
         /// The first vector that is not marked.
         next_vector: u32,
+    },
+    /// Follows [`Record::Accepted`] if the part is of several materials: which exposures its layers have.
+    Passes(Passes),
+    /// As [`Record::LastExposed`], of a later exposure of a layer.
+    LastExposedPass {
+        /// Key of the job.
+        job: u64,
+        /// The layer.
+        layer: u32,
+        /// Number of the exposure within the layer.
+        pass: u8,
     },
 }
 
 impl Record {
+    /// The exposure that it tells of.
+    pub fn exposure(&self) -> Option<u32> {
+        match self {
+            Self::Started { exposure }
+            | Self::Commanded { exposure, .. }
+            | Self::Confirmed { exposure }
+            | Self::NotExposed { exposure }
+            | Self::PartlyMarked { exposure, .. }
+            | Self::Withdrawn { exposure }
+            | Self::InDoubt { exposure, .. }
+            | Self::Decided { exposure, .. } => Some(*exposure),
+            Self::Accepted { .. }
+            | Self::Passes(_)
+            | Self::Paused
+            | Self::Resumed
+            | Self::PlateClear { .. }
+            | Self::LastExposed { .. }
+            | Self::LastExposedPass { .. }
+            | Self::Dropped { .. }
+            | Self::LightOff
+            | Self::Ordered(_)
+            | Self::Parked
+            | Self::Ended { .. } => None,
+        }
+    }
+
     /// Whether the record tells of an end, or of something that has already happened. Such a record may use the reserved space of
     /// the journal; a record that begins something may not.
     pub fn is_last(&self) -> bool {
@@ -116,6 +156,8 @@ impl Record {
             | Self::Resumed
             | Self::PlateClear { .. }
             | Self::LastExposed { .. }
+            | Self::LastExposedPass { .. }
+            | Self::Passes(_)
             | Self::Dropped { .. } => false,
             Self::Confirmed { .. }
             | Self::NotExposed { .. }
@@ -170,11 +212,11 @@ pub enum Trace {
     },
 }
 
-/// A layer that was commanded and neither confirmed nor denied.
+/// An exposure that was commanded and neither confirmed nor denied.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Unconfirmed {
-    /// The layer.
-    pub layer: u32,
+    /// Number of the exposure.
+    pub exposure: u32,
     /// Boot id of the device that it was commanded to.
     pub boot_id: u32,
 }

@@ -29,6 +29,7 @@ use std::path::{Path, PathBuf};
 pub use self::directory::{Forgotten, JobDirectory, PlateAfter};
 use self::directory::{JOURNAL, MACHINE, PART, RECIPE};
 use super::{Journal, JournalError, Record};
+use crate::device::Passes;
 use crate::disk::{self, File, How, TempPath, sync_parent};
 use crate::text::size_text;
 
@@ -98,6 +99,8 @@ pub struct NewJob<'a> {
     pub machine: &'a str,
     /// The journal's first record, [`Record::Accepted`].
     pub accepted: Record,
+    /// The exposures of its layers.
+    pub passes: &'a Passes,
     /// Wall clock, milliseconds since 1970.
     pub at_unix_ms: u64,
 }
@@ -197,7 +200,10 @@ impl Spool {
             };
             write().map_err(io("write", &path))?;
         }
-        let journal = Journal::create(&hidden.join(JOURNAL), job.accepted, job.at_unix_ms)?;
+        let mut journal = Journal::create(&hidden.join(JOURNAL), job.accepted, job.at_unix_ms)?;
+        if job.passes.has_several() {
+            journal.append(Record::Passes(job.passes.clone()), job.at_unix_ms)?;
+        }
         let flush_part = File::open(job.part, How::Read).and_then(|file| file.sync_all());
         flush_part.map_err(io("flush", job.part))?;
         disk::rename(job.part, &hidden.join(PART)).map_err(io("move", job.part))?;

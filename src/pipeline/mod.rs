@@ -26,7 +26,7 @@
 //! let budget = MemoryBudget::new(64 << 20);
 //! let mut layers = part.encoded_layers(100, encoding::best(resolution.depth), &budget)?;
 //! let layer = layers.next().expect("a layer of 0.05 mm")?;
-//! assert_eq!(layer.layer, 100);
+//! assert_eq!(layer.exposure, 100);
 //! assert!(!layer.bytes.is_empty() && budget.used_bytes() > 0);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```

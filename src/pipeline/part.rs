@@ -8,7 +8,7 @@ use super::{PartError, PrintMemory, Scan, ScannedLayers};
 use crate::buildfile::BuildFile;
 use crate::config::Recipe;
 use crate::device::encoding::{self, Choice, LayerEncoder};
-use crate::device::{BYTES_PER_MARK, ScanClock, ScanTimes};
+use crate::device::{BYTES_PER_MARK, Passes, ScanClock, ScanTimes};
 use crate::layer::Bitmap;
 use crate::link::message::Encoding;
 use crate::slice::scan::ScanCounts;
@@ -21,8 +21,8 @@ const MAX_TOP_LAYERS: u32 = 16;
 /// A layer as it goes to the device.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EncodedLayer {
-    /// Its number.
-    pub layer: u32,
+    /// Number of its exposure, as in [`Passes`]; that of the layer in a part of one material.
+    pub exposure: u32,
     /// Its encoding.
     pub encoding: Encoding,
     /// The bytes.
@@ -69,6 +69,11 @@ impl Part {
     /// Number of layers.
     pub fn layer_count(&self) -> u32 {
         self.plan.layer_count
+    }
+
+    /// The exposures of its layers.
+    pub fn passes(&self) -> Passes {
+        Passes::single(self.plan.layer_count)
     }
 
     /// Reads and checks every byte of the file. Blocks. How far patches reach is found out within `limit_bytes`, with one height map
@@ -240,7 +245,7 @@ impl EncodedLayers {
                 (layer, encoding, sum.crc32, Some(ScanReport { times: clock.times(), counts }))
             }
         };
-        Ok(Some(EncodedLayer { layer, encoding, bytes: bytes.clone(), decoded_crc32, scan }))
+        Ok(Some(EncodedLayer { exposure: layer, encoding, bytes: bytes.clone(), decoded_crc32, scan }))
     }
 }
 

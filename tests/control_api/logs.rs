@@ -16,8 +16,8 @@ async fn with_journal(layers: usize) -> Daemon {
     let accepted = Record::Accepted { key: 1, layer_count: 9, name: "Würfel\n1".into() };
     let mut journal = Journal::create(&path, accepted, 1).unwrap();
     let first = std::fs::metadata(&path).unwrap().len() as usize;
-    journal.append(Record::Commanded { layer: 0, boot_id: 5 }, 2).unwrap();
-    journal.append(Record::Confirmed { layer: 0 }, 3).unwrap();
+    journal.append(Record::Commanded { exposure: 0, boot_id: 5 }, 2).unwrap();
+    journal.append(Record::Confirmed { exposure: 0 }, 3).unwrap();
     let mut bytes = std::fs::read(&path).unwrap();
     bytes.extend(bytes[first..].repeat(layers - 1));
     std::fs::write(&path, bytes).unwrap();
@@ -30,12 +30,12 @@ async fn a_log_of_a_hundred_thousand_layers_comes_whole_and_in_order() {
     let mut log = daemon.client().log("7").await.unwrap();
     let first = log.next().await.unwrap().unwrap();
     let accepted = LogRecord::Accepted { name: "Würfel\n1".into(), layers_total: 9 };
-    assert_eq!(first, LogEntry { at_ms: 1, record: accepted });
+    assert_eq!(first, LogEntry { at_ms: 1, material: None, record: accepted });
     let mut count = 0;
     while let Some(entry) = log.next().await.unwrap() {
         let expected =
             if count % 2 == 0 { LogRecord::Commanded { layer: 0 } } else { LogRecord::Confirmed { layer: 0 } };
-        assert_eq!(entry, LogEntry { at_ms: 2 + count % 2, record: expected });
+        assert_eq!(entry, LogEntry { at_ms: 2 + count % 2, material: None, record: expected });
         count += 1;
     }
     assert_eq!((count, log.problem()), (200_000, None));

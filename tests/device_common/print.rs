@@ -113,12 +113,17 @@ impl Host for Printer {
                 let mut bytes = Vec::new();
                 encode(&picture(layer), Encoding::Group4, &mut bytes).expect("bits");
                 let crc32 = picture_crc32(&picture(layer));
-                driver.upload(layer, slot as u8, Encoding::Group4, bytes, crc32).expect("no upload under way");
+                driver.upload(layer, 0, slot as u8, Encoding::Group4, bytes, crc32).expect("no upload under way");
                 self.slots[slot] = None;
                 self.uploading = Some((layer, slot));
             }
             if !driver.is_acting() && self.slots.contains(&Some(self.next)) {
-                let act = Act::Vat(VatAct::Expose { layer: self.next, duration_ms: self.exposure_ms, light_pwm: 255 });
+                let act = Act::Vat(VatAct::Expose {
+                    layer: self.next,
+                    pass: 0,
+                    duration_ms: self.exposure_ms,
+                    light_pwm: 255,
+                });
                 driver.act(act, 0).expect("no act under way");
             }
         }

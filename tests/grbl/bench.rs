@@ -166,7 +166,7 @@ fn due(bench: &Bench) -> Vec<Due> {
         let encoding = layer.encoding.vectors().unwrap_or(VectorEncoding::Plain);
         let mut decoder = VectorDecoder::new(encoding, FIELD_UM, layer.bytes.len() as u32);
         let mut bytes = &layer.bytes[..];
-        let z_mm = -(f64::from(layer.layer) + 1.0) * LAYER_MM;
+        let z_mm = -(f64::from(layer.exposure) + 1.0) * LAYER_MM;
         while let Some(vector) = decoder.next(&mut bytes).expect("vectors") {
             let laser = recipe.laser(vector.class);
             let [mut from_mm, mut to_mm] = [vector.from_um, vector.to_um]

@@ -15,7 +15,7 @@ fn a_full_disk_ends_the_print_dark_and_clear_before_the_next_layer() {
     assert!(reason.contains("no space left"), "{reason}");
     assert_eq!((world.exposed.len(), world.device.position_um), (2, Some(CLEAR_UM)));
     let history = History::replay(&world.journal).expect("true");
-    assert_eq!((history.state, history.next_layer), (JobState::Interrupted, 1));
+    assert_eq!((history.state, history.next_exposure), (JobState::Interrupted, 1));
     assert!(history.unconfirmed.is_some(), "the device will be asked");
 }
 
@@ -44,12 +44,12 @@ fn a_disk_that_hangs_keeps_no_plate_in_the_resin() {
         match hanging {
             0 => {}
             1 => {
-                while !matches!(world.flushing, Some((_, Record::Confirmed { layer: 1 }))) {
+                while !matches!(world.flushing, Some((_, Record::Confirmed { exposure: 1 }))) {
                     assert!(world.next_event());
                 }
             }
             _ => {
-                while !matches!(world.flushing, Some((_, Record::Commanded { layer: 2, .. }))) {
+                while !matches!(world.flushing, Some((_, Record::Commanded { exposure: 2, .. }))) {
                     assert!(world.next_event());
                 }
             }
@@ -98,7 +98,7 @@ fn a_disk_that_hangs_keeps_no_plate_in_the_resin() {
 #[test]
 fn a_disk_that_hangs_lights_nothing_and_is_told() {
     let mut world = world_exposing(1);
-    while !matches!(world.flushing, Some((_, Record::Commanded { layer: 2, .. }))) {
+    while !matches!(world.flushing, Some((_, Record::Commanded { exposure: 2, .. }))) {
         assert!(world.next_event());
     }
     let until_us = world.now_us + 600 * SECOND_US;

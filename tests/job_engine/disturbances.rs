@@ -46,7 +46,7 @@ proptest! {
         }
         prop_assert!(ended && world.all_exposed_once(), "{:?} {:?}", world.exposed, world.finished);
         let history = History::replay(&world.journal).expect("true");
-        prop_assert_eq!((history.state, history.next_layer), (JobState::Completed, LAYERS));
+        prop_assert_eq!((history.state, history.next_exposure), (JobState::Completed, LAYERS));
     }
 
     /// Whatever went before, the very next action after an abort puts the light off, and no light follows. Where the device

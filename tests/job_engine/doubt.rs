@@ -18,7 +18,7 @@ fn a_device_reset_under_light_leaves_the_layer_in_doubt_and_never_homes() {
     let (state, reason) = world.end();
     assert_eq!(state, JobState::Interrupted);
     assert!(reason.contains("layer 2 is in doubt") && reason.contains("--in-doubt exposed"), "{reason}");
-    assert!(world.journal.iter().any(|record| matches!(record, Record::InDoubt { layer: 2, .. })));
+    assert!(world.journal.iter().any(|record| matches!(record, Record::InDoubt { exposure: 2, .. })));
 
     let history = History::replay(&world.journal).expect("true");
     world.engine = Engine::new(plan(), history.start(ResumeChoice::AssumeExposed).expect("decided"));
@@ -28,7 +28,7 @@ fn a_device_reset_under_light_leaves_the_layer_in_doubt_and_never_homes() {
     let (state, reason) = world.end();
     assert_eq!(state, JobState::Interrupted);
     assert!(reason.contains("no longer knows where its plate is"), "{reason}");
-    assert_eq!(History::replay(&world.journal).expect("true").next_layer, 3);
+    assert_eq!(History::replay(&world.journal).expect("true").next_exposure, 3);
 }
 
 /// What was said of one layer must not settle a later one: it would have light twice, or too little.
@@ -52,8 +52,8 @@ fn a_word_about_a_layer_in_doubt_holds_for_no_other() {
         assert_eq!((world.end().0, world.exposed.as_slice()), (JobState::Interrupted, [0, 1].as_slice()), "{choice:?}");
         assert!(world.end().1.contains("layer 2 is in doubt: the device ended its light early"), "{}", world.end().1);
     }
-    let history = History::replay(&[accepted(), Record::Started { layer: 0 }]).expect("true");
-    assert_eq!(history.start(ResumeChoice::Repeat), Err(ResumeError::NoDoubt { next_layer: 0 }));
+    let history = History::replay(&[accepted(), Record::Started { exposure: 0 }]).expect("true");
+    assert_eq!(history.start(ResumeChoice::Repeat), Err(ResumeError::NoDoubt { next: "layer 0".into() }));
 }
 
 #[test]
@@ -78,9 +78,9 @@ fn restarted(records: &[Record]) -> World {
     let mut world = World::new();
     world.journal = vec![
         accepted(),
-        Record::Started { layer: 0 },
+        Record::Started { exposure: 0 },
         Record::LastExposed { job: KEY + 1, layer: 90 },
-        Record::Commanded { layer: 0, boot_id: 1 },
+        Record::Commanded { exposure: 0, boot_id: 1 },
     ];
     world.journal.extend_from_slice(records);
     let history = History::replay(&world.journal).expect("true");
@@ -90,7 +90,7 @@ fn restarted(records: &[Record]) -> World {
 
 /// A daemon starts again after the operator decided on layer 0, which had an unknown share of its light.
 fn decided(exposed: bool) -> World {
-    restarted(&[Record::InDoubt { layer: 0, why: "cut short".into() }, Record::Decided { layer: 0, exposed }])
+    restarted(&[Record::InDoubt { exposure: 0, why: "cut short".into() }, Record::Decided { exposure: 0, exposed }])
 }
 
 /// What the device exposed last may be older than the job as long as it confirmed none of the job's layers.

@@ -21,7 +21,7 @@ fn a_print_homes_exposes_every_layer_and_lifts_clear() {
     let progress = world.engine.progress();
     assert_eq!((progress.late_layers, progress.layers_done, progress.eta_ms), (0, LAYERS, None));
     let history = History::replay(&world.journal).expect("true");
-    assert_eq!((history.state, history.next_layer), (JobState::Completed, LAYERS));
+    assert_eq!((history.state, history.next_exposure), (JobState::Completed, LAYERS));
 }
 
 #[test]
@@ -53,7 +53,7 @@ fn a_part_taller_than_the_travel_is_refused_before_anything_moves() {
 #[test]
 fn a_layer_that_cannot_be_computed_interrupts_the_job_with_the_plate_clear() {
     let mut world = world_exposing(1);
-    world.tell(Event::LayerFailed { layer: 3, text: "chunk 4 is corrupt".into() });
+    world.tell(Event::LayerFailed { exposure: 3, text: "chunk 4 is corrupt".into() });
     while world.finished.is_none() {
         assert!(world.next_event());
     }

@@ -136,11 +136,12 @@ fn an_exposure_that_only_a_state_calls_ended_is_held_to_the_hosts_clock_too() {
 /// An exposure that never left the host is certain to have had no light.
 #[test]
 fn an_exposure_that_was_withdrawn_leaves_the_plate_bare() {
-    let records =
-        |last: Record| [accepted(), Record::Started { layer: 0 }, Record::Commanded { layer: 0, boot_id: 1 }, last];
+    let records = |last: Record| {
+        [accepted(), Record::Started { exposure: 0 }, Record::Commanded { exposure: 0, boot_id: 1 }, last]
+    };
     let touched = |last| History::replay(&records(last)).expect("true").touched();
-    assert!(!touched(Record::Withdrawn { layer: 0 }));
-    assert!(touched(Record::NotExposed { layer: 0 }));
+    assert!(!touched(Record::Withdrawn { exposure: 0 }));
+    assert!(touched(Record::NotExposed { exposure: 0 }));
 }
 
 /// The line holds each order back for almost as long as the layer's light lasts: a device must not gain that time.

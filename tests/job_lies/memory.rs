@@ -67,7 +67,7 @@ fn a_device_whose_last_exposed_layer_goes_back_stops_the_print() {
 #[test]
 fn a_layer_that_a_device_denies_whose_memory_went_back_is_in_doubt() {
     let mut world = world_exposing(2);
-    while !matches!(world.flushing, Some((_, Record::Commanded { layer: 3, .. }))) {
+    while !matches!(world.flushing, Some((_, Record::Commanded { exposure: 3, .. }))) {
         assert!(world.next_event());
     }
     // The order is lost on the line.

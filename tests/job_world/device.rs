@@ -69,7 +69,10 @@ impl World {
                     .iter()
                     .rev()
                     .find(|r| !matches!(r, Record::Paused | Record::Resumed | Record::Ordered(_)));
-                assert!(matches!(commanded, Some(Record::Commanded { layer: l, .. }) if *l == layer), "{commanded:?}");
+                assert!(
+                    matches!(commanded, Some(Record::Commanded { exposure, .. }) if *exposure == layer),
+                    "{commanded:?}"
+                );
                 let (at_um, target_um) = (self.device.position_um, 50 * (layer as i32 + 1));
                 assert!(at_um.is_some_and(|at_um| at_um.abs_diff(target_um) <= 25), "layer {layer} at {at_um:?} µm");
                 assert_eq!(duration_ms, [20_000, 11_000, 2000, 2000, 2000][layer as usize]);
@@ -174,14 +177,18 @@ impl World {
                 self.device.cut_short = hidden.then_some((ExposureId::first_pass(KEY, layer), 400));
                 Outcome::Refused(refusal)
             }
-            Act::Vat(VatAct::Expose { layer, duration_ms, .. }) => {
+            Act::Vat(VatAct::Expose { layer, pass, duration_ms, .. }) => {
                 self.exposed.push(layer);
                 self.device.light_on = false;
                 self.device.last_exposed = self.device.exposing.take();
                 for slot in &mut self.device.slots {
                     *slot = slot.filter(|id| id.layer != layer);
                 }
-                Outcome::Vat(VatOutcome::Exposed { layer, duration_ms: self.lies.light_ms.unwrap_or(duration_ms) })
+                Outcome::Vat(VatOutcome::Exposed {
+                    layer,
+                    pass,
+                    duration_ms: self.lies.light_ms.unwrap_or(duration_ms),
+                })
             }
         };
         let is_told = !self.lies.mute && !std::mem::take(&mut self.mute_once);

@@ -10,7 +10,7 @@ pub(crate) use disturbance::Disturbance;
 use std::path::Path;
 
 use layerd::config::Recipe;
-use layerd::device::{Act, VatAct};
+use layerd::device::{Act, Passes, VatAct};
 use layerd::job::{Action, Engine, Event, JobPlan, JobState, Limits, Process, Record, StartPoint, VatPlan};
 use layerd::link::message::{DeviceState, ExposureId, Urgent};
 
@@ -34,7 +34,7 @@ pub(crate) fn plan() -> JobPlan {
         panic!("a recipe for a vat machine")
     };
     let process = Process::Vat(VatPlan { recipe, clear_height_um: f64::from(CLEAR_UM) });
-    JobPlan { key: KEY, layer_count: LAYERS, time_scale: 1.0, process }
+    JobPlan { key: KEY, passes: Passes::single(LAYERS), time_scale: 1.0, process }
 }
 
 pub(crate) fn accepted() -> Record {
@@ -196,7 +196,7 @@ impl World {
                     self.engine.handle(Event::State(self.device.clone()), self.now_us);
                 }
             }
-            Action::Upload { layer, slot } => {
+            Action::Upload { exposure: layer, slot } => {
                 if self.line_up {
                     assert!(self.upload.is_none(), "one upload at a time");
                     assert!(layer < LAYERS);
@@ -257,7 +257,7 @@ impl World {
         } else if upload_us == Some(at_us) {
             if let Some((_, layer, slot)) = self.upload.take() {
                 self.device.slots[usize::from(slot)] = Some(ExposureId::first_pass(KEY, layer));
-                self.tell(Event::Uploaded { layer, times: None });
+                self.tell(Event::Uploaded { exposure: layer, times: None });
             }
         } else if self.reconnect_at_us == Some(at_us) {
             self.reconnect_at_us = None;

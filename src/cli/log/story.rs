@@ -4,7 +4,7 @@
 use crate::api::{LogEntry, LogRecord};
 use crate::cli::progress::{later_text, second_text};
 use crate::job::{EndOrder, JobState};
-use crate::text::{count_text, plain_line};
+use crate::text::{count_text, layer_text, plain_line};
 
 /// Turns the entries of a log into lines.
 pub(super) struct Story {
@@ -12,22 +12,38 @@ pub(super) struct Story {
     all: bool,
     /// Layers exposed one after another that are not told yet.
     exposed: Option<Exposed>,
-    /// A layer that was commanded and is not told yet, and when.
-    commanded: Option<(u32, u64)>,
+    /// A layer that was commanded and is not told yet.
+    commanded: Option<Commanded>,
     /// Whether an engine had taken the job over, and no end is recorded since.
     runs: bool,
     /// The last order to end. It is recorded again when the job takes the machine for it.
     ordered: Option<EndOrder>,
 }
 
+/// A layer whose exposure was commanded.
+struct Commanded {
+    layer: u32,
+    material: Option<String>,
+    /// When, Unix milliseconds.
+    at_ms: u64,
+}
+
 /// Layers exposed one after another.
 struct Exposed {
     first: u32,
     last: u32,
+    last_material: Option<String>,
     /// When the first was commanded, Unix milliseconds.
     from_ms: u64,
     /// When the last was confirmed, Unix milliseconds.
     until_ms: u64,
+}
+
+impl Exposed {
+    /// Whether this exposure can be the next.
+    fn is_before(&self, layer: u32, material: Option<&str>) -> bool {
+        self.last.checked_add(1) == Some(layer) || (self.last == layer && self.last_material.as_deref() != material)
+    }
 }
 
 impl Story {
@@ -38,32 +54,32 @@ impl Story {
 
     /// The lines that the next entry completes.
     pub(super) fn continued(&mut self, entry: &LogEntry) -> Vec<String> {
-        let LogEntry { at_ms, record } = entry;
+        let LogEntry { at_ms, material, record } = entry;
+        let material = material.as_deref();
         match record {
             LogRecord::Commanded { layer } if !self.all => {
                 let mut lines = Vec::new();
                 // Commanded a second time: the first time it was not exposed.
-                if self.exposed.as_ref().is_some_and(|exposed| exposed.last.checked_add(1) != Some(*layer)) {
+                if self.exposed.as_ref().is_some_and(|exposed| !exposed.is_before(*layer, material)) {
                     lines = self.ended();
                 }
-                self.commanded = Some((*layer, *at_ms));
+                self.commanded =
+                    Some(Commanded { layer: *layer, material: material.map(str::to_owned), at_ms: *at_ms });
                 lines
             }
-            LogRecord::Confirmed { layer } if !self.all && self.commanded.is_some_and(|(known, _)| known == *layer) => {
-                let from_ms = self.commanded.take().map_or(*at_ms, |(_, from_ms)| from_ms);
-                match &mut self.exposed {
-                    Some(exposed) => (exposed.last, exposed.until_ms) = (*layer, *at_ms),
-                    None => {
-                        self.exposed = Some(Exposed { first: *layer, last: *layer, from_ms, until_ms: *at_ms });
-                    }
-                }
+            LogRecord::Confirmed { layer } if !self.all && self.is_commanded(*layer, material) => {
+                let from_ms = self.commanded.take().map_or(*at_ms, |commanded| commanded.at_ms);
+                let (last, until_ms, last_material) = (*layer, *at_ms, material.map(str::to_owned));
+                let (first, from_ms) =
+                    self.exposed.take().map_or((last, from_ms), |before| (before.first, before.from_ms));
+                self.exposed = Some(Exposed { first, last, last_material, from_ms, until_ms });
                 Vec::new()
             }
             LogRecord::LastExposed { .. } if !self.all => Vec::new(),
             LogRecord::Ordered { order } if !self.all && self.ordered == Some(*order) => Vec::new(),
             record => {
                 let mut lines = self.ended();
-                lines.push(line(*at_ms, &self.words(record)));
+                lines.push(line(*at_ms, &self.words(record, material)));
                 lines
             }
         }
@@ -72,7 +88,7 @@ impl Story {
     /// The lines that are left when the log ends.
     pub(super) fn ended(&mut self) -> Vec<String> {
         let exposed = self.exposed.take().map(|exposed| {
-            let Exposed { first, last, from_ms, until_ms } = exposed;
+            let Exposed { first, last, from_ms, until_ms, .. } = exposed;
             let until = later_text(until_ms, from_ms);
             let text = match first == last {
                 true => format!("layer {first}: exposed, confirmed at {until}"),
@@ -80,23 +96,42 @@ impl Story {
             };
             line(from_ms, &text)
         });
-        let commanded = self.commanded.take().map(|(layer, at_ms)| line(at_ms, &commanded_text(layer)));
+        let commanded = self
+            .commanded
+            .take()
+            .map(|Commanded { layer, material, at_ms }| line(at_ms, &commanded_text(layer, material.as_deref())));
         exposed.into_iter().chain(commanded).collect()
     }
 
-    fn words(&mut self, record: &LogRecord) -> String {
+    fn is_commanded(&self, layer: u32, material: Option<&str>) -> bool {
+        self.commanded.as_ref().is_some_and(|known| known.layer == layer && known.material.as_deref() == material)
+    }
+
+    fn words(&mut self, record: &LogRecord, material: Option<&str>) -> String {
+        let name = |layer: &u32| layer_text(*layer, material);
         match record {
             LogRecord::Accepted { name, layers_total } => {
                 format!("accepted: {}, {}", plain_line(name), count_text(u64::from(*layers_total), "layer"))
             }
+            LogRecord::Materials { names, exposures_total, changes_total } => {
+                let names: Vec<_> = names.iter().map(|name| plain_line(name)).collect();
+                let (exposures, changes) = (u64::from(*exposures_total), u64::from(*changes_total));
+                format!(
+                    "of {}: {}, {} of the vat",
+                    names.join(", "),
+                    count_text(exposures, "exposure"),
+                    count_text(changes, "change")
+                )
+            }
             LogRecord::Started { layer } => {
+                let layer = name(layer);
                 let crashed = std::mem::replace(&mut self.runs, true);
                 let after = if crashed {
                     "; before that the daemon ended without recording why (crash or power cut)"
                 } else {
                     ""
                 };
-                format!("took the machine, layer {layer} is next{after}")
+                format!("took the machine, {layer} is next{after}")
             }
             LogRecord::PlateClear { confirmed_exposures: 0 } => "the plate is taken to be empty".into(),
             LogRecord::PlateClear { confirmed_exposures } => format!(
@@ -104,23 +139,23 @@ impl Story {
                 count_text(u64::from(*confirmed_exposures), "exposure")
             ),
             LogRecord::LastExposed { layer } => format!("before, the device exposed layer {layer} of another job last"),
-            LogRecord::Commanded { layer } => commanded_text(*layer),
-            LogRecord::Confirmed { layer } => format!("layer {layer}: exposed, the device confirms"),
+            LogRecord::Commanded { layer } => commanded_text(*layer, material),
+            LogRecord::Confirmed { layer } => format!("{}: exposed, the device confirms", name(layer)),
             LogRecord::NotExposed { layer } => {
-                format!("layer {layer}: not exposed, says the device; it is commanded again")
+                format!("{}: not exposed, says the device; it is commanded again", name(layer))
             }
             LogRecord::PartlyMarked { layer, next_vector } => {
-                format!("layer {layer}: marked up to vector {next_vector}, where it goes on")
+                format!("{}: marked up to vector {next_vector}, where it goes on", name(layer))
             }
             LogRecord::Withdrawn { layer } => {
-                format!("layer {layer}: not exposed, its command never left the host; it is commanded again")
+                format!("{}: not exposed, its command never left the host; it is commanded again", name(layer))
             }
-            LogRecord::InDoubt { layer, why } => format!("layer {layer}: in doubt, {}", plain_line(why)),
+            LogRecord::InDoubt { layer, why } => format!("{}: in doubt, {}", name(layer), plain_line(why)),
             LogRecord::Decided { layer, exposed: true } => {
-                format!("layer {layer}: the operator decided that it was exposed")
+                format!("{}: the operator decided that it was exposed", name(layer))
             }
             LogRecord::Decided { layer, exposed: false } => {
-                format!("layer {layer}: the operator decided to expose it again")
+                format!("{}: the operator decided to expose it again", name(layer))
             }
             LogRecord::Paused => "paused".into(),
             LogRecord::Resumed => "resumed".into(),
@@ -142,8 +177,8 @@ impl Story {
     }
 }
 
-fn commanded_text(layer: u32) -> String {
-    format!("layer {layer}: exposure commanded")
+fn commanded_text(layer: u32, material: Option<&str>) -> String {
+    format!("{}: exposure commanded", layer_text(layer, material))
 }
 
 fn line(at_ms: u64, text: &str) -> String {
@@ -158,7 +193,7 @@ mod tests {
         let mut story = Story::new(all);
         let mut lines = Vec::new();
         for (record, at_ms) in records.iter().zip(1_767_225_600_000_u64..) {
-            lines.extend(story.continued(&LogEntry { at_ms, record: record.clone() }));
+            lines.extend(story.continued(&LogEntry { at_ms, material: None, record: record.clone() }));
         }
         lines.extend(story.ended());
         lines.iter().map(|line| line.strip_prefix("2026-01-01 00:00:00 UTC  ").expect("a time").to_owned()).collect()

@@ -6,6 +6,7 @@ use super::sign::{MAX_SIGNS, Sign};
 use crate::api::JobView;
 use crate::config::{Kind, Machine, Recipe};
 use crate::daemon::handle::Reply;
+use crate::device::Passes;
 use crate::job::{
     Command, EndOrder, Entry as JournalEntry, Forgotten, History, JobDirectory, JobState, Journal, LEFTOVER_MS,
     Progress, Record, ResumeChoice, read_journal,
@@ -86,7 +87,7 @@ impl Job {
     pub(crate) fn accepted(
         directory: JobDirectory,
         key: u64,
-        layer_count: u32,
+        passes: Passes,
         name: String,
         machine: Machine,
         recipe: Recipe,
@@ -94,10 +95,10 @@ impl Job {
         let mut view = JobView::queued(directory.id.to_string());
         view.name = name;
         view.recipe = recipe.name().into();
-        view.layers_total = layer_count;
+        view.layers_total = passes.layer_count();
         view.submitted_ms = unix_ms();
         let made_for = Some(Box::new((machine, recipe)));
-        Self { made_for, ..Self::new(directory, key, view, Past::default(), false) }
+        Self { made_for, ..Self::new(directory, key, view, Past::of_new(passes), false) }
     }
 
     fn new(directory: JobDirectory, key: u64, view: JobView, past: Past, awaits_plate: bool) -> Self {
@@ -140,10 +141,9 @@ impl Job {
             }
         };
         let recipe = Recipe::load(&directory.recipe()).ok();
-        let unconfirmed_ms = past
-            .unconfirmed
-            .zip(recipe.as_ref())
-            .map(|(commanded, recipe)| recipe.layer_exposure_ms(commanded.layer).unwrap_or(LEFTOVER_MS));
+        let unconfirmed_ms = past.unconfirmed.zip(recipe.as_ref()).map(|(commanded, recipe)| {
+            recipe.layer_exposure_ms(past.passes.at(commanded.exposure).layer).unwrap_or(LEFTOVER_MS)
+        });
         view.recipe = recipe.as_ref().map_or_else(String::new, |recipe| recipe.name().into());
         let made_for = recipe
             .filter(|_| !view.state.is_final())
@@ -192,6 +192,7 @@ impl Job {
         view.layers_done = progress.layers_done;
         view.layers_total = progress.layers_total;
         view.layer = progress.state.is_active().then_some(progress.layer);
+        view.material = progress.material.clone().filter(|_| !progress.state.is_final());
         // Whole seconds, so that the view does not change every millisecond.
         view.eta_s = progress.eta_ms.map(|eta_ms| eta_ms.div_ceil(1000));
         view.late_layers = progress.late_layers;
@@ -215,18 +216,19 @@ impl Job {
     }
 
     /// Sets why the commanded layer is in doubt, or that it is not. Returns whether that changed.
-    pub(crate) fn set_doubt(&mut self, layer: u32, why: Option<String>) -> bool {
+    pub(crate) fn set_doubt(&mut self, exposure: u32, why: Option<String>) -> bool {
         if self.doubt.as_ref().map(|(why, _)| why) == why.as_ref() {
             return false;
         }
         if let Some((_, before)) = self.doubt.take() {
             self.view.reason = before;
         }
-        self.view.in_doubt = why.as_ref().map(|_| layer);
+        self.view.in_doubt = why.as_ref().map(|_| self.past.passes.at(exposure).layer);
         if let Some(why) = why {
             let before = self.view.reason.take();
             let known = before.as_ref().map_or_else(String::new, |before| format!("{before}; "));
-            self.view.reason = Some(format!("{known}layer {layer} is in doubt: {why}. Look at the part"));
+            let layer = self.past.passes.text(exposure);
+            self.view.reason = Some(format!("{known}{layer} is in doubt: {why}. Look at the part"));
             self.doubt = Some((why, before));
         }
         true
@@ -237,6 +239,7 @@ impl Job {
         self.view.state = state;
         self.view.reason = reason;
         self.view.layer = None;
+        self.view.material = None;
         self.view.eta_s = None;
         self.view.ended_ms = Some(unix_ms());
         self.view.duration_s = duration_s(&self.view);
@@ -322,8 +325,11 @@ fn fill_view(view: &mut JobView, entries: &[JournalEntry], history: &History) {
     let first_at = |wanted: fn(&Record) -> bool| entries.iter().find(|entry| wanted(&entry.record));
     view.name.clone_from(&history.name);
     view.state = history.state;
-    view.layers_done = history.next_layer;
-    view.layers_total = history.layer_count;
+    let next = history.passes.at(history.next_exposure);
+    view.layers_done = next.layer;
+    view.layers_total = history.passes.layer_count();
+    view.material =
+        history.passes.material(history.next_exposure).map(str::to_owned).filter(|_| !history.state.is_final());
     view.submitted_ms = entries.first().map_or(0, |entry| entry.at_unix_ms);
     view.started_ms = first_at(|record| matches!(record, Record::Started { .. })).map(|entry| entry.at_unix_ms);
     if history.state != JobState::Queued {
@@ -333,5 +339,5 @@ fn fill_view(view: &mut JobView, entries: &[JournalEntry], history: &History) {
     let reason = [history.reason.as_str(), history.dropped.as_deref().unwrap_or_default()];
     view.reason = Some(reason.into_iter().filter(|text| !text.is_empty()).collect::<Vec<_>>().join("; "))
         .filter(|reason| !reason.is_empty());
-    view.in_doubt = history.in_doubt.is_some().then_some(history.next_layer);
+    view.in_doubt = history.in_doubt.is_some().then_some(next.layer);
 }

@@ -12,7 +12,7 @@ use std::collections::{BTreeMap, VecDeque};
 
 use self::job::{Job, TakeUp};
 use crate::api::JobView;
-use crate::job::{Command, EndOrder, Forgotten, JobDirectory, JobState, MAX_FORGOTTEN, PlateAfter, Trace, Unconfirmed};
+use crate::job::{Command, EndOrder, Forgotten, JobDirectory, JobState, MAX_FORGOTTEN, PlateAfter, Trace};
 use crate::link::message::ExposureId;
 
 /// What the daemon's records say of a layer that the device shows.
@@ -94,8 +94,8 @@ impl Jobs {
     /// in a device that is not connected.
     pub(crate) fn commanded_ms(&self, id: ExposureId, boot_id: u32) -> Option<u32> {
         let job = self.by_key(id.job).filter(|job| !job.view.state.is_final())?;
-        let commanded = Some(Unconfirmed { layer: id.layer, boot_id });
-        let is_commanded = job.past.unconfirmed == commanded && id == ExposureId::first_pass(job.key, id.layer);
+        let commanded = job.past.unconfirmed.filter(|commanded| commanded.boot_id == boot_id)?;
+        let is_commanded = id == job.past.passes.id(job.key, commanded.exposure);
         job.unconfirmed_ms.filter(|_| is_commanded)
     }
 

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use super::job::{TakeUp, record_dropped};
 use crate::config::{Machine, Recipe, load_pair};
+use crate::device::Passes;
 use crate::job::{JobDirectory, JobState, Journal, Process, Record, StartPoint};
 use crate::pipeline::{Part, PartError, Placed, Resolution};
 use crate::system::unix_ms;
@@ -15,6 +16,8 @@ pub(crate) struct Opened {
     pub journal: Journal,
     /// Names its exposures.
     pub key: u64,
+    /// The exposures of its layers.
+    pub passes: Passes,
     /// Where the engine begins.
     pub start: StartPoint,
     /// As it was when the job was accepted.
@@ -74,13 +77,13 @@ impl Opened {
             let part = Placed::open(&job.part(), &Resolution::of(&machine, &recipe))
                 .and_then(|placed| placed.fit(threads, limit_bytes))
                 .map_err(|error| spool_text(&error))?;
-            if part.layer_count() != history.layer_count {
-                let (found, accepted) = (part.layer_count(), history.layer_count);
+            if part.layer_count() != history.passes.layer_count() {
+                let (found, accepted) = (part.layer_count(), history.passes.layer_count());
                 return Err(format!(
                     "the part in the spool has {found} layers, the one accepted had {accepted}: it was replaced"
                 ));
             }
-            if matches!(take_up, TakeUp::Print(_)) && start.next_layer == 0 && !start.touched {
+            if matches!(take_up, TakeUp::Print(_)) && start.next_exposure == 0 && !start.touched {
                 part.verify_reach(limit_bytes).map_err(|error| spool_text(&error))?;
                 let footing = part.footing(&recipe, limit_bytes).map_err(|error| spool_text(&error))?;
                 footing.problem(part.layer_count()).map_or(Ok(()), Err)?;
@@ -89,7 +92,8 @@ impl Opened {
         };
         match open() {
             Ok((recipe, machine, process, part)) => {
-                Ok(Self { journal, key: history.key, start, recipe, machine, process, part })
+                let (key, passes) = (history.key, history.passes);
+                Ok(Self { journal, key, passes, start, recipe, machine, process, part })
             }
             Err(text) => {
                 let ended = journal.append(Record::Ended { state, reason: text.clone() }, unix_ms());

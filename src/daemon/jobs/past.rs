@@ -1,6 +1,7 @@
 //! What is known of a job's light and plate, from its journal and its engine. It outlives the engine, and a crash.
 //! `printer/plate.rs` asks it what may be on the plate.
 
+use crate::device::Passes;
 use crate::job::{Command, EndOrder, Engine, History, PlateAfter, Trace, Unconfirmed};
 
 /// A job's light and plate so far.
@@ -10,7 +11,9 @@ pub(crate) struct Past {
     pub touched: bool,
     /// Whether it ended with its plate clear of the resin.
     pub lifted: bool,
-    /// The layer that was commanded and neither confirmed nor refuted.
+    /// The exposures of its layers.
+    pub passes: Passes,
+    /// The exposure that was commanded and neither confirmed nor refuted.
     pub unconfirmed: Option<Unconfirmed>,
     /// The boot of the device on whose bare plate it began.
     pub plate_clear_on: Option<u32>,
@@ -23,6 +26,11 @@ pub(crate) struct Past {
 }
 
 impl Past {
+    /// The past of a job just accepted.
+    pub(crate) fn of_new(passes: Passes) -> Self {
+        Self { passes, ..Self::default() }
+    }
+
     /// The past of a job whose journal cannot be read.
     pub(crate) fn unknown() -> Self {
         Self { unknown: true, ..Self::default() }
@@ -71,6 +79,7 @@ impl From<&History> for Past {
     fn from(history: &History) -> Self {
         Self {
             touched: history.touched(),
+            passes: history.passes.clone(),
             lifted: history.parked,
             unconfirmed: history.unconfirmed,
             plate_clear_on: history.plate_clear_on,

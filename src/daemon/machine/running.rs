@@ -9,7 +9,7 @@ use crate::daemon::background::Background;
 use crate::daemon::jobs::opened::Opened;
 use crate::daemon::jobs::opened::spool_text;
 use crate::device::encoding::Choice;
-use crate::device::{DriverEvent, FramedDriver, LightWatch, Outcome, ScanTimes, check_fit};
+use crate::device::{DriverEvent, FramedDriver, LightWatch, Outcome, Pass, Passes, ScanTimes, check_fit};
 use crate::job::{Action, Command, Engine, Event, JobPlan, Journal, Limits, Record};
 use crate::link::message::{Capabilities, DeviceState, Urgent};
 use crate::pipeline::{EncodedLayer, Layers, Part};
@@ -39,6 +39,7 @@ pub(crate) struct Running {
     pub engine: Engine,
     /// Names its exposures.
     key: u64,
+    passes: Passes,
     recipe: Recipe,
     machine: Machine,
     part: Arc<Part>,
@@ -48,7 +49,7 @@ pub(crate) struct Running {
     pub driver: Option<FramedDriver>,
     encoding: Option<Choice>,
     layers: Layers,
-    /// Layer and slot that the engine wants uploaded; the layer is not computed yet.
+    /// Exposure and slot that the engine wants uploaded; the layer is not computed yet.
     wanted: Option<(u32, u8)>,
     /// The layer that is being sent.
     sending: Option<Sending>,
@@ -61,6 +62,8 @@ pub(crate) struct Running {
 
 /// A layer on its way to the device.
 struct Sending {
+    /// Its exposure.
+    exposure: u32,
     /// How long a laser takes for it.
     times: Option<ScanTimes>,
     /// Its share of the queue.
@@ -76,15 +79,15 @@ impl Running {
         background: mpsc::Sender<Background>,
         now_us: u64,
     ) -> Self {
-        let Opened { journal, key, start, recipe, machine, process, part } = opened;
-        let layer_count = part.layer_count();
-        let plan = JobPlan { key, layer_count, time_scale: machine.time_scale(), process };
+        let Opened { journal, key, passes, start, recipe, machine, process, part } = opened;
+        let plan = JobPlan { key, passes: passes.clone(), time_scale: machine.time_scale(), process };
         let mut engine = Engine::new(plan, start).watching(light);
         engine.handle(Event::Ready, now_us);
         Self {
             job,
             engine,
             key,
+            passes,
             recipe,
             machine,
             part,
@@ -167,7 +170,7 @@ impl Running {
                         self.layers.restart(&self.part, from, encoding, budget, spool_text);
                     }
                 }
-                Action::Upload { layer, slot } => self.wanted = Some((layer, slot)),
+                Action::Upload { exposure, slot } => self.wanted = Some((exposure, slot)),
             }
         }
         None
@@ -199,41 +202,49 @@ impl Running {
             Ok(finished) => finished,
             Err(text) => {
                 self.wanted = None;
-                return self.engine.handle(Event::LayerFailed { layer: wanted, text }, now_us);
+                return self.engine.handle(Event::LayerFailed { exposure: wanted, text }, now_us);
             }
         };
-        let EncodedLayer { layer, encoding, bytes, decoded_crc32, scan } = finished.layer;
-        if layer < wanted {
+        let EncodedLayer { exposure, encoding, bytes, decoded_crc32, scan } = finished.layer;
+        if exposure < wanted {
             // The sweep began earlier; the device holds this layer already.
             return;
         }
         self.wanted = None;
-        if layer > wanted {
-            let text = format!("the sweep came to layer {layer} where layer {wanted} was next");
-            return self.engine.handle(Event::LayerFailed { layer: wanted, text }, now_us);
+        if exposure > wanted {
+            let [found, wanted_text] = [exposure, wanted].map(|exposure| self.passes.text(exposure));
+            let text = format!("the sweep came to {found} where {wanted_text} was next");
+            return self.engine.handle(Event::LayerFailed { exposure: wanted, text }, now_us);
         }
-        tracing::debug!(layer, bytes = bytes.len(), compute_us = finished.compute_time.as_micros(), "layer computed");
+        let Pass { layer, pass, .. } = self.passes.at(exposure);
+        tracing::debug!(
+            layer,
+            pass,
+            bytes = bytes.len(),
+            compute_us = finished.compute_time.as_micros(),
+            "layer computed"
+        );
         if let Some(driver) = &mut self.driver {
-            if let Err(error) = driver.upload(layer, slot, encoding, bytes, decoded_crc32) {
+            if let Err(error) = driver.upload(layer, pass, slot, encoding, bytes, decoded_crc32) {
                 tracing::error!(%error, layer, "upload refused by the driver");
             }
-            self.sending = Some(Sending { times: scan.map(|scan| scan.times), _room: finished.room });
+            self.sending = Some(Sending { exposure, times: scan.map(|scan| scan.times), _room: finished.room });
         }
     }
 
     /// Passes an event of the driver on to the engine.
     pub(crate) fn driver_event(&mut self, event: DriverEvent, now_us: u64) {
         let event = match event {
-            DriverEvent::Uploaded { layer } => {
-                let sent = self.sending.take();
-                let times = sent.as_ref().and_then(|sent| sent.times);
+            DriverEvent::Uploaded { .. } => {
+                let Some(sent) = self.sending.take() else { return };
+                let Sending { exposure, times, .. } = sent;
                 let is_streaming = self.driver.as_ref().is_some_and(FramedDriver::is_streaming);
-                self.streaming = sent.filter(|_| is_streaming);
-                Event::Uploaded { layer, times }
+                self.streaming = Some(sent).filter(|_| is_streaming);
+                Event::Uploaded { exposure, times }
             }
-            DriverEvent::UploadRefused { layer, refusal } => {
-                self.sending = None;
-                Event::UploadRefused { layer, refusal }
+            DriverEvent::UploadRefused { refusal, .. } => {
+                let Some(Sending { exposure, .. }) = self.sending.take() else { return };
+                Event::UploadRefused { exposure, refusal }
             }
             DriverEvent::ActDone(outcome) => Event::ActDone { number: self.act_number, outcome },
             DriverEvent::StateKnown { state, act_taken } => {

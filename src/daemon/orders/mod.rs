@@ -174,8 +174,9 @@ impl Printer {
                 if let Some(text) = stays {
                     return Err(OrderError::new(409, text));
                 }
-                if let (Some((why, _)), Some(layer), ResumeChoice::None) = (&job.doubt, job.view.in_doubt, choice) {
-                    return Err(refused(id, &ResumeError::InDoubt { layer, why: why.clone() }));
+                if let (Some((why, _)), Some(open), ResumeChoice::None) = (&job.doubt, job.past.unconfirmed, choice) {
+                    let [exposure, next] = [0, 1].map(|on| job.past.passes.text(open.exposure + on));
+                    return Err(refused(id, &ResumeError::InDoubt { exposure, next, why: why.clone() }));
                 }
                 job.clear_told();
                 Ok(Step::Change(id, Change::Resume(choice)))

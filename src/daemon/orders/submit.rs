@@ -115,13 +115,14 @@ fn accept(
     }
     // 0 names no job.
     let key = random::bits().max(1);
-    let layer_count = part.layer_count();
-    let accepted = Record::Accepted { key, layer_count, name: submission.name.clone() };
+    let passes = part.passes();
+    let accepted = Record::Accepted { key, layer_count: passes.layer_count(), name: submission.name.clone() };
     let job = NewJob {
         part: &submission.part,
         recipe: submission.recipe_text.as_deref().unwrap_or(&setting.recipe_text),
         machine: &setting.machine_text,
         accepted,
+        passes: &passes,
         at_unix_ms: unix_ms(),
     };
     // A panic elsewhere cannot leave half a job: jobs appear in the spool whole or not at all.
@@ -135,7 +136,7 @@ fn accept(
         );
     }
     let (name, machine) = (submission.name.clone(), setting.machine.clone());
-    Ok(Job::accepted(directory, key, layer_count, name, machine, recipe.clone()))
+    Ok(Job::accepted(directory, key, passes, name, machine, recipe.clone()))
 }
 
 pub(super) fn spool_error(error: &SpoolError) -> OrderError {

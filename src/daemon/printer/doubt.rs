@@ -13,13 +13,12 @@ impl Printer {
             return;
         }
         let Some((id, exposure, commanded)) = self.open_exposure() else { return };
-        let layer = exposure.layer;
         let exposure_ms = self.jobs.commanded_ms(exposure, commanded.boot_id);
         let why = match fate(exposure, Some(commanded), exposure_ms, self.idle.light.has_shone(exposure), state) {
             Fate::Unknown(why) | Fate::Partly { broken: Some(why), .. } => Some(why),
             Fate::Exposed | Fate::NotExposed | Fate::Partly { broken: None, .. } => None,
         };
-        if self.jobs.get_mut(id).is_some_and(|job| job.set_doubt(layer, why)) {
+        if self.jobs.get_mut(id).is_some_and(|job| job.set_doubt(commanded.exposure, why)) {
             self.publish_job(id);
         }
     }
@@ -29,6 +28,6 @@ impl Printer {
         let id = self.jobs.interrupted()?;
         let job = self.jobs.get(id)?;
         let commanded = job.past.unconfirmed?;
-        Some((id, ExposureId::first_pass(job.key, commanded.layer), commanded))
+        Some((id, job.past.passes.id(job.key, commanded.exposure), commanded))
     }
 }

@@ -36,11 +36,19 @@ impl Printer {
         let Some(running) = &self.running else { return };
         let (id, progress) = (running.job, running.engine.progress());
         let before = self.last_progress.replace(progress.clone());
-        if let Some(before) = before.filter(|before| before.layers_done < progress.layers_done) {
+        if let Some(before) = before.filter(|before| before.exposures_done < progress.exposures_done) {
             let late_ms = progress.late_ms_total - before.late_ms_total;
-            let layer = progress.layers_done - 1;
-            let exposed = LayerExposed { job: id.to_string(), layer, exposure_ms: progress.light_ms, late_ms };
-            let _ = self.desk.events.send(News::Layer(exposed));
+            if let Some(job) = self.jobs.get(id) {
+                let (passes, done) = (&job.past.passes, progress.exposures_done - 1);
+                let exposed = LayerExposed {
+                    job: id.to_string(),
+                    layer: passes.at(done).layer,
+                    material: passes.material(done).map(str::to_owned),
+                    exposure_ms: progress.light_ms,
+                    late_ms,
+                };
+                let _ = self.desk.events.send(News::Layer(exposed));
+            }
         }
         if self.jobs.get_mut(id).is_some_and(|job| job.update(&progress)) {
             self.publish_job(id);

@@ -130,8 +130,8 @@ impl FramedDriver {
             VatAct::Home => VatRequest::Home,
             VatAct::Move { position_um, speed_um_s } => VatRequest::Move { position_um, speed_um_s },
             VatAct::Change { vat, wash_ms, drain_ms } => VatRequest::Change { vat, wash_ms, drain_ms },
-            VatAct::Expose { layer, duration_ms, light_pwm } => {
-                VatRequest::Expose { id: self.id(layer), duration_ms, light_pwm }
+            VatAct::Expose { layer, pass, duration_ms, light_pwm } => {
+                VatRequest::Expose { id: self.id(layer, pass), duration_ms, light_pwm }
             }
         }
     }
@@ -142,7 +142,7 @@ impl FramedDriver {
             PowderAct::Move { position_um, speed_um_s } => PowderRequest::Move { position_um, speed_um_s },
             PowderAct::Recoat => PowderRequest::Recoat,
             PowderAct::Mark { layer, from_vector, most_ms } => {
-                PowderRequest::Mark { id: self.id(layer), from_vector, most_ms }
+                PowderRequest::Mark { id: self.id(layer, 0), from_vector, most_ms }
             }
         }
     }
@@ -185,15 +185,16 @@ impl FramedDriver {
     pub fn upload(
         &mut self,
         layer: u32,
+        pass: u8,
         slot: u8,
         encoding: Encoding,
         bytes: Vec<u8>,
         crc32: u32,
     ) -> Result<(), DriverBusy> {
-        let id = self.id(layer);
+        let id = self.id(layer, pass);
         let encoded_bytes = bytes.len() as u32;
         let begin = Request::LayerBegin { slot, id, encoding, encoded_bytes, decoded_crc32: crc32 };
-        self.uploads.add(layer, begin, bytes)
+        self.uploads.add(id, begin, bytes)
     }
 
     /// Whether bytes of a layer that was reported as uploaded are still to be sent.
@@ -277,10 +278,11 @@ impl FramedDriver {
                 "the device replied to request {number}, which awaits no reply: check its firmware"
             ));
         };
-        let layer = upload.layer;
+        let id = upload.id;
         if !self.uploads.may_end(upload, reply) {
-            return nonsense(&format!("to take {}", exposure_text(self.id(layer))), number, reply);
+            return nonsense(&format!("to take {}", exposure_text(id)), number, reply);
         }
+        let layer = id.layer;
         self.uploads.answered(number, matches!(reply, Reply::Refused(_)));
         match reply {
             Reply::Refused(refusal) => DriverEvent::UploadRefused { layer, refusal: *refusal },
@@ -308,8 +310,10 @@ impl FramedDriver {
             (VatAct::Change { vat, .. }, VatReply::Changed { vat: told }) if told == vat => {
                 Some(VatOutcome::Changed { vat })
             }
-            (VatAct::Expose { layer, .. }, VatReply::Exposed { id, duration_ms }) if id == self.id(layer) => {
-                Some(VatOutcome::Exposed { layer, duration_ms })
+            (VatAct::Expose { layer, pass, .. }, VatReply::Exposed { id, duration_ms })
+                if id == self.id(layer, pass) =>
+            {
+                Some(VatOutcome::Exposed { layer, pass, duration_ms })
             }
             _ => None,
         }
@@ -322,7 +326,7 @@ impl FramedDriver {
             }
             (PowderAct::Recoat, PowderReply::Recoated) => Some(PowderOutcome::Recoated),
             (PowderAct::Mark { layer, .. }, PowderReply::Marked { id, vectors, laser_ms, starved_ms })
-                if id == self.id(layer) =>
+                if id == self.id(layer, 0) =>
             {
                 Some(PowderOutcome::Marked { layer, vectors, laser_ms, starved_ms })
             }
@@ -337,19 +341,19 @@ impl FramedDriver {
             Act::Vat(VatAct::Move { position_um, .. }) | Act::Powder(PowderAct::Move { position_um, .. }) => {
                 format!("to move to {}", mm_text(position_um))
             }
-            Act::Vat(VatAct::Expose { layer, duration_ms, .. }) => {
-                format!("to expose {} for {duration_ms} ms", exposure_text(self.id(layer)))
+            Act::Vat(VatAct::Expose { layer, pass, duration_ms, .. }) => {
+                format!("to expose {} for {duration_ms} ms", exposure_text(self.id(layer, pass)))
             }
             Act::Vat(VatAct::Change { vat, .. }) => format!("to put vat {vat} in place"),
             Act::Powder(PowderAct::Recoat) => "to recoat".into(),
             Act::Powder(PowderAct::Mark { layer, from_vector, .. }) => {
-                format!("to mark {} from vector {from_vector} on", exposure_text(self.id(layer)))
+                format!("to mark {} from vector {from_vector} on", exposure_text(self.id(layer, 0)))
             }
         }
     }
 
-    fn id(&self, layer: u32) -> ExposureId {
-        ExposureId::first_pass(self.job, layer)
+    fn id(&self, layer: u32, pass: u8) -> ExposureId {
+        ExposureId { job: self.job, layer, pass }
     }
 
     /// Queues a request and returns its number, which the reply repeats.

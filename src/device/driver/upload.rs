@@ -3,7 +3,7 @@
 
 use super::DriverBusy;
 use crate::deadline::Deadline;
-use crate::link::message::{Reply, Request};
+use crate::link::message::{ExposureId, Reply, Request};
 
 /// Time limit for the reply to a layer, counted from when its last byte was handed to the line. The line holds at most half a
 /// second of data.
@@ -29,7 +29,7 @@ pub(super) enum Piece {
 /// A layer that is on its way.
 #[derive(Debug)]
 pub(super) struct Upload {
-    pub(super) layer: u32,
+    pub(super) id: ExposureId,
     /// Announces the layer; `None` once it is sent.
     begin: Option<Request>,
     /// Number of that request, once it is sent.
@@ -70,12 +70,12 @@ impl Uploads {
     }
 
     /// Adds a layer, which `begin` announces.
-    pub(super) fn add(&mut self, layer: u32, begin: Request, bytes: Vec<u8>) -> Result<(), DriverBusy> {
+    pub(super) fn add(&mut self, id: ExposureId, begin: Request, bytes: Vec<u8>) -> Result<(), DriverBusy> {
         if self.queue.len() > 1 || self.queue.iter().any(|upload| !upload.is_taken) {
             return Err(DriverBusy::UploadUnderWay);
         }
         let begin = Some(begin);
-        self.queue.push(Upload { layer, begin, number: None, bytes, sent_bytes: 0, due: None, is_taken: false });
+        self.queue.push(Upload { id, begin, number: None, bytes, sent_bytes: 0, due: None, is_taken: false });
         Ok(())
     }
 
@@ -150,7 +150,7 @@ impl Uploads {
         let is_overdue = |upload: &mut Upload| upload.due.as_mut().is_some_and(|due| due.is_over(now_us));
         let upload = self.queue.iter_mut().find_map(|upload| is_overdue(upload).then_some(upload))?;
         upload.due = None;
-        Some(upload.layer)
+        Some(upload.id.layer)
     }
 }
 

@@ -18,6 +18,8 @@
 //!   the device reported its state               ▶ locate, rest or moved
 //! ```
 //!
+//! Exposures have the numbers of [`Passes`](crate::device::Passes). A bed of powder has one for each layer.
+//!
 //! After [`Step::Free`] the engine looks at light, line, orders and disk, and then asks for [`Cycle::prepare`] or [`Cycle::park`]
 //! again. So a cycle never decides whether the print goes on. It decides what is safe for the machine: whether the machine may
 //! search its zero position, and where a part is safe while nothing is printed.
@@ -36,7 +38,7 @@ pub use vat::VatPlan;
 use powder::PowderCycle;
 use vat::VatCycle;
 
-use super::{Process, StartPoint};
+use super::{JobPlan, Process, StartPoint};
 use crate::device::{Act, Dose, Outcome, ScanTimes};
 use crate::link::message::{DeviceState, Refusal};
 
@@ -138,9 +140,9 @@ pub(super) struct Done {
 
 impl Cycle {
     /// A machine of which nothing is known yet, to go on from `start`.
-    pub(super) fn new(process: &Process, start: StartPoint) -> Self {
-        match process {
-            Process::Vat(plan) => Self::Vat(VatCycle::new(plan.clone(), start.touched)),
+    pub(super) fn new(plan: &JobPlan, start: StartPoint) -> Self {
+        match &plan.process {
+            Process::Vat(vat) => Self::Vat(VatCycle::new(vat.clone(), plan.passes.clone(), start.touched)),
             Process::Powder(plan) => Self::Powder(PowderCycle::new(plan.clone(), start.from_vector)),
         }
     }
@@ -205,67 +207,67 @@ impl Cycle {
         }
     }
 
-    /// The next step to make the machine ready for the layer `next_layer`, until [`Step::Clear`].
-    pub(super) fn prepare(&mut self, next_layer: u32, part_possible: bool) -> Step {
+    /// The next step to make the machine ready for the exposure `next_exposure`, until [`Step::Clear`].
+    pub(super) fn prepare(&mut self, next_exposure: u32, part_possible: bool) -> Step {
         match self {
-            Self::Vat(vat) => vat.prepare(next_layer, part_possible),
+            Self::Vat(vat) => vat.prepare(next_exposure, part_possible),
             Self::Powder(powder) => powder.prepare(part_possible),
         }
     }
 
     /// The next step to bring the machine to where a layer is exposed, until [`Step::Ready`]. [`Step::Clear`] came before.
-    pub(super) fn begin(&mut self, layer: u32) -> Step {
+    pub(super) fn begin(&mut self, exposure: u32) -> Step {
         match self {
-            Self::Vat(vat) => vat.begin(layer),
-            Self::Powder(powder) => powder.begin(layer),
+            Self::Vat(vat) => vat.begin(exposure),
+            Self::Powder(powder) => powder.begin(exposure),
         }
     }
 
     /// The device holds a layer; `times` says how long a laser takes for it.
-    pub(super) fn sent(&mut self, layer: u32, times: Option<ScanTimes>) {
+    pub(super) fn sent(&mut self, exposure: u32, times: Option<ScanTimes>) {
         match (self, times) {
-            (Self::Powder(powder), Some(times)) => powder.sent(layer, times),
+            (Self::Powder(powder), Some(times)) => powder.sent(exposure, times),
             (Self::Vat(_), _) | (Self::Powder(_), None) => {}
         }
     }
 
     /// Whether enough is known of a layer that the device holds to expose it.
-    pub(super) fn knows(&self, layer: u32) -> bool {
+    pub(super) fn knows(&self, exposure: u32) -> bool {
         match self {
             Self::Vat(_) => true,
-            Self::Powder(powder) => powder.knows(layer),
+            Self::Powder(powder) => powder.knows(exposure),
         }
     }
 
     /// How the layer is exposed. [`Step::Ready`] came before.
-    pub(super) fn exposure(&mut self, layer: u32) -> Exposure {
+    pub(super) fn exposure(&mut self, exposure: u32) -> Exposure {
         match self {
-            Self::Vat(vat) => vat.exposure(layer),
-            Self::Powder(powder) => powder.exposure(layer),
+            Self::Vat(vat) => vat.exposure(exposure),
+            Self::Powder(powder) => powder.exposure(exposure),
         }
     }
 
     /// Commanded light time of a layer, milliseconds; `None` if it is not known.
-    pub(super) fn light_ms(&self, layer: u32) -> Option<u32> {
+    pub(super) fn light_ms(&self, exposure: u32) -> Option<u32> {
         match self {
-            Self::Vat(vat) => Some(vat.light_ms(layer)),
-            Self::Powder(powder) => powder.light_ms(layer),
+            Self::Vat(vat) => Some(vat.light_ms(exposure)),
+            Self::Powder(powder) => powder.light_ms(exposure),
         }
     }
 
     /// Longest light of an exposure that an earlier session commanded, milliseconds.
-    pub(super) fn leftover_ms(&self, layer: u32) -> u32 {
+    pub(super) fn leftover_ms(&self, exposure: u32) -> u32 {
         match self {
-            Self::Vat(vat) => vat.light_ms(layer),
+            Self::Vat(vat) => vat.light_ms(exposure),
             Self::Powder(_) => powder::LEFTOVER_MS,
         }
     }
 
-    /// The light that an outcome reports for the exposure of `layer`; `None` if the outcome is not that of its exposure.
-    pub(super) fn judge(&self, layer: u32, outcome: Outcome) -> Option<Lit> {
+    /// The light that an outcome reports for this exposure; `None` if the outcome is not that of it.
+    pub(super) fn judge(&self, exposure: u32, outcome: Outcome) -> Option<Lit> {
         match (self, outcome) {
-            (Self::Vat(vat), Outcome::Vat(outcome)) => vat.judge(layer, outcome),
-            (Self::Powder(powder), Outcome::Powder(outcome)) => powder.judge(layer, outcome),
+            (Self::Vat(vat), Outcome::Vat(outcome)) => vat.judge(exposure, outcome),
+            (Self::Powder(powder), Outcome::Powder(outcome)) => powder.judge(exposure, outcome),
             (_, Outcome::Vat(_) | Outcome::Powder(_) | Outcome::Refused(_) | Outcome::TakenBack) => None,
         }
     }
@@ -279,14 +281,14 @@ impl Cycle {
     }
 
     /// The layer was marked up to this vector. Returns how many vectors that is more than before; `None` if it cannot be.
-    pub(super) fn marked_to(&mut self, layer: u32, next_vector: u32) -> Option<u32> {
+    pub(super) fn marked_to(&mut self, exposure: u32, next_vector: u32) -> Option<u32> {
         match self {
             Self::Vat(_) => None,
-            Self::Powder(powder) => powder.marked_to(layer, next_vector),
+            Self::Powder(powder) => powder.marked_to(exposure, next_vector),
         }
     }
 
-    /// The layer before `next_layer` counts as exposed.
+    /// The exposure before the next one counts as done.
     pub(super) fn note_exposed(&mut self) {
         match self {
             Self::Vat(vat) => vat.note_exposed(),
@@ -304,9 +306,9 @@ impl Cycle {
 
     /// The next step to a place where the machine can rest and the part is safe, until [`Step::Parked`] or [`Step::Unparked`].
     /// `is_faulty` forbids to move.
-    pub(super) fn park(&mut self, next_layer: u32, is_faulty: bool) -> Step {
+    pub(super) fn park(&mut self, next_exposure: u32, is_faulty: bool) -> Step {
         match self {
-            Self::Vat(vat) => vat.park(next_layer, is_faulty),
+            Self::Vat(vat) => vat.park(next_exposure, is_faulty),
             Self::Powder(powder) => powder.park(),
         }
     }
@@ -315,12 +317,12 @@ impl Cycle {
     pub(super) fn done(
         &mut self,
         outcome: Outcome,
-        next_layer: u32,
+        next_exposure: u32,
         too_soon: Option<&TooSoon>,
         goal: Goal,
     ) -> Option<Done> {
         match (self, outcome) {
-            (Self::Vat(vat), Outcome::Vat(outcome)) => vat.done(outcome, next_layer, too_soon, goal),
+            (Self::Vat(vat), Outcome::Vat(outcome)) => vat.done(outcome, next_exposure, too_soon, goal),
             (Self::Powder(powder), Outcome::Powder(outcome)) => powder.done(outcome, too_soon, goal),
             (_, Outcome::Vat(_) | Outcome::Powder(_) | Outcome::Refused(_) | Outcome::TakenBack) => None,
         }

@@ -29,7 +29,7 @@ use texts::POSITION_LOST;
 
 use super::plate::HOMING_US;
 use super::{Done, Exposure, Goal, Lit, Step, TooSoon};
-use crate::device::{Act, Dose, VatAct, VatOutcome, least_exposure_us};
+use crate::device::{Act, Dose, Pass, Passes, VatAct, VatOutcome, least_exposure_us};
 use crate::link::message::DeviceState;
 use crate::text::mm_text;
 
@@ -37,6 +37,7 @@ use crate::text::mm_text;
 #[derive(Debug)]
 pub(in crate::job) struct VatCycle {
     plan: VatPlan,
+    passes: Passes,
     stage: Stage,
     /// Where the plate is; `None` if the device does not know.
     position_um: Option<i32>,
@@ -68,8 +69,8 @@ enum Move {
 }
 
 impl VatCycle {
-    pub(super) fn new(plan: VatPlan, part_possible: bool) -> Self {
-        Self { plan, stage: Stage::Still, position_um: None, max_position_um: 0, sticks: part_possible }
+    pub(super) fn new(plan: VatPlan, passes: Passes, part_possible: bool) -> Self {
+        Self { plan, passes, stage: Stage::Still, position_um: None, max_position_um: 0, sticks: part_possible }
     }
 
     pub(super) fn greeted(&mut self, max_position_um: i32) {
@@ -120,7 +121,7 @@ impl VatCycle {
         ))
     }
 
-    pub(super) fn prepare(&mut self, next_layer: u32, part_possible: bool) -> Step {
+    pub(super) fn prepare(&mut self, next_exposure: u32, part_possible: bool) -> Step {
         self.break_off();
         match self.position_um {
             None if part_possible => Step::Halt(POSITION_LOST.into()),
@@ -128,13 +129,13 @@ impl VatCycle {
                 self.stage = Stage::Moving(Move::Home, 0);
                 Step::Act { act: Act::Vat(VatAct::Home), most_us: HOMING_US, least_us: 0 }
             }
-            Some(position_um) if self.sticks => self.lift(position_um, next_layer),
+            Some(position_um) if self.sticks => self.lift(position_um, next_exposure),
             Some(_) => Step::Clear,
         }
     }
 
-    fn lift(&mut self, position_um: i32, next_layer: u32) -> Step {
-        let exposed = next_layer.saturating_sub(1);
+    fn lift(&mut self, position_um: i32, next_exposure: u32) -> Step {
+        let exposed = self.passes.at(next_exposure.saturating_sub(1)).layer;
         let to_um = self.plan.lifted_position_um(exposed).min(self.max_position_um);
         if position_um >= to_um {
             self.sticks = false;
@@ -143,8 +144,8 @@ impl VatCycle {
         self.travel(Move::Lift, to_um, self.plan.recipe.lift_speed_um_s)
     }
 
-    pub(super) fn begin(&mut self, layer: u32) -> Step {
-        let to_um = self.plan.positions().layer_um(layer);
+    pub(super) fn begin(&mut self, exposure: u32) -> Step {
+        let to_um = self.plan.positions().layer_um(self.passes.at(exposure).layer);
         if self.position_um == Some(to_um) {
             return self.settle();
         }
@@ -156,21 +157,25 @@ impl VatCycle {
         Step::Wait { us: self.plan.settle_us(), may_break_off: true }
     }
 
-    pub(super) fn light_ms(&self, layer: u32) -> u32 {
-        self.plan.exposure_ms(layer)
+    pub(super) fn light_ms(&self, exposure: u32) -> u32 {
+        self.plan.exposure_ms(self.passes.at(exposure).layer)
     }
 
-    pub(super) fn exposure(&mut self, layer: u32) -> Exposure {
+    pub(super) fn exposure(&mut self, exposure: u32) -> Exposure {
         self.stage = Stage::Still;
-        let duration_ms = self.plan.exposure_ms(layer);
-        let act = Act::Vat(VatAct::Expose { layer, duration_ms, light_pwm: self.plan.recipe.light_pwm });
+        let Pass { layer, pass, .. } = self.passes.at(exposure);
+        let duration_ms = self.light_ms(exposure);
+        let act = Act::Vat(VatAct::Expose { layer, pass, duration_ms, light_pwm: self.plan.recipe.light_pwm });
         Exposure { act, limit_ms: duration_ms, least_us: least_exposure_us(duration_ms) }
     }
 
-    pub(super) fn judge(&self, layer: u32, outcome: VatOutcome) -> Option<Lit> {
+    pub(super) fn judge(&self, exposure: u32, outcome: VatOutcome) -> Option<Lit> {
+        let Pass { layer, pass, .. } = self.passes.at(exposure);
         match outcome {
-            VatOutcome::Exposed { layer: exposed, duration_ms: light_ms } if exposed == layer => {
-                Some(Lit { light_ms, starved_ms: 0, dose: Dose::of(self.plan.exposure_ms(layer), light_ms) })
+            VatOutcome::Exposed { layer: lit_layer, pass: lit_pass, duration_ms: light_ms }
+                if (lit_layer, lit_pass) == (layer, pass) =>
+            {
+                Some(Lit { light_ms, starved_ms: 0, dose: Dose::of(self.light_ms(exposure), light_ms) })
             }
             VatOutcome::Exposed { .. } | VatOutcome::Arrived { .. } | VatOutcome::Changed { .. } => None,
         }
@@ -186,9 +191,9 @@ impl VatCycle {
         Step::Wait { us: u64::from(self.plan.recipe.wait_after_exposure_ms) * 1000, may_break_off: false }
     }
 
-    pub(super) fn park(&mut self, next_layer: u32, is_faulty: bool) -> Step {
+    pub(super) fn park(&mut self, next_exposure: u32, is_faulty: bool) -> Step {
         self.break_off();
-        let to_um = self.parking_um(next_layer);
+        let to_um = self.parking_um(next_exposure);
         match self.position_um {
             Some(position_um) if position_um >= to_um => self.parked(),
             Some(_) if is_faulty => Step::Unparked("the device has a fault"),
@@ -198,8 +203,9 @@ impl VatCycle {
     }
 
     /// Position at which the plate is clear of the resin, micrometres.
-    fn parking_um(&self, next_layer: u32) -> i32 {
-        self.plan.parked_position_um(next_layer).min(self.max_position_um)
+    fn parking_um(&self, next_exposure: u32) -> i32 {
+        let exposed = next_exposure.checked_sub(1).map(|exposure| self.passes.at(exposure).layer);
+        self.plan.parked_position_um(exposed).min(self.max_position_um)
     }
 
     fn parked(&mut self) -> Step {
@@ -216,7 +222,7 @@ impl VatCycle {
     pub(super) fn done(
         &mut self,
         outcome: VatOutcome,
-        next_layer: u32,
+        next_exposure: u32,
         too_soon: Option<&TooSoon>,
         goal: Goal,
     ) -> Option<Done> {
@@ -228,7 +234,7 @@ impl VatCycle {
             return Some(self.misplaced(purpose, position_um, to_um));
         }
         if let Some(too_soon) = too_soon {
-            return Some(self.arrived_too_soon(purpose, to_um, next_layer, too_soon));
+            return Some(self.arrived_too_soon(purpose, to_um, next_exposure, too_soon));
         }
         let step = match (purpose, goal) {
             (Move::Lift, _) => {
@@ -256,14 +262,14 @@ impl VatCycle {
     }
 
     /// The device says that its plate arrived sooner than it can by the host's clock.
-    fn arrived_too_soon(&self, purpose: Move, to_um: i32, next_layer: u32, too_soon: &TooSoon) -> Done {
+    fn arrived_too_soon(&self, purpose: Move, to_um: i32, next_exposure: u32, too_soon: &TooSoon) -> Done {
         let problem = Some(format!(
             "the device says that its plate arrived at {} {} ms after the order, which is too soon: check the axis and the device{}",
             mm_text(to_um),
             too_soon.took_us / 1000,
             too_soon.hint
         ));
-        let may_lift = purpose != Move::Park && self.position_um < Some(self.parking_um(next_layer));
+        let may_lift = purpose != Move::Park && self.position_um < Some(self.parking_um(next_exposure));
         let step = if may_lift { Step::Free } else { Step::Unparked("the device says so too soon") };
         Done { problem, step }
     }

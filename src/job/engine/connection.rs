@@ -34,7 +34,7 @@ impl Engine {
     pub(super) fn greet(&mut self, state: DeviceState, limits: Limits) {
         self.line.session = Session::Up;
         self.cycle.greeted(limits);
-        self.uploads.reset(self.plan.key, &state, |layer| self.cycle.knows(layer));
+        self.uploads.reset(&self.plan, &state, |exposure| self.cycle.knows(exposure));
         self.light.greeted(&state);
         self.notice_state(state);
     }
@@ -56,7 +56,7 @@ impl Engine {
 
     /// Begins the job: the preflight has passed, and the device is there.
     pub(super) fn start(&mut self, now_us: u64) {
-        if let Err(text) = self.cycle.check_fit(self.plan.layer_count) {
+        if let Err(text) = self.cycle.check_fit(self.plan.passes.layer_count()) {
             return self.end_unbegun(&text);
         }
         if self.device.slots.is_empty() {
@@ -65,7 +65,7 @@ impl Engine {
         if let Some(text) = self.cycle.notice() {
             self.out.notice(text);
         }
-        self.out.journal(Record::Started { layer: self.next.number });
+        self.out.journal(Record::Started { exposure: self.next.number });
         self.take_stock(now_us);
     }
 

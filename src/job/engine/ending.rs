@@ -47,7 +47,7 @@ impl Engine {
         self.act.running = None;
         self.light.ended();
         if self.next.deny() {
-            self.out.journal(Record::Withdrawn { layer: self.next.number });
+            self.out.journal(Record::Withdrawn { exposure: self.next.number });
         }
         self.advance(now_us);
     }
@@ -131,7 +131,7 @@ impl Engine {
     /// It is unknown how much light the commanded layer had.
     pub(super) fn doubt(&mut self, why: &str, now_us: u64) {
         if self.next.doubt().is_none() {
-            self.out.journal(Record::InDoubt { layer: self.next.number, why: why.to_owned() });
+            self.out.journal(Record::InDoubt { exposure: self.next.number, why: why.to_owned() });
         }
         self.next.known = Known::InDoubt(why.to_owned());
         self.intent.add_end(JobState::Interrupted, String::new());

@@ -14,21 +14,25 @@ const MAX_COMMANDS: u32 = 10;
 
 impl Engine {
     pub(super) fn command_exposure(&mut self, now_us: u64) {
-        let layer = self.next.number;
+        let exposure = self.next.number;
         self.next.commands += 1;
         if self.next.commands > MAX_COMMANDS {
-            let text = format!("layer {layer} was commanded {MAX_COMMANDS} times without success; check the device");
+            let layer = self.next_text();
+            let text = format!("{layer} was commanded {MAX_COMMANDS} times without success; check the device");
             return self.wind_down(JobState::Interrupted, text, now_us);
         }
         let boot_id = self.device.boot_id;
         if self.part == PartState::Absent {
             self.exposed_before = self.exposed_by_another();
-            if let Some(ExposureId { job, layer, .. }) = self.exposed_before {
-                self.out.journal(Record::LastExposed { job, layer });
+            if let Some(ExposureId { job, layer, pass }) = self.exposed_before {
+                self.out.journal(match pass {
+                    0 => Record::LastExposed { job, layer },
+                    pass => Record::LastExposedPass { job, layer, pass },
+                });
             }
         }
         self.next.known = Known::Commanded { boot_id, sign: Sign::None };
-        self.out.journal(Record::Commanded { layer, boot_id });
+        self.out.journal(Record::Commanded { exposure, boot_id });
         self.phase = Phase::Commanding;
         self.deadline = None;
     }
@@ -76,15 +80,15 @@ impl Engine {
 
     /// Compares the reported light time with the commanded one.
     fn on_exposed(&mut self, lit: Lit, now_us: u64) {
-        let layer = self.next.number;
         if let Some(text) = self.exposed_too_soon(now_us) {
             return self.doubt(&text, now_us);
         }
+        let (exposure, layer) = (self.next.number, self.next_text());
         let Lit { light_ms, starved_ms, dose } = lit;
         self.pace.waited(self.plan.host_us(u64::from(starved_ms) * 1000));
         let text = format!(
-            "the device reports {light_ms} ms of light for layer {layer} instead of {} ms",
-            self.cycle.light_ms(layer).unwrap_or(0)
+            "the device reports {light_ms} ms of light for {layer} instead of {} ms",
+            self.cycle.light_ms(exposure).unwrap_or(0)
         );
         match dose {
             Dose::TooLittle => return self.doubt(&text, now_us),
@@ -99,10 +103,10 @@ impl Engine {
     /// Describes the error if the last exposure is reported to have ended sooner than it can by the host's clock.
     pub(super) fn exposed_too_soon(&self, now_us: u64) -> Option<String> {
         let too_soon = self.too_soon(now_us)?;
-        let layer = self.next.number;
         Some(format!(
-            "the device says that layer {layer} had its {} ms of light, but only {} ms have passed since the order{}",
-            self.cycle.light_ms(layer).unwrap_or(0),
+            "the device says that {} had its {} ms of light, but only {} ms have passed since the order{}",
+            self.next_text(),
+            self.cycle.light_ms(self.next.number).unwrap_or(0),
             too_soon.took_us / 1000,
             too_soon.hint
         ))
@@ -124,9 +128,9 @@ impl Engine {
     /// The device says that it exposed the commanded layer. `light_ms` is the reported light time, if it names one.
     pub(super) fn confirm(&mut self, light_ms: Option<u32>, now_us: u64) {
         self.part = PartState::Confirmed;
-        let layer = self.next.number;
-        self.pace.confirmed(self.plan.process.layer_ms(layer, None), light_ms, now_us);
-        self.out.journal(Record::Confirmed { layer });
+        let exposure = self.next.number;
+        self.pace.confirmed(self.plan.exposure_ms(exposure), light_ms, now_us);
+        self.out.journal(Record::Confirmed { exposure });
         self.count_as_exposed();
         self.phase = Phase::Confirming;
         self.deadline = None;
@@ -135,7 +139,7 @@ impl Engine {
         }
     }
 
-    /// Goes on to the next layer.
+    /// Goes on to the next exposure.
     pub(super) fn count_as_exposed(&mut self) {
         self.uploads.release(self.next.number);
         self.next.advance();
@@ -146,27 +150,27 @@ impl Engine {
 
     /// The device has marked the commanded layer up to this vector, and goes on there.
     pub(super) fn on_partly_marked(&mut self, next_vector: u32, now_us: u64) {
-        let layer = self.next.number;
-        match self.cycle.marked_to(layer, next_vector) {
+        let (exposure, layer) = (self.next.number, self.next_text());
+        match self.cycle.marked_to(exposure, next_vector) {
             None => {
                 let text =
-                    format!("the device says that it marked layer {layer} up to vector {next_vector}, which cannot be");
+                    format!("the device says that it marked {layer} up to vector {next_vector}, which cannot be");
                 return self.doubt(&text, now_us);
             }
             Some(0) => {}
             Some(_) => self.next.commands = 0,
         }
         self.next.known = Known::Dark;
-        self.out.journal(Record::PartlyMarked { layer, next_vector });
-        self.uploads.release(layer);
-        self.out.notice(format!("layer {layer} was marked up to vector {next_vector}; it goes on there"));
+        self.out.journal(Record::PartlyMarked { exposure, next_vector });
+        self.uploads.release(exposure);
+        self.out.notice(format!("{layer} was marked up to vector {next_vector}; it goes on there"));
         self.advance(now_us);
     }
 
     /// The device says that the commanded layer had no light.
     pub(super) fn deny(&mut self) {
         if self.next.deny() {
-            self.out.journal(Record::NotExposed { layer: self.next.number });
+            self.out.journal(Record::NotExposed { exposure: self.next.number });
         }
     }
 

@@ -1,11 +1,11 @@
-//! The next layer, and what is known of its exposure. Its doubts are tested by `tests/job_engine/doubt.rs`.
+//! The next exposure, and what is known of it. Its doubts are tested by `tests/job_engine/doubt.rs`.
 
 use super::super::{ResumeChoice, StartPoint, Unconfirmed};
 use crate::link::message::Refusal;
 
-/// The layer that is to be exposed next, or is being exposed.
+/// The exposure that is next, or under way.
 #[derive(Debug)]
-pub(super) struct NextLayer {
+pub(super) struct NextExposure {
     pub(super) number: u32,
     pub(super) known: Known,
     /// The operator's decision, if it is in doubt. Taken when the device first comes to rest: it is for the layer as it is then.
@@ -41,20 +41,20 @@ pub(super) enum Sign {
     EndedEarly(String),
 }
 
-impl NextLayer {
+impl NextExposure {
     pub(super) fn new(start: StartPoint) -> Self {
         let known = match start.unconfirmed {
             _ if start.in_doubt => Known::InDoubt("it was not settled before".into()),
             Some(Unconfirmed { boot_id, .. }) => Known::Commanded { boot_id, sign: Sign::None },
             None => Known::Dark,
         };
-        Self { number: start.next_layer, known, choice: start.choice, commands: 0 }
+        Self { number: start.next_exposure, known, choice: start.choice, commands: 0 }
     }
 
     /// The command, if it is neither confirmed nor denied.
     pub(super) fn unconfirmed(&self) -> Option<Unconfirmed> {
         match self.known {
-            Known::Commanded { boot_id, .. } => Some(Unconfirmed { layer: self.number, boot_id }),
+            Known::Commanded { boot_id, .. } => Some(Unconfirmed { exposure: self.number, boot_id }),
             Known::Dark | Known::InDoubt(_) => None,
         }
     }

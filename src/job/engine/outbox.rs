@@ -70,8 +70,8 @@ impl Outbox {
         if let Some(from) = self.need_from.take() {
             return Some(Action::NeedLayers { from });
         }
-        if let Some((layer, slot)) = self.upload.take() {
-            return Some(Action::Upload { layer, slot });
+        if let Some((exposure, slot)) = self.upload.take() {
+            return Some(Action::Upload { exposure, slot });
         }
         self.finished.take().map(|(state, reason)| Action::Finished { state, reason })
     }

@@ -50,10 +50,10 @@ impl Pace {
     }
 
     /// Time until the last layer is done, milliseconds.
-    pub(super) fn remaining_ms(&self, plan: &JobPlan, next_layer: u32) -> u64 {
-        let layers = f64::from(plan.layer_count.saturating_sub(next_layer));
-        let excess_ms = layers * self.excess_us / 1000.0;
+    pub(super) fn remaining_ms(&self, plan: &JobPlan, next_exposure: u32) -> u64 {
+        let exposures = f64::from(plan.passes.exposure_count().saturating_sub(next_exposure));
+        let excess_ms = exposures * self.excess_us / 1000.0;
         // `as` saturates: a negative sum becomes 0.
-        (plan.process.layers_ms(next_layer..plan.layer_count) + excess_ms) as u64
+        (plan.remaining_ms(next_exposure) + excess_ms) as u64
     }
 }

@@ -2,7 +2,7 @@
 //! `tests/job_engine/disturbances.rs` and `tests/job_lies/memory.rs`.
 
 use super::next::{Known, Sign};
-use super::track::PartState;
+use super::track::{PartState, id_text};
 use super::{Engine, Phase, SECOND_US};
 use crate::deadline::Deadline;
 use crate::device::Light;
@@ -24,7 +24,7 @@ impl Engine {
     /// Checks that the layer reported as exposed last never goes back. Returns whether it has gone back just now.
     fn compare_exposed(&mut self, state: &DeviceState) -> bool {
         let told = state.last_exposed.filter(|id| id.job == self.plan.key);
-        told.is_some_and(|id| self.memory.compare(id.layer))
+        told.is_some_and(|id| self.memory.compare(id))
     }
 
     /// The device reported its state. In every phase its light is compared with what was commanded.
@@ -79,7 +79,7 @@ impl Engine {
         let id = self.exposure_id();
         let is_ours = self.next.unconfirmed().is_some_and(|commanded| commanded.boot_id == state.boot_id);
         if is_ours && state.exposing == Some(id) {
-            self.light.found(id, self.cycle.leftover_ms(id.layer), now_us);
+            self.light.found(id, self.cycle.leftover_ms(self.next.number), now_us);
         }
         let busy_until_us = match self.light.observe(&state, now_us) {
             Light::Uncommanded(text) => return self.on_uncommanded_light(&text, now_us),
@@ -124,12 +124,14 @@ impl Engine {
         if self.next.known != Known::Dark {
             return self.judge_commanded(choice, shone, now_us);
         }
-        let last = self.device.last_exposed.filter(|id| id.job == self.plan.key && id.layer >= self.next.number);
-        if let Some(id) = last {
+        let id = self.exposure_id();
+        let last = self.device.last_exposed.filter(|last| last.job == id.job && *last >= id);
+        if let Some(last) = last {
             let text = format!(
-                "the device says it exposed layer {} of this job, but according to the journal layer {} is next: the journal is not complete, \
+                "the device says it exposed {} of this job, but according to the journal {} is next: the journal is not complete, \
                  the job cannot go on",
-                id.layer, self.next.number
+                id_text(last),
+                self.next_text()
             );
             return self.wind_down_at_rest(JobState::Failed, text, now_us);
         }
@@ -198,30 +200,30 @@ impl Engine {
 
     /// The device reports that it exposed the layer that was in doubt. Its word counts: it would refuse to expose it again.
     fn tell_exposed_whole(&mut self, choice: ResumeChoice) {
-        let layer = self.next.number;
+        let layer = self.next_text();
         if choice == ResumeChoice::Repeat {
-            self.out.notice(format!("layer {layer} is not repeated: the device reports that it exposed it whole"));
+            self.out.notice(format!("{layer} is not repeated: the device reports that it exposed it whole"));
         }
         // The doubt arose in this run and ends it.
         let is_interrupted = self.intent.end().is_some_and(|end| end.state == JobState::Interrupted);
         if let Some(why) = self.next.doubt().filter(|_| is_interrupted) {
-            let text = format!("{why}; since then the device reports that it exposed layer {layer} whole");
+            let text = format!("{why}; since then the device reports that it exposed {layer} whole");
             self.intent.add_end(JobState::Interrupted, text);
         }
     }
 
     /// Only the operator can tell. They may have done so already.
     fn decide(&mut self, choice: ResumeChoice, why: &str, now_us: u64) {
-        let layer = self.next.number;
+        let exposure = self.next.number;
         match choice {
             ResumeChoice::None => self.doubt(why, now_us),
             ResumeChoice::AssumeExposed => {
-                self.out.journal(Record::Decided { layer, exposed: true });
+                self.out.journal(Record::Decided { exposure, exposed: true });
                 self.count_as_exposed();
                 self.advance(now_us);
             }
             ResumeChoice::Repeat => {
-                self.out.journal(Record::Decided { layer, exposed: false });
+                self.out.journal(Record::Decided { exposure, exposed: false });
                 self.next.known = Known::Dark;
                 self.advance(now_us);
             }

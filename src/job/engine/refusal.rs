@@ -8,10 +8,10 @@ use crate::link::message::Refusal;
 
 impl Engine {
     /// The device did not take a layer.
-    pub(super) fn on_upload_refused(&mut self, layer: u32, refusal: Refusal, now_us: u64) {
-        if let Some(count) = self.uploads.refused(layer) {
+    pub(super) fn on_upload_refused(&mut self, exposure: u32, refusal: Refusal, now_us: u64) {
+        if let Some(count) = self.uploads.refused(exposure) {
             let remedy = self.cycle.remedy(Requested::Upload, refusal);
-            let text = format!("the device refused layer {layer} {count} times: {remedy}");
+            let text = format!("the device refused {} {count} times: {remedy}", self.plan.passes.text(exposure));
             self.wind_down(self.failed_or_interrupted(), text, now_us);
         }
     }
@@ -29,7 +29,7 @@ impl Engine {
 
     /// The device refused the exposure, or ended it early.
     pub(super) fn on_exposure_refused(&mut self, refusal: Refusal, now_us: u64) {
-        let layer = self.next.number;
+        let layer = self.next_text();
         match refusal {
             // Its state tells up to which vector it was marked.
             Refusal::CutShort if self.cycle.continues() => self.ask(now_us),
@@ -40,8 +40,7 @@ impl Engine {
             // Its state must agree that there was no light.
             _ => {
                 if refusal == Refusal::AlreadyExposed {
-                    self.out
-                        .notice(format!("the device says it exposed layer {layer} before; asking it for its state"));
+                    self.out.notice(format!("the device says it exposed {layer} before; asking it for its state"));
                 }
                 self.next.note(Sign::Refused(refusal));
                 self.ask(now_us);
@@ -51,13 +50,13 @@ impl Engine {
 
     /// The device refused to expose the layer, and nothing shows that there was light.
     pub(super) fn on_refused_unlit(&mut self, refusal: Refusal, now_us: u64) {
-        let layer = self.next.number;
+        let layer = self.next_text();
         self.deny();
         match refusal {
             Refusal::AlreadyExposed => {}
             Refusal::NoSuchLayer => {
-                self.out.notice(format!("the device no longer holds layer {layer}; it is sent again"));
-                self.uploads.release(layer);
+                self.out.notice(format!("the device no longer holds {layer}; it is sent again"));
+                self.uploads.release(self.next.number);
             }
             _ => {
                 let state = match refusal {
@@ -68,7 +67,7 @@ impl Engine {
                     _ => JobState::Failed,
                 };
                 let remedy = self.cycle.remedy(Requested::Act, refusal);
-                self.intent.add_end(state, format!("the device refused to expose layer {layer}: {remedy}"));
+                self.intent.add_end(state, format!("the device refused to expose {layer}: {remedy}"));
             }
         }
         self.advance(now_us);

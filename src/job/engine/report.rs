@@ -12,17 +12,20 @@ impl Engine {
 
     /// Where the job stands.
     pub fn progress(&self) -> Progress {
+        let next = self.plan.passes.at(self.next.number);
         Progress {
             state: self.state(),
-            layer: self.next.number,
-            layers_done: self.next.number,
-            layers_total: self.plan.layer_count,
+            layer: next.layer,
+            material: self.plan.passes.material(self.next.number).map(str::to_owned),
+            exposures_done: self.next.number,
+            layers_done: next.layer,
+            layers_total: self.plan.passes.layer_count(),
             late_layers: self.pace.late_layers,
             late_ms_total: self.pace.late_us_total / 1000,
             exposing: matches!(self.phase, Phase::Exposing { .. } | Phase::CuttingShort),
             eta_ms: self.is_printing().then(|| self.pace.remaining_ms(&self.plan, self.next.number)),
             light_ms: self.pace.light_ms,
-            in_doubt: self.next.doubt().is_some().then_some(self.next.number),
+            in_doubt: self.next.doubt().is_some().then_some(next.layer),
             reason: self.reason(),
             part_unparked: self.is_part_unparked(),
         }
@@ -100,8 +103,8 @@ impl Engine {
             (_, Phase::Checking { ready: true }) => WAITS_FOR_DEVICE.into(),
             (_, Phase::Darkening { .. }) => "waiting for the device to report dark".into(),
             (_, Phase::Asking { .. }) => "waiting for the device to come to rest".into(),
-            (_, Phase::Waiting { .. }) => format!("layer {} is late; the device waits dark", self.next.number),
-            (_, Phase::WarmingUp) => format!("layer {} is being computed and sent", self.next.number),
+            (_, Phase::Waiting { .. }) => format!("{} is late; the device waits dark", self.next_text()),
+            (_, Phase::WarmingUp) => format!("{} is being computed and sent", self.next_text()),
             _ => String::new(),
         }
     }
@@ -127,8 +130,8 @@ impl Engine {
     /// Why the job ends, and what to do.
     pub(super) fn end_reason(&self) -> String {
         let Some(end) = self.intent.end() else { return String::new() };
-        let layer = self.next.number;
-        let doubt = self.next.doubt().map(|why| format!("layer {layer} is in doubt: {why}{DECIDE}"));
+        let layer = self.next_text();
+        let doubt = self.next.doubt().map(|why| format!("{layer} is in doubt: {why}{DECIDE}"));
         let texts: Vec<_> =
             doubt.iter().chain(Some(&end.reason).filter(|reason| !reason.is_empty())).map(String::as_str).collect();
         let text = texts.join("; ");

@@ -16,7 +16,7 @@ impl Engine {
         if self.light.must_wait() {
             return self.darken(now_us);
         }
-        if self.intent == Intent::Print && self.next.number == self.plan.layer_count {
+        if self.intent == Intent::Print && self.next.number == self.plan.passes.exposure_count() {
             self.intent.replace(JobState::Completed, String::new());
         }
         if self.intent != Intent::Print {
@@ -68,9 +68,9 @@ impl Engine {
         self.wait_until(Phase::Waiting { since_us: now_us }, now_us + LATE_LIMIT_US);
     }
 
-    pub(super) fn on_uploaded(&mut self, layer: u32, times: Option<ScanTimes>, now_us: u64) {
-        self.cycle.sent(layer, times);
-        if !self.uploads.uploaded(layer) || layer != self.next.number {
+    pub(super) fn on_uploaded(&mut self, exposure: u32, times: Option<ScanTimes>, now_us: u64) {
+        self.cycle.sent(exposure, times);
+        if !self.uploads.uploaded(exposure) || exposure != self.next.number {
             return;
         }
         match self.phase {

@@ -1,6 +1,8 @@
 //! What the engine keeps track of: the part, the line, the device's memory, the act under way, the abort, failures in a
 //! row. See it used all over `job/engine/`.
 
+use crate::link::message::ExposureId;
+
 /// What the machine may have made of the job so far.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum PartState {
@@ -72,15 +74,23 @@ pub(super) enum Memory {
     /// It has named none.
     #[default]
     Empty,
-    /// The highest layer that it named.
-    Exposed(u32),
-    /// It named a lower layer after a higher one; describes it.
+    /// The last one that it named.
+    Exposed(ExposureId),
+    /// It named an earlier one after a later one; describes it.
     WentBack(String),
 }
 
+/// An exposure of the job. It need not be one that the job has.
+pub(super) fn id_text(id: ExposureId) -> String {
+    match id.pass {
+        0 => format!("layer {}", id.layer),
+        pass => format!("exposure {pass} of layer {}", id.layer),
+    }
+}
+
 impl Memory {
-    /// Takes in the layer that a state names. Returns whether the memory has gone back just now.
-    pub(super) fn compare(&mut self, told: u32) -> bool {
+    /// Takes in the exposure of the job that a state names. Returns whether the memory has gone back just now.
+    pub(super) fn compare(&mut self, told: ExposureId) -> bool {
         let before = match self {
             Self::Empty => told,
             Self::Exposed(before) => *before,
@@ -91,8 +101,10 @@ impl Memory {
             return false;
         }
         *self = Self::WentBack(format!(
-            "the device named layer {before} of this job as exposed last, and now it names layer {told}: it was reset, or what \
-             it says is wrong"
+            "the device named {} of this job as exposed last, and now it names {}: it was reset, or what \
+             it says is wrong",
+            id_text(before),
+            id_text(told)
         ));
         true
     }

@@ -25,7 +25,7 @@ pub(crate) const BUGS: &[Bug] = &[
     Bug {
         name: "an exposure is not recorded before it",
         file: "src/job/engine/exposure.rs",
-        was: "self.out.journal(Record::Commanded { layer, boot_id });",
+        was: "self.out.journal(Record::Commanded { exposure, boot_id });",
         becomes: "return self.expose(now_us);",
     },
     Bug {
@@ -62,8 +62,8 @@ pub(crate) const BUGS: &[Bug] = &[
     Bug {
         name: "after a crash a commanded layer counts as exposed",
         file: "src/job/history.rs",
-        was: "            next_layer: self.next_layer,",
-        becomes: "            next_layer: self.next_layer + u32::from(self.unconfirmed.is_some()),",
+        was: "            next_exposure: self.next_exposure,",
+        becomes: "            next_exposure: self.next_exposure + u32::from(self.unconfirmed.is_some()),",
     },
     Bug {
         name: "after a crash the first exposure is forgotten",
@@ -160,8 +160,8 @@ pub(crate) const BUGS: &[Bug] = &[
     Bug {
         name: "the exposure takes twice its time",
         file: "src/job/cycle/vat.rs",
-        was: "VatAct::Expose { layer, duration_ms, light_pwm:",
-        becomes: "VatAct::Expose { layer, duration_ms: 2 * duration_ms, light_pwm:",
+        was: "VatAct::Expose { layer, pass, duration_ms, light_pwm:",
+        becomes: "VatAct::Expose { layer, pass, duration_ms: 2 * duration_ms, light_pwm:",
     },
     // The plate.
     Bug {
@@ -173,8 +173,8 @@ pub(crate) const BUGS: &[Bug] = &[
     Bug {
         name: "the plate goes to the height of the layer before",
         file: "src/job/cycle/vat.rs",
-        was: "let to_um = self.plan.positions().layer_um(layer);",
-        becomes: "let to_um = self.plan.positions().layer_um(layer.saturating_sub(1));",
+        was: "let to_um = self.plan.positions().layer_um(self.passes.at(exposure).layer);",
+        becomes: "let to_um = self.plan.positions().layer_um(self.passes.at(exposure.saturating_sub(1)).layer);",
     },
     Bug {
         name: "a part left in the vat is forgotten",
@@ -210,8 +210,8 @@ pub(crate) const BUGS: &[Bug] = &[
     Bug {
         name: "the journal has a layer marked one vector too far",
         file: "src/job/engine/exposure.rs",
-        was: "self.out.journal(Record::PartlyMarked { layer, next_vector });",
-        becomes: "self.out.journal(Record::PartlyMarked { layer, next_vector: next_vector + 1 });",
+        was: "self.out.journal(Record::PartlyMarked { exposure, next_vector });",
+        becomes: "self.out.journal(Record::PartlyMarked { exposure, next_vector: next_vector + 1 });",
     },
     Bug {
         name: "a vector marked in part is marked again without a question",
@@ -259,8 +259,8 @@ pub(crate) const BUGS: &[Bug] = &[
     Bug {
         name: "a sweep begins one layer too late",
         file: "src/job/engine.rs",
-        was: "wanted.new_sweep.then_some(wanted.layer).or(self.out.need_from);",
-        becomes: "wanted.new_sweep.then_some(wanted.layer + 1).or(self.out.need_from);",
+        was: "wanted.new_sweep.then_some(wanted.exposure).or(self.out.need_from);",
+        becomes: "wanted.new_sweep.then_some(wanted.exposure + 1).or(self.out.need_from);",
     },
     // The line.
     // Waits, memory and what operators are told.
@@ -273,8 +273,8 @@ pub(crate) const BUGS: &[Bug] = &[
     Bug {
         name: "one layer too many is said to be done",
         file: "src/job/engine/report.rs",
-        was: "layers_done: self.next.number,",
-        becomes: "layers_done: self.next.number + 1,",
+        was: "layers_done: next.layer,",
+        becomes: "layers_done: next.layer + 1,",
     },
     Bug {
         name: "a pause is accepted and ignored",

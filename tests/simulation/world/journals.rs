@@ -86,7 +86,7 @@ impl World {
                 continue;
             }
             let confirmed = entries.iter().filter_map(|entry| match entry.record {
-                Record::Confirmed { layer } => Some(layer),
+                Record::Confirmed { exposure: layer } => Some(layer),
                 _ => None,
             });
             let untrue = confirmed.clone().find(|layer| !printed.whole.contains_key(layer));
@@ -94,16 +94,18 @@ impl World {
                 format!("job {id}: the journal says that layer {untrue:?} was exposed, and it was not")
             });
             let commanded = |layer: &u32| {
-                entries.iter().any(|entry| matches!(entry.record, Record::Commanded { layer: it, .. } if it == *layer))
+                entries
+                    .iter()
+                    .any(|entry| matches!(entry.record, Record::Commanded { exposure: it, .. } if it == *layer))
             };
             let unsaid = printed.lit.iter().find(|layer| !commanded(layer));
             self.check("journal true", unsaid.is_none(), || {
                 format!("job {id}: layer {unsaid:?} was exposed, and the journal does not know of it")
             });
             let denied = printed.whole.keys().find(|layer| {
-                **layer >= history.next_layer
-                    && history.unconfirmed.is_none_or(|unconfirmed| unconfirmed.layer != **layer)
-                    && !(history.in_doubt.is_some() && history.next_layer == **layer)
+                **layer >= history.next_exposure
+                    && history.unconfirmed.is_none_or(|unconfirmed| unconfirmed.exposure != **layer)
+                    && !(history.in_doubt.is_some() && history.next_exposure == **layer)
                     && !printed.repeats.contains_key(layer)
             });
             self.check("journal true", denied.is_none(), || {
@@ -126,13 +128,15 @@ impl World {
         }
         let marked = |layer: u32| printed.marks.get(&layer).map_or(0, |marks| marks.next);
         let untrue = entries.iter().find_map(|entry| match entry.record {
-            Record::PartlyMarked { layer, next_vector } if next_vector > marked(layer) => Some((layer, next_vector)),
+            Record::PartlyMarked { exposure: layer, next_vector } if next_vector > marked(layer) => {
+                Some((layer, next_vector))
+            }
             _ => None,
         });
         self.check("journal true", untrue.is_none(), || {
             format!("job {id}: the journal has a layer marked up to a vector, {untrue:?}, and it is not")
         });
-        let (layer, is_open) = (history.next_layer, history.unconfirmed.is_some() || history.in_doubt.is_some());
+        let (layer, is_open) = (history.next_exposure, history.unconfirmed.is_some() || history.in_doubt.is_some());
         let holds = is_open || marked(layer) <= history.next_vector;
         self.check("journal true", holds, || {
             let (told, next) = (history.next_vector, marked(layer));

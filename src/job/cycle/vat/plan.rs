@@ -28,10 +28,10 @@ impl VatPlan {
         self.positions().layer_um(layer).saturating_add(lift_um)
     }
 
-    /// Height at which the plate rests when the job pauses or ends before `next_layer`, micrometres: clear of the resin and no
-    /// lower than a lift, not limited to the device's travel.
-    pub(super) fn parked_position_um(&self, next_layer: u32) -> i32 {
-        let lifted_um = next_layer.checked_sub(1).map_or(0, |exposed| self.lifted_position_um(exposed));
+    /// Height at which the plate rests when the job pauses or ends after layer `exposed`, if it has one, micrometres: clear of the resin and
+    /// no lower than a lift, not limited to the device's travel.
+    pub(super) fn parked_position_um(&self, exposed: Option<u32>) -> i32 {
+        let lifted_um = exposed.map_or(0, |layer| self.lifted_position_um(layer));
         lifted_um.max(self.clear_height_um.ceil() as i32)
     }
 
